@@ -109,8 +109,6 @@ _CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
 """Time in which all three steps must end, in seconds."""
 _DEBUG_TIMEOUT = 60.0
 """Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
-_SETTLE_TIMEOUT = 0.5
-"""Time in which the results of aborted goals must reach their clients, in seconds."""
 _REST_TIMEOUT = 0.3
 """Time in which the remaining work must end, in seconds."""
 
@@ -210,7 +208,7 @@ class Agent:
             `outbox`: Number of frames that wait to be sent.
             `pushes`: Number of pushes that wait to be delivered.
             `counters`: The link's counters, by the names of the attributes of `LinkStats`.
-            `goals`: Number of goals whose results have not been sent.
+            `goals`: Number of goals that have not ended.
             `running_goals`: Number of goals that the robot may be working on.
             `tasks`: Names of the asyncio tasks in the link thread.
 
@@ -252,7 +250,6 @@ class Agent:
 
     def destroy(self) -> None:
         """Destroy the node, after `stop_all`."""
-        self._actions.destroy()
         self._standard.close()
         self.node.destroy_node()
 
@@ -325,9 +322,6 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
         agent.begin_close()
     ends = [agent._end for agent in agents if agent._end is not None]
     _spin_while(lambda: not all(end.done() for end in ends), spin_once, _CLOSE_TIMEOUT)
-    _spin_while(
-        lambda: any(agent._actions.open_goals for agent in agents), spin_once, _SETTLE_TIMEOUT
-    )
     rests = [(agent, agent._thread.begin(agent._thread.cancel())) for agent in agents]
     until = time.monotonic() + _REST_TIMEOUT
     for agent, rest in rests:

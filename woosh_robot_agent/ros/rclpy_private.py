@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.action import ActionServer
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity
@@ -87,66 +85,3 @@ def take_with_info(executor: Any, wants_info: Callable[[Any], bool]) -> None:
         return taken and (taken if wants_info(subscription.callback) else taken[0])
 
     executor._take_subscription = take
-
-
-class DeferringActionServer(ActionServer):
-    """An action server that executes a goal when told to, and counts clients that wait for results.
-
-    rclpy calls `notify_execute` when a goal has become executing, and would then run the execute
-    callback until the goal ends. Here `on_executing` is called instead, and `execute_later` runs a
-    callback in the executor at the end of the goal.
-
-    Each server has a clock of its own for the time for which results are kept. rclpy would use the
-    node's, and the EventsExecutor prints a warning if many timers belong to one clock.
-
-    Replaceable by: a goal handle whose result can be set from outside the execute callback, the
-    number of pending result requests, and an argument for the clock.
-
-    Args:
-        node: owner of the server.
-        arguments, options: the further ones of `rclpy.action.ActionServer`.
-
-    Attributes:
-        pending_results: clients that asked for the result of a goal and have not received it.
-    """
-
-    def __init__(self, node: Any, *arguments: Any, **options: Any) -> None:
-        self.pending_results = 0
-        creator = _NodeWithOwnClock(node)
-        super().__init__(creator, *arguments, **options)
-        self._node = node
-        self._clock = creator.get_clock()  # the C library does not keep it alive
-
-    def on_executing(self, goal_handle: Any) -> None:
-        """Take over a goal whose state has become executing."""
-        raise NotImplementedError
-
-    def execute_later(self, goal_handle: Any, callback: Callable[[Any], Any]) -> None:
-        """Have the executor call `callback` with the goal; it returns the result. Thread-safe."""
-        super().notify_execute(goal_handle, callback)
-
-    def notify_execute(self, goal_handle: Any, _execute_callback: Any) -> None:
-        self.on_executing(goal_handle)
-
-    async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
-        if bytes(request_header_and_message[1].goal_id.uuid) in self._goal_handles:
-            self.pending_results += 1
-        await super()._execute_get_result_request(request_header_and_message)
-
-    def _send_result_response(self, request_header: Any, future: Any) -> None:
-        self.pending_results -= 1
-        super()._send_result_response(request_header, future)
-
-
-class _NodeWithOwnClock:
-    """A node as its action server sees it while it is created: with another clock."""
-
-    def __init__(self, node: Any) -> None:
-        self._node = node
-        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-
-    def get_clock(self) -> Clock:
-        return self._clock
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._node, name)

@@ -11,11 +11,12 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.convert import converter
+from woosh_robot_agent.convert import Converter, converter, filled
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.ros.actions import goal as goals
@@ -59,11 +60,11 @@ class Actions:
         link_timeout: Callable[[], float],
         result_timeout: int,
     ) -> None:
-        self._thread = robot.thread
         self._link_timeout = link_timeout
         self._open_goals: defaultdict[str, OpenGoals] = defaultdict(OpenGoals)
         """The open goals of each member of CallAction; all tasks have the key ""."""
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._runs: dict[asyncio.Task[None], GoalRun] = {}
+        """The goals that have not ended, by the task of each."""
         self._is_link_ready = False
         self._is_stopping = False
         self._last_feedback: dict[str, Feedback] = {}
@@ -87,7 +88,8 @@ class Actions:
                 self._timing,
                 partial(robot.requests.make, arg),
                 robot.requests.empty,
-                fb.to_ros,
+                partial(_wrapped, action_class.Feedback, "fb", fb),
+                partial(_wrapped, action_class.Result, "ret", fb),
                 explain,
             )
             make_kind: Callable[[Any], GoalKind]
@@ -111,7 +113,9 @@ class Actions:
                 )
             start = partial(self._start, make_kind, context)
             self.servers.append(
-                GoalServer(robot.node, action_class, action.name, start, result_timeout)
+                GoalServer(
+                    robot.node, robot.thread, action_class, action.name, start, result_timeout
+                )
             )
         for report in (TaskProc, RobotState, Feedbacks):
             robot.chassis.subscribe(report, self._pushed)
@@ -121,23 +125,20 @@ class Actions:
     async def stop(self) -> None:
         """Abort the open goals, and all that arrive later. Call it in the link thread."""
         self._is_stopping = True
-        tasks = tuple(self._tasks)
-        for task in tasks:
+        runs = dict(self._runs)
+        for task in runs:
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.gather(*runs, return_exceptions=True)
+        for run in runs.values():  # a task that had not started has ended no goal
+            run.abort(STOPPING)
 
     def give_up(self, reason: str) -> None:
         """Abort the open goals with `reason` in their results. Call it in the link thread."""
         self._post(GivenUp(reason))
 
-    def destroy(self) -> None:
-        """Remove the servers from the graph; rclpy's `destroy_node` leaves them there."""
-        for server in self.servers:
-            server.destroy()
-
     @property
     def open_goals(self) -> int:
-        """Number of goals that have not ended, or whose results have not reached their clients."""
+        """Number of goals that have not ended."""
         return sum(server.open_goals for server in self.servers)
 
     @property
@@ -155,23 +156,14 @@ class Actions:
         return replace(goals.DEFAULT_TIMING, link_timeout=self._link_timeout())
 
     def _start(self, make_kind: Callable[[Any], GoalKind], context: Context, goal: Goal) -> None:
-        self._thread.spawn(partial(self._run, make_kind, context, goal))
-
-    async def _run(
-        self, make_kind: Callable[[Any], GoalKind], context: Context, goal: Goal
-    ) -> None:
-        run = GoalRun(goal, make_kind(goal.arg), context)
-        goal.on_cancel(partial(self._thread.call, run.post, CancelRequested()))
+        run = GoalRun(goal, make_kind(goal.request.arg), context)
+        goal.on_cancel(partial(run.post, CancelRequested()))
         if self._is_stopping:
             run.abort(STOPPING)
             return
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.add(task)
-        try:
-            await run.run()
-        finally:
-            self._tasks.discard(task)
+        task = start_task(run.run(), name=f"goal: {run.name}")
+        self._runs[task] = run
+        task.add_done_callback(self._runs.pop)
 
     def _pushed(self, message: Message) -> None:
         self._post(Pushed(message))
@@ -194,6 +186,11 @@ class Actions:
     def _post(self, event: Event) -> None:
         for open_goals in self._open_goals.values():
             open_goals.post(event)
+
+
+def _wrapped(ros_class: Any, field: str, convert: Converter, report: Message) -> Any:
+    """Return a report as the only field of a ROS message."""
+    return filled(ros_class, **{field: convert.to_ros(report)})
 
 
 def _field_class(part: Any, name: str) -> Any:

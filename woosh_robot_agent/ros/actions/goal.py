@@ -470,7 +470,9 @@ class Context:
     """Converts the `arg` of a goal to the chassis's message."""
     empty: Callable[[type[Message]], Message]
     """Makes an empty request of a message class."""
-    to_ros: Callable[[Message], Any]
-    """Converts a report to its ROS message."""
+    feedback: Callable[[Message], Any]
+    """Converts a report to the action's feedback."""
+    result: Callable[[Message], Any]
+    """Converts the last report to the action's result."""
     explain: Callable[[str], Awaitable[str]]
     """Returns why the chassis has just refused a request, given its type; empty if unknown."""

@@ -134,18 +134,19 @@ class GoalRun:
             for task in (self._starting, self._polling):
                 if task is not None:
                     task.cancel()
-        due = self._feedback_times[0] + self._timing.result_delay
-        if due <= self._clock():
+        delay = self._feedback_times[0] + self._timing.result_delay - self._clock()
+        try:
+            if delay > 0:
+                await asyncio.sleep(delay)
+        finally:
             self._finish(end)
-        else:
-            asyncio.get_running_loop().call_at(due, self._finish, end)
 
     def abort(self, reason: str) -> None:
         """Report the goal to the client as aborted, in any phase."""
         self._finish(self._aborted(reason))
 
     def _finish(self, end: End) -> None:
-        self._goal.finish(end.outcome, self._context.to_ros(end.result))
+        self._goal.finish(end.outcome, self._context.result(end.result))
 
     def _aborted(self, reason: str) -> End:
         return End(Outcome.ABORTED, self._kind.failure(reason))
@@ -184,7 +185,7 @@ class GoalRun:
         """Send an order. Reports still belong to the goal that is already running."""
         self._advance(Step.ORDER_SENT)
         try:
-            answer = await self._context.gate.request(order.message, published=self._goal.taken)
+            answer = await self._context.gate.request(order.message, published=self._goal.published)
         except ConnectionLostError as error:
             return self._aborted(
                 f"the link was lost before the chassis answered: {error}; whether the order took "
@@ -287,7 +288,7 @@ class GoalRun:
                 self._give_up.part_begun()
             self._heard()
             self._feedback_times.append(self._clock())
-            self._goal.feedback(self._context.to_ros(report.message))
+            self._goal.feedback(self._context.feedback(report.message))
             if report.outcome is not None:
                 return End(report.outcome, report.message)
         return None
@@ -387,7 +388,7 @@ class GoalRun:
             await self._context.gate.request(
                 message,
                 tap=lambda answer: self.post(StartAnswered(answer)),
-                published=self._goal.taken,
+                published=self._goal.published,
             )
         except Exception as error:
             self.post(StartAnswered(error))

@@ -1,186 +1,254 @@
-"""The ROS side of the actions: an action server whose goals run in the link thread."""
+"""An action server whose goals live in the link thread.
+
+rclpy's own server runs a callback in the executor from the start of a goal to its end. It does not
+tell when a client sent a goal either. Therefore this server consists of what an action is made of:
+three services and two topics. The executor thread only hands requests over, and the link thread
+keeps the goals and replies.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import logging
-import threading
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rclpy.action import CancelResponse, GoalResponse
+from action_msgs.msg import GoalInfo, GoalStatus
+from action_msgs.srv import CancelGoal
 
+from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.ros.actions.goal import Outcome
-from woosh_robot_agent.ros.logs import log_as
-from woosh_robot_agent.ros.qos import FEEDBACK_QOS, SERVICE_QOS
-from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS, DeferringActionServer, RCLError
+from woosh_robot_agent.ros.bridge import DeferredService, LinkThread, Reply
+from woosh_robot_agent.ros.qos import FEEDBACK_QOS, latched
+from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS
 
 _LOG = logging.getLogger(__name__)
-_ANY_GOAL = bytes(16)
-"""Goal id of a cancel request for all goals."""
+_RUNNING = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
+"""States in which a goal can be cancelled, again if the chassis refused the first time."""
 
 
 class Goal:
-    """Interface of an accepted goal for the link thread.
+    """An accepted goal. Use it in the link thread.
 
     Args:
         server: the server that accepted it.
-        handle: rclpy's handle of the goal.
+        info: id, and time of the acceptance.
+        request: the goal as the client gave it.
+        published: loop time at which the client sent it, as far as that is known.
+
+    Attributes:
+        status: state of the goal, a constant of action_msgs/GoalStatus.
     """
 
-    def __init__(self, server: GoalServer, handle: Any) -> None:
+    def __init__(self, server: GoalServer, info: GoalInfo, request: Any, published: float) -> None:
+        self.info = info
+        self.request = request
+        self.published = published
+        self.status = GoalStatus.STATUS_EXECUTING
         self._server = server
-        self._handle = handle
-        self._lock = threading.Lock()
-        self._finished = False
-        """True once `finish` was called."""
-        self.arg: Any = handle.request.arg
-        """The command, as the client gave it."""
-        self.taken = time.monotonic()
-        """Monotonic time at which the goal was accepted."""
-        self._cancel_requested = False
-        """True once a client has asked to cancel the goal."""
+        self._result: Any = None
+        """Response to the clients that ask for the result; None until the goal has ended."""
+        self._waiting: list[Reply] = []
+        """Clients that wait for the result."""
         self._on_cancel: Callable[[], None] | None = None
 
-    def on_cancel(self, callback: Callable[[], None]) -> None:
-        """Call `callback` when a client asks to cancel the goal, or now if one has asked."""
-        with self._lock:
-            self._on_cancel = callback
-            requested = self._cancel_requested
-        if requested:
-            callback()
-
-    def request_cancel(self) -> None:
-        """Note that a client asks to cancel the goal; in the executor thread."""
-        with self._lock:
-            self._cancel_requested = True
-            callback = self._on_cancel
-        if callback is not None:
-            callback()
-
     @property
-    def canceling(self) -> bool:
-        """True while the goal is being cancelled for a client."""
-        return bool(self._handle.is_cancel_requested)
+    def is_running(self) -> bool:
+        """True until `finish` is called."""
+        return self.status in _RUNNING
 
-    def feedback(self, fb: Any) -> None:
-        """Publish feedback; does nothing once the goal has ended."""
-        with self._lock:
-            if self._finished:
-                return
-            try:
-                self._handle.publish_feedback(self._server.action_type.Feedback(fb=fb))
-            except PEER_GONE_ERRORS as error:
-                _LOG.debug("cannot publish feedback on a goal: %s", error)
+    def on_cancel(self, callback: Callable[[], None]) -> None:
+        """Call `callback` whenever a client asks to cancel the goal, or now if one has asked."""
+        self._on_cancel = callback
+        if self.status == GoalStatus.STATUS_CANCELING:
+            callback()
 
-    def finish(self, outcome: Outcome, ret: Any) -> None:
-        """End the goal; only the first call has an effect."""
-        with self._lock:
-            if self._finished:
-                return
-            self._finished = True
-        self._server.finish(self._handle, outcome, ret)
+    def cancel(self) -> None:
+        """Note that a client asks to cancel the goal."""
+        self.status = GoalStatus.STATUS_CANCELING
+        if self._on_cancel is not None:
+            self._on_cancel()
+
+    def feedback(self, feedback: Any) -> None:
+        """Publish a message of the action's type Feedback; does nothing once the goal has ended."""
+        if self.is_running:
+            self._server.publish_feedback(self.info, feedback)
+
+    def finish(self, outcome: Outcome, result: Any) -> None:
+        """End the goal; only the first call has an effect.
+
+        Args:
+            outcome: final state. `CANCELED` without a client that asked for it becomes `ABORTED`.
+            result: message of the action's type Result.
+        """
+        if not self.is_running:
+            return
+        if outcome is Outcome.SUCCEEDED:
+            self.status = GoalStatus.STATUS_SUCCEEDED
+        elif outcome is Outcome.CANCELED and self.status == GoalStatus.STATUS_CANCELING:
+            self.status = GoalStatus.STATUS_CANCELED
+        else:
+            self.status = GoalStatus.STATUS_ABORTED
+        self._result = self._server.action_type.Impl.GetResultService.Response(
+            status=self.status, result=result
+        )
+        self._server.ended(self)
+        for reply in self._waiting:
+            reply.send(self._result)
+        self._waiting.clear()
+
+    def send_result(self, reply: Reply) -> None:
+        """Send the result to a client, as soon as there is one."""
+        if self._result is None:
+            self._waiting.append(reply)
+        else:
+            reply.send(self._result)
 
 
-class GoalServer(DeferringActionServer):
-    """An action server that accepts every goal and every cancel, and executes nothing itself.
-
-    In rclpy, the execute callback runs from the start of a goal to its end. Here, `execute_later`
-    schedules it only at the end, to set the final state and return the result. So no callback
-    waits. A cancel request cannot come between final state and result, because the executor thread
-    handles all of them.
+class GoalServer:
+    """Server of one action. It accepts every goal and every request to cancel.
 
     Args:
-        node: owner of the server.
+        node: owner of the services and topics.
+        thread: the link thread.
         action_type: ROS type of the action.
         name: name of the action.
-        start: called with each accepted goal in the executor thread; must not block.
+        start: called with each accepted goal in the link thread; must not block.
         result_timeout: time for which the result of a goal is kept, in seconds.
     """
 
     def __init__(
         self,
         node: Any,
+        thread: LinkThread,
         action_type: Any,
         name: str,
         start: Callable[[Goal], None],
-        result_timeout: int,
+        result_timeout: float,
     ) -> None:
+        self.action_type = action_type
+        self._node = node
         self._start = start
-        self._open: dict[bytes, Goal] = {}
-        """Goals whose final state is not set yet, by the bytes of their ids."""
-        self._log_as_node = partial(log_as, node.get_logger())
-        super().__init__(
-            node,
-            action_type,
-            name,
-            execute_callback=self._set_final_state,
-            goal_callback=lambda _request: GoalResponse.ACCEPT,
-            handle_accepted_callback=self._accepted,
-            cancel_callback=self._cancel_requested,
-            goal_service_qos_profile=SERVICE_QOS,
-            result_service_qos_profile=SERVICE_QOS,
-            cancel_service_qos_profile=SERVICE_QOS,
-            feedback_pub_qos_profile=FEEDBACK_QOS,
-            result_timeout=result_timeout,
+        self._result_timeout = result_timeout
+        self._goals: dict[bytes, Goal] = {}
+        """Goals that run or whose results are kept, by the bytes of their ids."""
+        self._clock = SenderClock()
+        parts = action_type.Impl
+        self._services = [
+            DeferredService(
+                node, srv_type, f"{name}/_action/{verb}", partial(_hand_over, thread, serve)
+            )
+            for srv_type, verb, serve in (
+                (parts.SendGoalService, "send_goal", self._goal_sent),
+                (CancelGoal, "cancel_goal", self._cancel_requested),
+                (parts.GetResultService, "get_result", self._result_requested),
+            )
+        ]
+        self._feedback = node.create_publisher(
+            parts.FeedbackMessage, f"{name}/_action/feedback", FEEDBACK_QOS
+        )
+        self._status = node.create_publisher(
+            parts.GoalStatusMessage, f"{name}/_action/status", latched(1)
         )
 
     @property
     def open_goals(self) -> int:
-        """Number of goals that have not ended, plus clients that wait for a result."""
-        return len(self._open) + self.pending_results
+        """Number of goals that have not ended."""
+        return sum(goal.is_running for goal in tuple(self._goals.values()))
 
-    async def execute(self, taken_data: Any) -> None:
-        """Serve requests of clients; called by rclpy.
+    def publish_feedback(self, info: GoalInfo, feedback: Any) -> None:
+        """Publish feedback on a goal."""
+        message = self.action_type.Impl.FeedbackMessage(goal_id=info.goal_id, feedback=feedback)
+        self._publish(self._feedback, message)
 
-        An exception would end the executor's spinning. rclpy raises one if a client disappears
-        while it waits for a result.
-        """
-        self._log_as_node()
+    def ended(self, goal: Goal) -> None:
+        """Publish the final state of a goal, and forget the goal after `result_timeout`."""
+        self._publish_status()
+        asyncio.get_running_loop().call_later(
+            self._result_timeout, self._goals.pop, _key(goal.info), None
+        )
+
+    def _goal_sent(self, request: Any, reply: Reply, taken: float) -> None:
+        response = self.action_type.Impl.SendGoalService.Response()
+        if bytes(request.goal_id.uuid) in self._goals:  # not accepted: the id is in use
+            reply.send(response)
+            return
+        response.accepted = True
+        response.stamp = self._node.get_clock().now().to_msg()
+        info = GoalInfo(goal_id=request.goal_id, stamp=response.stamp)
+        goal = Goal(self, info, request.goal, self._clock.published(*reply.times, taken))
+        self._goals[_key(info)] = goal
+        reply.send(response)
+        self._publish_status()
+        self._start(goal)
+
+    def _cancel_requested(self, request: Any, reply: Reply, _taken: float) -> None:
+        response = CancelGoal.Response()
+        for goal in self._selected(request.goal_info):
+            if goal.is_running:
+                goal.cancel()
+                response.goals_canceling.append(goal.info)
+        if not response.goals_canceling and any(request.goal_info.goal_id.uuid):
+            is_known = _key(request.goal_info) in self._goals
+            response.return_code = (
+                CancelGoal.Response.ERROR_GOAL_TERMINATED
+                if is_known
+                else CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
+            )
+        reply.send(response)
+        self._publish_status()
+
+    def _selected(self, info: GoalInfo) -> list[Goal]:
+        """Return the goals that a request to cancel means, as action_msgs/srv/CancelGoal says."""
+        wanted = _key(info)
+        until = _nanoseconds(info)
+        if not any(wanted) and not until:
+            return list(self._goals.values())
+        return [
+            goal
+            for key, goal in self._goals.items()
+            if key == wanted or _nanoseconds(goal.info) <= until
+        ]
+
+    def _result_requested(self, request: Any, reply: Reply, _taken: float) -> None:
+        goal = self._goals.get(bytes(request.goal_id.uuid))
+        if goal is None:  # the status of the response is STATUS_UNKNOWN
+            reply.send(self.action_type.Impl.GetResultService.Response())
+        else:
+            goal.send_result(reply)
+
+    def _publish_status(self) -> None:
+        message = self.action_type.Impl.GoalStatusMessage()
+        message.status_list = [
+            GoalStatus(goal_info=goal.info, status=goal.status) for goal in self._goals.values()
+        ]
+        self._publish(self._status, message)
+
+    @staticmethod
+    def _publish(publisher: Any, message: Any) -> None:
         try:
-            if "cancel" in taken_data:
-                self._cancel_again(taken_data["cancel"][1].goal_info)
-            await super().execute(taken_data)
+            publisher.publish(message)
         except PEER_GONE_ERRORS as error:
-            _LOG.warning("cannot serve a client of an action: %s", error)
+            _LOG.debug("cannot publish on a goal: %s", error)
 
-    def on_executing(self, goal_handle: Any) -> None:
-        self._start(self._open[bytes(goal_handle.goal_id.uuid)])
 
-    def finish(self, goal_handle: Any, outcome: Outcome, ret: Any) -> None:
-        """End a goal in the executor thread; callable from any thread."""
-        self.execute_later(goal_handle, partial(self._set_final_state, outcome=outcome, ret=ret))
+def _hand_over(
+    thread: LinkThread, serve: Callable[[Any, Reply, float], None], request: Any, reply: Reply
+) -> None:
+    """Have the link thread serve a request; called in the executor thread."""
+    taken = time.monotonic()
 
-    def _accepted(self, goal_handle: Any) -> None:
-        self._open[bytes(goal_handle.goal_id.uuid)] = Goal(self, goal_handle)
-        goal_handle.execute()
+    async def work() -> None:
+        serve(request, reply, taken)
 
-    def _cancel_requested(self, goal_handle: Any) -> Any:
-        goal = self._open.get(bytes(goal_handle.goal_id.uuid))
-        if goal is not None:
-            goal.request_cancel()
-        return CancelResponse.ACCEPT
+    thread.spawn(work, reply.fail)
 
-    def _cancel_again(self, goal_info: Any) -> None:
-        """Forward a repeated cancel request: the chassis may have refused the first one.
 
-        rclpy itself ignores it, because the goal is already in the state canceling.
-        """
-        wanted = bytes(goal_info.goal_id.uuid)
-        for uuid, goal in self._open.items():
-            if goal.canceling and wanted in (uuid, _ANY_GOAL):
-                goal.request_cancel()
+def _key(info: GoalInfo) -> bytes:
+    return bytes(info.goal_id.uuid)
 
-    def _set_final_state(self, goal_handle: Any, outcome: Outcome, ret: Any) -> Any:
-        try:
-            if outcome is Outcome.SUCCEEDED:
-                goal_handle.succeed()
-            elif outcome is Outcome.CANCELED and goal_handle.is_cancel_requested:
-                goal_handle.canceled()
-            else:
-                goal_handle.abort()
-        except RCLError as error:
-            _LOG.error("cannot end a goal as %s: %s", outcome.value, error)
-        self._open.pop(bytes(goal_handle.goal_id.uuid), None)
-        return self.action_type.Result(ret=ret)
+
+def _nanoseconds(info: GoalInfo) -> int:
+    return int(info.stamp.sec) * 1_000_000_000 + int(info.stamp.nanosec)

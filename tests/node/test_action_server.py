@@ -1,0 +1,98 @@
+"""The protocol of ROS actions: ids, which goals a cancel means, states, and results."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from action_msgs.srv import CancelGoal
+from unique_identifier_msgs.msg import UUID
+
+from tests.harness import Client, wait_future
+from tests.node.goals import ABORTED, CANCELED, SUCCEEDED, hurry, step, step_goal, stop_time
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_ros_msgs.action import StepControl
+
+pytestmark = pytest.mark.usefixtures("agent")
+
+NAME = "ros/StepControl"
+EXECUTING = GoalStatus.STATUS_EXECUTING
+
+
+def send(client: Client, number: int) -> Any:
+    """Send a goal with a given id; return the response."""
+    service = StepControl.Impl.SendGoalService
+    request = service.Request(goal_id=UUID(uuid=[number] * 16), goal=step_goal(20.0))
+    return wait_future(client.service(service, f"{NAME}/_action/send_goal").call_async(request))
+
+
+def cancel(client: Client, number: int = 0, stamp: Any = None) -> tuple[int, list[int]]:
+    """Request a cancel; return the code and the ids of the goals that are being cancelled."""
+    info = GoalInfo(goal_id=UUID(uuid=[number] * 16))
+    if stamp is not None:
+        info.stamp = stamp
+    response = client.call(CancelGoal, f"{NAME}/_action/cancel_goal", goal_info=info)
+    return response.return_code, [goal.goal_id.uuid[0] for goal in response.goals_canceling]
+
+
+def result(client: Client, number: int) -> int:
+    """Wait for the result of a goal; return its status."""
+    service = StepControl.Impl.GetResultService
+    request = service.Request(goal_id=UUID(uuid=[number] * 16))
+    future = client.service(service, f"{NAME}/_action/get_result").call_async(request)
+    return int(wait_future(future).status)
+
+
+def test_a_used_id_is_refused(client: Client, simulator: SimulatorThread) -> None:
+    stop_time(simulator)
+    assert send(client, 1).accepted
+    assert not send(client, 1).accepted
+    assert simulator.counts["woosh.ros.CallAction"] <= 1
+    assert cancel(client, 1) == (CancelGoal.Response.ERROR_NONE, [1])
+    assert result(client, 1) == CANCELED
+    assert not send(client, 1).accepted
+
+
+def test_cancel_up_to_a_time_means_goals_accepted_until_then(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    stop_time(simulator)
+    former = send(client, 1)
+    simulator.wait_received("woosh.ros.CallAction", 1)
+    send(client, 2)
+    code, canceling = cancel(client, stamp=former.stamp)
+    assert code == CancelGoal.Response.ERROR_NONE
+    # the newer goal may have replaced the former one already
+    assert canceling in ([1], [])
+    assert result(client, 1) in (CANCELED, ABORTED)
+    assert cancel(client, 2, former.stamp) == (CancelGoal.Response.ERROR_NONE, [2])
+    assert result(client, 2) == CANCELED
+
+
+def test_cancel_says_if_a_goal_is_unknown_or_has_ended(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    assert cancel(client) == (CancelGoal.Response.ERROR_NONE, [])
+    assert cancel(client, 3) == (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, [])
+    assert result(client, 3) == GoalStatus.STATUS_UNKNOWN
+    hurry(simulator)
+    send(client, 3)
+    assert result(client, 3) == SUCCEEDED
+    assert cancel(client, 3) == (CancelGoal.Response.ERROR_GOAL_TERMINATED, [])
+
+
+def test_states_are_published_for_late_subscribers_too(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    stop_time(simulator)
+    states = client.echo(GoalStatusArray, f"{NAME}/_action/status")
+    first = step(client, 20.0)
+    states.wait(lambda each: [goal.status for goal in each.status_list] == [EXECUTING])
+    first.cancel()
+    assert first.result()[0] == CANCELED
+    second = step(client, 20.0)
+    late = client.echo(GoalStatusArray, f"{NAME}/_action/status")
+    late.wait(lambda each: [goal.status for goal in each.status_list] == [CANCELED, EXECUTING])
+    second.cancel()
+    late.wait(lambda each: [goal.status for goal in each.status_list] == [CANCELED, CANCELED])
