@@ -336,40 +336,6 @@ async def test_a_velocity_without_a_link_is_not_kept(connected: bool) -> None:
 
 
 @aio
-async def test_a_stream_for_the_former_robot_does_not_drive_the_next_one() -> None:
-    async with driving() as rig, Peer(script=answer_all) as other:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-        await rig.client.reconfigure(other.config(), rig.gate.farewell(TIMEOUT))
-        await rig.client.wait_ready(TIMEOUT)
-        assert velocities(rig.wire) == [pytest.approx((0.1, 0, 0)), (0, 0, 0)]
-        rig.wire = await other.wire()
-        rig.driver.drive(0.2, 0.0, 0.0)
-        await rig.settle()
-        assert velocities(rig.wire) == []
-        rig.driver.drive(0.0, 0.0, 0.0)
-        rig.driver.drive(0.3, 0.0, 0.0)
-        await rig.sent((0.3, 0.0, 0.0))
-
-
-@aio
-async def test_the_zero_after_a_lost_link_does_not_go_to_another_robot() -> None:
-    async with driving() as rig:
-        rig.peer.info = {"robotId": 1}
-        await lose_link(rig)  # only to learn who the robot is
-        rig.wire = await rig.peer.wire(2)
-        await rig.client.wait_ready(TIMEOUT)
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-        rig.peer.info = {"robotId": 2}
-        await lose_link(rig)
-        rig.wire = await rig.peer.wire(3)
-        await rig.client.wait_ready(TIMEOUT)
-        await rig.settle()
-        assert velocities(rig.wire) == []
-
-
-@aio
 async def test_velocities_that_are_not_permitted_are_refused_and_silence_the_stream() -> None:
     async with driving() as rig:
         rig.client.permit_only(lambda message: isinstance(message, Speak), "it only observes")

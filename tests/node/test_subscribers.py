@@ -9,17 +9,15 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
-from tests.node.test_parameters import change
 from woosh_robot_agent.parameters import EXECUTORS
-from woosh_robot_agent.ros import latched as latched_topics
-from woosh_robot_agent.ros.qos import latched
+from woosh_robot_agent.ros import subscribers
 from woosh_robot_agent.ros.releases import UnsupportedEventTypeError
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -53,7 +51,7 @@ def start(
         def refuse(*_arguments: Any) -> Any:
             raise UnsupportedEventTypeError("no such event")
 
-        monkeypatch.setattr(latched_topics, "subscriber_event_handlers", refuse)
+        monkeypatch.setattr(subscribers, "subscriber_event_handlers", refuse)
     executor = EXECUTORS[0] if request.param == NO_EVENTS else request.param
 
     def start(**parameters: Any) -> RunningAgent:
@@ -139,26 +137,6 @@ def test_each_publisher_is_created_once(
     start()
     assert created["/diagnostics"] == created["odom"] == 1
     assert {topic: number for topic, number in created.items() if number > 1} == {}
-
-
-def test_no_publisher_with_events_is_destroyed_while_the_executor_runs(
-    start: Callable[..., RunningAgent], client: Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """rclpy's EventsExecutor may crash on that (ros2/rclpy#1644)."""
-    events: dict[str, list[Any]] = {}
-    destroy = Node.destroy_publisher
-
-    def note(node: Node, publisher: Publisher) -> bool:
-        events[publisher.topic] = list(publisher.event_handlers)
-        return destroy(node, publisher)
-
-    monkeypatch.setattr(Node, "destroy_publisher", note)
-    start()
-    client.echo_with(OccupancyGrid, "map", latched(1)).wait_count(1)
-    client.echo_with(PolygonStamped, "footprint", latched(1)).wait_count(1)
-    assert change(client, port=1) == (True, "")  # nothing listens there
-    wait_until(lambda: {"map", "footprint"} <= events.keys())
-    assert not any(events.values())
 
 
 def test_odom_is_published_as_soon_as_it_has_a_subscriber(

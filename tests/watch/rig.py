@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import AsyncIterator
-from dataclasses import replace
 from typing import Any
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, eventually
+from tests.link.link_peer import Frame, Peer, Wire, eventually
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.robot.last_known import LastKnown
@@ -49,20 +48,6 @@ class Rig:
                 self.client = client
                 self.wire = await self.peer.wire()
                 yield self
-
-    async def turn_to_another_robot(self, info: Any = None) -> None:
-        """Turn the client to another robot, and wait until its RobotInfo is known.
-
-        Args:
-            info: its RobotInfo; by default that of the former robot.
-        """
-        self.peer.info = self.peer.info if info is None else info
-        config = replace(self.client.config, robot_id=2)
-        await self.client.reconfigure(config, self.gate.farewell(TIMEOUT))
-        assert self.last_known.get("woosh.robot.RobotInfo") is None
-        await eventually(lambda: self.last_known.get("woosh.robot.RobotInfo"))
-        await self.client.wait_ready(TIMEOUT)
-        self.wire = await self.peer.wire(2)
 
     async def send(self, message: Any, source: str = "") -> Answer:
         return await self.gate.request(message, source=source)

@@ -28,11 +28,12 @@ from woosh_robot_agent.link.config import (
     LinkError,
     NotConnectedError,
     NotPermittedError,
+    OtherRobotError,
     RequestTimeoutError,
     SupersededError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.reconnect import LinkState
+from woosh_robot_agent.link.reconnect import LinkState, RobotIdentity
 
 __all__ = [
     "Answer",
@@ -46,7 +47,9 @@ __all__ = [
     "LinkState",
     "NotConnectedError",
     "NotPermittedError",
+    "OtherRobotError",
     "RequestTimeoutError",
+    "RobotIdentity",
     "SupersededError",
     "TooManyRequestsError",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -13,7 +13,6 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.answer import Answer, Body
 from woosh_robot_agent.link.config import (
-    ConnectionLostError,
     LinkConfig,
     LinkError,
     NotConnectedError,
@@ -45,7 +44,9 @@ class ChassisClient:
             answer = await chassis.request(Speak(text="hello"))
             print(answer.ok, answer.msg)
 
-    After a reconnect, subscriptions are renewed, and no request is sent again.
+    After a reconnect, subscriptions are renewed, and no request is sent again. The client belongs
+    to the first robot that answers. If a robot with another id or serial number answers later, it
+    is refused: the link does not become ready, and `last_error` is an `OtherRobotError`.
 
     Args:
         ip: address of the chassis; None takes the one of `config`.
@@ -182,22 +183,13 @@ class ChassisClient:
         """
         await self._status.wait_ready(timeout)
 
-    async def reconfigure(
-        self, config: LinkConfig, farewell: Callable[[], Awaitable[None]] | None = None
-    ) -> None:
+    async def reconfigure(self, config: LinkConfig) -> None:
         """Apply a new configuration; reconnect if a changed value requires it.
 
-        If `config` addresses another robot, requests to the former one fail, its pushes are
-        ignored, and the callbacks of `on_robot_changed` are called, all before this first waits.
-
-        Args:
-            config: the configuration.
-            farewell: called if `config` addresses another robot, to send last requests to the
-                former one. The connection to the former robot is closed afterwards. To send, call
-                the function that `reserve` returned, with `farewell=True`.
+        The robot must stay the same: if another one answers at a new address, it is refused.
         """
         self._subscriptions.set_depth(config.push_queue)
-        await self._reconnect.reconfigure(config, farewell)
+        await self._reconnect.reconfigure(config)
 
     # Requests
 
@@ -232,8 +224,7 @@ class ChassisClient:
             TooManyRequestsError: nothing was sent.
             SupersededError: the request was withdrawn or waited too long; it was not sent.
             RequestTimeoutError: no answer arrived in time.
-            ConnectionLostError: the link went down, or turned to another robot, before the answer
-                arrived.
+            ConnectionLostError: the link went down before the answer arrived.
             NotPermittedError: see `permit_only`; nothing was sent.
             RuntimeError: the request is reserved; see `reserve`.
         """
@@ -254,8 +245,8 @@ class ChassisClient:
             which: selects the requests.
 
         Returns:
-            A function that sends them; it takes the arguments of `request`. With `farewell=True`
-            it also sends what is no longer permitted, and to a robot that the link is leaving.
+            A function that sends them; it takes the arguments of `request`. With `always=True`
+            it also sends what is not permitted.
 
         Raises:
             RuntimeError: requests of this client are reserved already.
@@ -409,16 +400,6 @@ class ChassisClient:
         """
         self._subscriptions.on_snapshot(Consumer(callback, prepare))
 
-    def on_robot_changed(self, callback: Callable[[], None]) -> None:
-        """Call `callback` in the event loop when the link turns to another robot.
-
-        That is, when `reconfigure` gets another address or id of the robot, or when a robot with
-        another id or serial number answers after a reconnect. The call comes after all pushes and
-        answers of the former robot, and before all of the new one. Forget what the former one
-        reported.
-        """
-        self._subscriptions.on_robot_changed(callback)
-
     @property
     def _connection(self) -> Connection | None:
         return self._reconnect.connection
@@ -432,32 +413,27 @@ class ChassisClient:
         urgent: bool = False,
         send_within: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
-        farewell: bool = False,
+        always: bool = False,
     ) -> Answer:
-        if not farewell:
+        if not always:
             self.check_permitted(message)
         connection = self._reconnect.connection
-        if connection is None or not (farewell or self._status.state is LinkState.READY):
+        if connection is None or self._status.state is not LinkState.READY:
             raise self._status.not_connected()
         if timeout is None:
             timeout = self.timeout_of(full_name(message))
-        robot = self._subscriptions.robot_changes
         try:
-            answer = await connection.request(
+            return await connection.request(
                 message,
                 timeout,
                 first=first,
                 urgent=urgent or first,
                 send_within=send_within,
-                # the callbacks must not get an answer of the robot that the link is leaving
-                tap=None if farewell else self._queued_tap(message, tap),
+                tap=self._queued_tap(message, tap),
             )
         except NotConnectedError as error:  # the connection has just ended
             self._status.lost(error.__cause__)
             raise self._status.not_connected() from None
-        if robot != self._subscriptions.robot_changes:
-            raise ConnectionLostError("the link turned to another robot")
-        return answer
 
     def _queued_tap(
         self, message: Message, tap: Callable[[Answer], None] | None

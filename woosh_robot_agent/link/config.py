@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from ipaddress import IPv6Address
 from typing import Literal
 
@@ -23,6 +23,10 @@ class ConnectionLostError(LinkError):
 
 class HandshakeError(LinkError):
     """The other end accepted the connection but does not behave like a chassis."""
+
+
+class OtherRobotError(LinkError):
+    """Another robot answers at the address than the one that answered first; nothing is sent."""
 
 
 class RequestTimeoutError(LinkError):
@@ -49,6 +53,18 @@ ENCODINGS = ("json", "protobuf")
 """Encodings of a frame."""
 MIB = 1024 * 1024
 """One mebibyte, in bytes."""
+
+
+_CHANGEABLE = (
+    "request_timeout",
+    "connect_timeout",
+    "handshake_timeout",
+    "close_timeout",
+    "stable_after",
+    "max_in_flight",
+    "push_queue",
+)
+"""Fields of a configuration that can change without a new connection."""
 
 
 @dataclass(frozen=True)
@@ -136,10 +152,10 @@ class LinkConfig:
                 f"not {self.backoff_max}"
             )
 
-    def addresses_same_robot(self, other: LinkConfig) -> bool:
-        """Return True if both configurations lead to the same robot, over any transport."""
-        same_port = self.port == other.port or self.effective_port == other.effective_port
-        return same_port and (self.ip, self.robot_id) == (other.ip, other.robot_id)
+    def keeps_connection(self, previous: LinkConfig) -> bool:
+        """Return True if a connection that was opened with `previous` can stay."""
+        kept = {name: getattr(self, name) for name in _CHANGEABLE}
+        return self == replace(previous, **kept)
 
     @property
     def effective_port(self) -> int:

@@ -372,12 +372,6 @@ class Connection:
                 if not pending.future.done():
                     pending.future.set_exception(SupersededError(f"not sent: {reason}"))
 
-    def retire(self, cause: LinkError) -> None:
-        """Fail all requests and ignore all further pushes. New requests can still be sent."""
-        self._fail_pending(cause)
-        self._outbox.clear()
-        self._on_push = _ignore
-
     def subscribe(self, topics: list[str], *, on: bool) -> None:
         """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer."""
         if topics and self._cause is None:
@@ -637,7 +631,3 @@ class Connection:
         else:
             ask = RobotState(robot_id=self.config.robot_id or None)
             await self.request(ask, self.config.liveness_timeout, urgent=True)
-
-
-def _ignore(_push: Envelope, _alone: bool) -> None:
-    """Ignore a push."""

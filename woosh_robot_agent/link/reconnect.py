@@ -6,8 +6,8 @@ import asyncio
 import logging
 import random
 import time
-from collections.abc import Awaitable, Callable, Coroutine
-from dataclasses import replace
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from typing import Any
@@ -20,6 +20,7 @@ from woosh_robot_agent.link.config import (
     LinkConfig,
     LinkError,
     NotConnectedError,
+    OtherRobotError,
 )
 from woosh_robot_agent.link.connection import Connection
 from woosh_robot_agent.link.protos import full_name
@@ -140,6 +141,43 @@ class LinkStatus:
         )
 
 
+@dataclass(frozen=True)
+class RobotIdentity:
+    """The identity of a robot.
+
+    Attributes:
+        robot_id: its number; 0 if it reports none.
+        serial_number: its serial number; 0 if it reports none.
+    """
+
+    robot_id: int
+    serial_number: int
+
+    @classmethod
+    def of(cls, info: RobotInfo) -> RobotIdentity:
+        """Return the identity of the robot that sent `info`."""
+        return cls(info.robot_id, info.genral.serial_number)
+
+    def __str__(self) -> str:
+        return f"robot {self.robot_id} (serial number {self.serial_number})"
+
+    def differs_from(self, other: RobotIdentity) -> bool:
+        """Return True if a number that both robots report differs."""
+        pairs = (
+            (self.robot_id, other.robot_id),
+            (self.serial_number, other.serial_number),
+        )
+        return any(mine and others and mine != others for mine, others in pairs)
+
+    def completed_by(self, other: RobotIdentity | None) -> RobotIdentity:
+        """Return this identity with the numbers of the same robot that it lacks."""
+        if other is None:
+            return self
+        return RobotIdentity(
+            self.robot_id or other.robot_id, self.serial_number or other.serial_number
+        )
+
+
 _RETRY_AFTER = 1.0
 """Time without an answer after which RobotInfo is requested once more, in seconds."""
 
@@ -160,8 +198,12 @@ async def open_link(config: LinkConfig) -> Transport:
 
 
 async def handshake(
-    connection: Connection, subscriptions: Subscriptions, config: LinkConfig, log: LogOnce
-) -> None:
+    connection: Connection,
+    subscriptions: Subscriptions,
+    config: LinkConfig,
+    log: LogOnce,
+    expected: RobotIdentity | None,
+) -> RobotIdentity | None:
     """Renew the subscriptions and request RobotInfo; the link is ready with its answer.
 
     Args:
@@ -169,19 +211,47 @@ async def handshake(
         subscriptions: the subscriptions to renew; gets the RobotInfo.
         config: timeout, and id of the robot.
         log: log for a RobotInfo that cannot be read.
+        expected: the robot of the links before; None for the first link.
+
+    Returns:
+        What is known of the robot now.
 
     Raises:
         LinkError: the connection ended, or no answer arrived in time.
         HandshakeError: the answer is not a RobotInfo.
+        OtherRobotError: another robot than the expected one answered.
     """
+
+    def put_snapshot(answer: Answer) -> None:
+        """Deliver the RobotInfo, and what was held back until it is known who sent it."""
+        if not _is_other(_sender(answer), expected):
+            subscriptions.put_snapshot(answer)
+
     subscriptions.hold()
     try:
         connection.subscribe(subscriptions.wanted, on=True)
-        answer = await _request_info(connection, subscriptions, config)
+        answer = await _request_info(connection, put_snapshot, config)
         _check(answer, log)
+        robot = _sender(answer)
+        if _is_other(robot, expected):
+            raise OtherRobotError(
+                f"{robot} answers instead of {expected}; commands go only to the robot that "
+                "answered first: connect that one, or restart this program to use the other one"
+            )
         subscriptions.release()
+        return expected if robot is None else robot.completed_by(expected)
     finally:
         subscriptions.discard_held()
+
+
+def _sender(answer: Answer) -> RobotIdentity | None:
+    """Return the identity of the robot that sent a RobotInfo; None if it cannot be read."""
+    info = answer.body
+    return RobotIdentity.of(info) if answer.ok and isinstance(info, RobotInfo) else None
+
+
+def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bool:
+    return robot is not None and expected is not None and robot.differs_from(expected)
 
 
 def _check(answer: Answer, log: LogOnce) -> None:
@@ -193,7 +263,7 @@ def _check(answer: Answer, log: LogOnce) -> None:
 
 
 async def _request_info(
-    connection: Connection, subscriptions: Subscriptions, config: LinkConfig
+    connection: Connection, tap: Callable[[Answer], None], config: LinkConfig
 ) -> Answer:
     """Request RobotInfo, and again if no answer comes, since a single frame may be lost."""
     remaining = config.handshake_timeout
@@ -201,7 +271,7 @@ async def _request_info(
     requests: set[asyncio.Task[Answer]] = set()
     try:
         while True:
-            request = connection.request(message, remaining, tap=subscriptions.put_snapshot)
+            request = connection.request(message, remaining, tap=tap)
             requests.add(asyncio.ensure_future(request))
             done, _ = await asyncio.wait(
                 requests,
@@ -218,17 +288,6 @@ async def _request_info(
 
 
 _LOG = logging.getLogger(__name__)
-_DEFAULTS = LinkConfig()
-_CHANGEABLE = (
-    "request_timeout",
-    "connect_timeout",
-    "handshake_timeout",
-    "close_timeout",
-    "stable_after",
-    "max_in_flight",
-    "push_queue",
-)
-"""Fields of a configuration that can change without a new connection."""
 
 
 class ReconnectLoop:
@@ -269,6 +328,8 @@ class ReconnectLoop:
         """The task that connects; None when stopped."""
         self._tasks: set[asyncio.Task[None]] = set()
         """The current task, and cancelled ones that close their connection."""
+        self._robot: RobotIdentity | None = None
+        """The robot of all links; None before the first one."""
 
     @property
     def running(self) -> bool:
@@ -295,57 +356,19 @@ class ReconnectLoop:
         if not self.running and self._status.state is not LinkState.STOPPED:
             self._status.enter(LinkState.STOPPED)
 
-    async def reconfigure(
-        self, config: LinkConfig, farewell: Callable[[], Awaitable[None]] | None = None
-    ) -> None:
-        """Apply a new configuration; reconnect if a changed field requires it.
-
-        Args:
-            config: the configuration.
-            farewell: sends last requests, if `config` addresses another robot. The connection to
-                the former robot is closed when it has ended.
-        """
+    async def reconfigure(self, config: LinkConfig) -> None:
+        """Apply a new configuration; reconnect if a changed field requires it."""
         previous, self.config = self.config, config
         self._status.address = config.address
         if self.connection is not None:
             self.connection.config = config
-        is_other_robot = not config.addresses_same_robot(previous)
-        if is_other_robot:
-            self._leave_robot(previous.address)
-        if self._current is not None and _fixed_part(config) != _fixed_part(previous):
+        if self._current is not None and not config.keeps_connection(previous):
+            self._log.clear()
             earlier = tuple(self._tasks)
-            if is_other_robot and farewell is not None:
-                self._add_task(self._end_after(farewell, self._current), "link farewell")
-            else:
-                self._current.cancel()
+            self._current.cancel()
             self.start()
             if earlier:
                 await asyncio.wait(earlier)
-
-    def _leave_robot(self, address: str) -> None:
-        """Fail all requests to the robot, and forget what it reported."""
-        cause = ConnectionLostError(f"the agent turned from {address} to another robot")
-        if self.connection is not None:
-            self.connection.retire(cause)
-        self._status.lost(cause)
-        self._forget_times()
-        self._log.clear()
-        self._subscriptions.forget_robot()
-
-    async def _end_after(
-        self, farewell: Callable[[], Awaitable[None]], task: asyncio.Task[None]
-    ) -> None:
-        """Cancel the task of the former connection after the last requests over it."""
-        try:
-            await farewell()
-        except Exception:  # the new link must not depend on it
-            _LOG.exception("the last requests to the former robot failed")
-        finally:
-            self._forget_times()  # of the answer to the last request
-            task.cancel()
-
-    def _forget_times(self) -> None:
-        self._stats.round_trip = self._stats.clock_offset = None
 
     def _add_task(self, work: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work, name=name)
@@ -389,7 +412,9 @@ class ReconnectLoop:
         )
         self.connection = connection  # new subscriptions go to it; requests wait for READY
         try:
-            await handshake(connection, self._subscriptions, config, self._log)
+            self._robot = await handshake(
+                connection, self._subscriptions, config, self._log, self._robot
+            )
         except BaseException as error:
             self.connection = None
             cause = error if isinstance(error, LinkError) else NotConnectedError("given up")
@@ -420,8 +445,3 @@ class ReconnectLoop:
     def _log_failure(self, error: LinkError, text: str) -> None:
         self._status.last_error = error
         self._log.warn(f"connect: {type(error).__name__}: {error}", text)
-
-
-def _fixed_part(config: LinkConfig) -> LinkConfig:
-    """Return a configuration without the fields that can change while the connection stays."""
-    return replace(config, **{name: getattr(_DEFAULTS, name) for name in _CHANGEABLE})

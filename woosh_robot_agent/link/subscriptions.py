@@ -7,7 +7,6 @@ import logging
 import math
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -34,14 +33,6 @@ def call(callback: Callable[[Any], None], argument: object) -> None:
     except FrameError:
         raise
     except (Exception, asyncio.CancelledError):  # nothing is awaited: the callback raised it
-        _LOG.exception("a callback failed")
-
-
-def call_plain(callback: Callable[[], None]) -> None:
-    """Call a consumer's callback that takes no argument, and log its exceptions."""
-    try:
-        callback()
-    except Exception:
         _LOG.exception("a callback failed")
 
 
@@ -116,35 +107,6 @@ class PushQueue:
                 return
 
 
-@dataclass(frozen=True)
-class RobotIdentity:
-    """The identity of a robot.
-
-    Attributes:
-        robot_id: its number; 0 if it reports none.
-        serial_number: its serial number; 0 if it reports none.
-    """
-
-    robot_id: int
-    serial_number: int
-
-    @classmethod
-    def of(cls, info: RobotInfo) -> RobotIdentity:
-        """Return the identity of the robot that sent `info`."""
-        return cls(info.robot_id, info.genral.serial_number)
-
-    def __str__(self) -> str:
-        return f"robot {self.robot_id} (serial number {self.serial_number})"
-
-    def differs_from(self, other: RobotIdentity) -> bool:
-        """Return True if a number that both robots report differs."""
-        pairs = (
-            (self.robot_id, other.robot_id),
-            (self.serial_number, other.serial_number),
-        )
-        return any(mine and others and mine != others for mine, others in pairs)
-
-
 _TIME_SLICE = 0.005
 """Time after which the delivery lets other tasks run, in seconds, so that slow consumers do not
 starve them."""
@@ -188,11 +150,6 @@ class Subscriptions:
         self._consumers: dict[str, list[Consumer]] = {}
         """Consumers of pushes, by type."""
         self._snapshot_consumers: list[Consumer] = []
-        self._robot_changed_callbacks: list[Callable[[], None]] = []
-        self._robot: RobotIdentity | None = None
-        """The robot of the last link; None before the first one."""
-        self.robot_changes = 0
-        """Number of times that the link turned to another robot."""
         self._depths = {_ANSWER: math.inf}  # the number of requests limits them
         """Maximum number of queued pushes, by type."""
         self.set_depth(depth)
@@ -246,11 +203,7 @@ class Subscriptions:
         """Deliver the first RobotInfo of each link to a consumer."""
         self._snapshot_consumers.append(consumer)
 
-    def on_robot_changed(self, callback: Callable[[], None]) -> None:
-        """Call `callback` when the link turns to another robot."""
-        self._robot_changed_callbacks.append(callback)
-
-    # Start of a connection, and change to another robot
+    # Start of a connection
 
     def hold(self) -> None:
         """Hold back what arrives from now on, until it is known which robot sends it."""
@@ -265,16 +218,6 @@ class Subscriptions:
     def discard_held(self) -> None:
         """Discard what was held back: the handshake failed."""
         self._held = None
-
-    def forget_robot(self) -> None:
-        """Discard all that waits for its consumers, and tell them that the robot is another one."""
-        self._robot = None
-        self.robot_changes += 1
-        self._queue.take_all()
-        for lane in self._lanes.values():
-            lane.clear()
-        for callback in tuple(self._robot_changed_callbacks):
-            call_plain(callback)
 
     def count_bad_value(self, name: str, reason: str) -> None:
         """Count a message that a consumer cannot use; see `ChassisClient.count_bad_value`."""
@@ -312,7 +255,6 @@ class Subscriptions:
     def put_snapshot(self, answer: Answer) -> None:
         """Queue the first RobotInfo of a link, after what was held back until it is known."""
         if answer.ok and isinstance(answer.body, RobotInfo):
-            self._identify(answer.body)
             self.release()
             self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer))
 
@@ -323,19 +265,6 @@ class Subscriptions:
     @property
     def _target(self) -> PushQueue:
         return self._queue if self._held is None else self._held
-
-    def _identify(self, info: RobotInfo) -> None:
-        """Compare the robot of a new link with that of the link before."""
-        robot = RobotIdentity.of(info)
-        if self._robot is not None and self._robot.differs_from(robot):
-            _LOG.warning(
-                "another robot answers now: %s instead of %s; everything that the former one "
-                "reported is forgotten",
-                robot,
-                self._robot,
-            )
-            self.forget_robot()
-        self._robot = robot
 
     # Delivery
 
@@ -392,7 +321,6 @@ class Subscriptions:
         self._lanes.pop(name, None)
 
     async def _deliver_large(self, value: Body | RobotInfo, consumers: list[Consumer]) -> None:
-        changes = self.robot_changes
         for consumer in tuple(consumers):
             try:
                 prepared = await aside(consumer.prepare, value)
@@ -401,8 +329,7 @@ class Subscriptions:
             except Exception:
                 _LOG.exception("a callback failed")
                 continue
-            if self.robot_changes == changes:
-                call(consumer.callback, prepared)
+            call(consumer.callback, prepared)
 
     def _count_bad(self, name: str, error: FrameError) -> None:
         self._stats.bad_frames[error.kind] += 1

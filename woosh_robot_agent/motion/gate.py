@@ -13,8 +13,8 @@
 6. A zero velocity is not sent to a robot that a task or an action drives. Once the chassis accepts
    one, or reports the start of one that another client commands, earlier velocities no longer
    drive the robot. Velocities that are sent later do.
-7. A robot that the agent leaves, or only observes from now on, gets a zero velocity if it may still
-   be driving at a velocity from this gate. Its zero never goes to another robot.
+7. If the agent closes the link to use other settings, or only observes the robot from now on, the
+   robot gets a zero velocity if it may still be driving at a velocity from this gate.
 8. What may have been sent to the agent before the end of a stall of its process or event loop moves
    nothing. See `StallWatch`.
 
@@ -174,7 +174,6 @@ class MotionGate:
         self._drops = DropLog(_LOG)
         self.superseded = 0
         chassis.on_state(self._link_changed)
-        chassis.on_robot_changed(self._robot_changed)
         if chassis.state is LinkState.READY:
             self._stalls.start()
 
@@ -250,44 +249,26 @@ class MotionGate:
         """
         self._forbid("the agent is stopping", math.inf)  # rule 5
         if self.driving:
-            answer = await self.request(Twist(), timeout)
-            if not answer.ok:
-                raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
+            await self._send_zero(timeout)
 
-    def farewell(self, timeout: float) -> Callable[[], Coroutine[Any, Any, None]] | None:
-        """Return a function that stops a robot that the agent will no longer command.
+    async def leave(self, reason: str, timeout: float) -> None:
+        """Stop the robot if it may be driving at a velocity, and refuse motion meanwhile.
 
-        Call this before the link leaves the robot, and the returned function afterwards. From this
-        call on, the robot does not count as driving. If the function cannot stop the robot, it logs
-        an error.
+        Call it before the link is closed, or when commands have just been forbidden. If the robot
+        cannot be stopped, this logs an error.
 
         Args:
+            reason: why motion is refused.
             timeout: time to wait for the answer to the zero, in seconds.
-
-        Returns:
-            The function; None if the robot does not drive at a velocity from this gate.
         """
-        self._velocities.withdraw("the agent does not command the robot any more")
-        if not self.driving:
-            return None
-        self._drives_until = -math.inf
-        address = self._chassis.config.address
-
-        async def stop() -> None:
+        self._forbid(reason, timeout)
+        if self.driving:
             try:
-                # not `_request`: it obeys the rules for the next robot
-                answer = await self._send(Twist(), timeout, first=True, farewell=True)
-                reason = "" if answer.ok else f"the chassis refused the zero velocity: {answer.msg}"
+                await self._send_zero(timeout)
             except LinkError as error:
-                reason = str(error)
-            if reason:
                 _LOG.error(
-                    "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
-                    address,
-                    reason,
+                    "the robot was not stopped; if it moves, press its emergency stop: %s", error
                 )
-
-        return stop
 
     def count_superseded(self, reason: str) -> None:
         """Count a velocity that was not sent; log the first one of a series.
@@ -390,6 +371,18 @@ class MotionGate:
                 "computer"
             )
 
+    async def _send_zero(self, timeout: float) -> None:
+        """Send a zero velocity ahead of all other requests, even if commands are not permitted.
+
+        Raises:
+            ZeroRefusedError: the chassis refused it.
+            LinkError: the chassis did not answer.
+        """
+        answer = await self._send(Twist(), timeout, first=True, always=True)
+        if not answer.ok:
+            raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
+        self._drives_until = -math.inf
+
     async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:
         """Send one request of a stop ahead of all others; return the error if it fails."""
         try:
@@ -412,12 +405,6 @@ class MotionGate:
         own_start = time.monotonic() < self._wheels_taken + DRIVING
         if not self._velocities.in_flight and not own_start:  # rule 6
             self._drives_until = -math.inf
-
-    def _robot_changed(self) -> None:
-        """Forget the motion of the former robot."""
-        self._velocities.withdraw("the link turned to another robot")
-        self._last_velocity = Twist()
-        self._drives_until = self._wheels_taken = -math.inf
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.READY:

@@ -117,8 +117,8 @@ class VelocityDriver:
     7. If the link is lost while the stream drives the robot, the robot gets a zero when the link is
        back.
     8. A zero is sent only if this stream or another velocity command moved the robot.
-    9. While the client may not send velocities, they are refused. When the link turns to another
-       robot, or velocities are permitted again, rule 3 applies as after a stop.
+    9. While the client may not send velocities, they are refused. When they are permitted again,
+       rule 3 applies as after a stop.
 
     Args:
         gate: sends the velocities.
@@ -165,7 +165,6 @@ class VelocityDriver:
         self._requests: set[asyncio.Task[None]] = set()
         gate.on_stop(partial(self._silence, "the robot was stopped"))
         chassis.on_state(self._link_changed)
-        chassis.on_robot_changed(self._robot_changed)
 
     async def run(self) -> None:
         """Send velocities when they are due, until cancelled."""
@@ -305,11 +304,6 @@ class VelocityDriver:
         self._waiting = None
         self._driving = False
         self._wake.set()
-
-    def _robot_changed(self) -> None:
-        """Refuse the rest of a stream that was meant for the former robot."""
-        self._needs_zero = False
-        self._silence("the link turned to another robot")
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:

@@ -48,7 +48,6 @@ class WheelOwner:
         self._actions: set[str] = set()
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
-        chassis.on_robot_changed(self._forget)
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe(Feedbacks, self._reported)
 
@@ -77,10 +76,6 @@ class WheelOwner:
             elif report.action not in self._actions:
                 self._actions.add(report.action)
                 self._on_start()
-
-    def _forget(self) -> None:
-        self._task = TaskProc()
-        self._actions.clear()
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:  # the reports of their end may be missed

@@ -45,14 +45,9 @@ class CodeLog:
         """Monotonic times at which the logged codes were last sent."""
         self._abnormal: frozenset[int] = frozenset()
         """The codes in the last AbnormalCodes."""
-        chassis.on_robot_changed(self._forget)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe_raw(StatusCode, self._pushed)
         chassis.subscribe(AbnormalCodes, self._abnormal_changed)
-
-    def _forget(self) -> None:
-        self._logged.clear()
-        self._abnormal = frozenset()
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._abnormal_changed(info.abnormal_codes)
@@ -117,7 +112,6 @@ class RefusalLog:
         """Logs of the commands whose last answer was a refusal, by name."""
         self._pending: dict[tuple[str, str], asyncio.Task[None]] = {}
         """Tasks that wait for a reason, by name of the command and the chassis's words."""
-        chassis.on_robot_changed(self._logs.clear)
         gate.on_answered(self._answered)
 
     @property

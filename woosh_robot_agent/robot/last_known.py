@@ -54,7 +54,6 @@ class LastKnown:
         """Values that have not been decoded yet, the last one of each type, the oldest first."""
         if chassis is None:
             return
-        chassis.on_robot_changed(self.forget)
         chassis.on_snapshot(self.remember)
         for topic in TOPICS:
             if not topic.on_demand:
@@ -77,13 +76,6 @@ class LastKnown:
             self._read()
         self._unread.pop(name, None)
         self._unread[name] = value
-
-    def forget(self) -> None:
-        """Forget all values: they are those of another robot."""
-        self._values.clear()
-        self._pushed.clear()
-        self._merged = None
-        self._unread.clear()
 
     def _read(self) -> None:
         unread, self._unread = self._unread, {}

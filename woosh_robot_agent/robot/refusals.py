@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 from google.protobuf.message import Message
 
@@ -67,8 +66,7 @@ class RefusalExplainer:
         self._refusals: deque[_Refusal] = deque(maxlen=_MAX_REFUSALS)
         """The refusals of the last `CODE_DELAY` seconds, oldest first."""
         self._noted = asyncio.Event()
-        """Set when a refusal is noted, and when the robot changes; replaced then."""
-        chassis.on_robot_changed(self._forget)
+        """Set when a refusal is noted."""
         chassis.on_refused(self._refused)
         chassis.subscribe_raw(StatusCode, self._pushed)
 
@@ -84,33 +82,23 @@ class RefusalExplainer:
         """
         return "; ".join(each.reason for each in await self.reasons(request_type))
 
-    def reasons(self, request_type: str) -> Coroutine[Any, Any, list[Objection]]:
+    async def reasons(self, request_type: str) -> list[Objection]:
         """Return the reasons as in `reason`, with the known remedies."""
-        return self._reasons(request_type, self._noted)  # of the robot at the time of the call
-
-    async def _reasons(self, request_type: str, noted: asyncio.Event) -> list[Objection]:
         try:
-            refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type, noted))
+            refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type))
         except TimeoutError:
-            return []
-        if refusal is None:
             return []
         code = await asyncio.shield(refusal.code)  # others may wait for it too
         return [*refusal.state, code] if code else list(refusal.state)
 
-    async def _latest(self, request_type: str, noted: asyncio.Event) -> _Refusal | None:
-        """Return the latest refusal of a type; wait if it is still in the queue of pushes.
-
-        Returns:
-            None if the link turns to another robot, which replaces `noted`.
-        """
-        while self._noted is noted:
+    async def _latest(self, request_type: str) -> _Refusal:
+        """Return the latest refusal of a type; wait if it is still in the queue of pushes."""
+        while True:
             for refusal in reversed(self._refusals):
                 if refusal.type == request_type:
                     return refusal
-            noted.clear()
-            await noted.wait()
-        return None
+            self._noted.clear()
+            await self._noted.wait()
 
     def _refused(self, request: Message) -> None:
         """Note the state of the robot at a refusal, and expect a status code."""
@@ -127,13 +115,6 @@ class RefusalExplainer:
         self._refusals.append(refusal)
         self._noted.set()
         loop.call_later(CODE_DELAY, self._end, refusal)
-
-    def _forget(self) -> None:
-        for refusal in self._refusals:
-            refusal.end()
-        self._refusals.clear()
-        self._noted.set()  # nothing more comes from the former robot
-        self._noted = asyncio.Event()
 
     def _end(self, refusal: _Refusal) -> None:
         """Stop waiting for the status code of a refusal."""

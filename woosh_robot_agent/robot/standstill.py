@@ -160,7 +160,6 @@ class Standstill:
         """Loop time since which warnings with the same words are logged once."""
         gate.on_answered(self._answered)
         gate.on_stop(self._give_up)
-        chassis.on_robot_changed(self._forget)
         chassis.on_state(self._link_changed)
         chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
         chassis.subscribe(TaskProc, self._task_changed)
@@ -298,10 +297,6 @@ class Standstill:
             demand.since = None
         elif demand.since is None:
             self._may_not_stand(demand)
-
-    def _forget(self) -> None:
-        self._demand = None
-        self._log.clear()
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:

@@ -77,7 +77,6 @@ class VelocitySources:
         self._log = LogOnce(_LOG)
         self._callers = Interleaving()
         """Detects several clients of the service of velocities."""
-        chassis.on_robot_changed(self._forget)
         gate.on_answered(self._answered)
 
     @property
@@ -106,12 +105,6 @@ class VelocitySources:
         """
         if self._callers.notice(number, time.monotonic()):
             self.report(f"a client of {service}", f"another client of {service}")
-
-    def _forget(self) -> None:
-        self.last, self.last_time = "", -math.inf
-        self._driving.clear()
-        self._simultaneous, self._simultaneous_until = (), -math.inf
-        self._log.clear()
 
     def _answered(self, command: AnsweredCommand) -> None:
         source = command.source
@@ -261,7 +254,6 @@ class WhoDrives:
         self._moved = -math.inf
         """Monotonic time of the last PoseSpeed."""
         gate.on_answered(self._answered)
-        chassis.on_robot_changed(self._forget)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
@@ -332,13 +324,6 @@ class WhoDrives:
                 self._sets[message.task_set.base.id] = source
         elif isinstance(message, Follow):
             self._follower = source if message.type else ""
-
-    def _forget(self) -> None:
-        self._tasks.clear()
-        self._sets.clear()
-        self._follower = ""
-        self._task, self._began_unseen = TaskProc(), False
-        self._moved = -math.inf
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._begin(info.task_proc, unseen=True)

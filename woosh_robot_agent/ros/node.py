@@ -29,7 +29,6 @@ from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.actions.actions import Actions
 from woosh_robot_agent.ros.bridge import LinkThread, LoopThread, outcome
 from woosh_robot_agent.ros.context import RobotContext
-from woosh_robot_agent.ros.latched import LatchedPublishers
 from woosh_robot_agent.ros.logs import context_of, expect_losses, log_as, log_to_ros
 from woosh_robot_agent.ros.releases import on_parameters_set
 from woosh_robot_agent.ros.second_agent import SecondAgent
@@ -145,8 +144,7 @@ class Agent:
         )
         self._requests = RequestMaker(self.settings.link.robot_id)
         # first: it reports unreadable pushes before others see them
-        self._latched = LatchedPublishers(self.node, self._thread, self._chassis)
-        self._topics = Topics(self.node, self._latched, self._chassis)
+        self._topics = Topics(self.node, self._thread, self._chassis)
         self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
         last_known = LastKnown(self._chassis)
         explainer = RefusalExplainer(self._chassis, last_known)
@@ -173,7 +171,6 @@ class Agent:
         self._standard = StandardLayer(
             PartContext(
                 robot,
-                self._latched,
                 watch,
                 self._second_agent,
                 lambda: self.settings.standard,
@@ -292,8 +289,6 @@ class Agent:
         if settings.observe_only != before.observe_only:
             # not a task: it would begin after commands that come right after this change
             self._thread.call(self._set_observing, settings.observe_only)
-        if not settings.link.addresses_same_robot(before.link):
-            self._latched.withdraw()
         if settings.link != before.link:
             self._thread.spawn(partial(self._reconfigure, settings.link))
 
@@ -302,18 +297,16 @@ class Agent:
             self._chassis.permit_only(None)
             _LOG.info("observe_only is false: commands are sent to the robot")
             return
-        stop_robot = self._gate.farewell(_ZERO_TIMEOUT)
         self._chassis.permit_only(only_reads, self._observes_only)
         self._actions.give_up(f"{self._observes_only}; the robot may still be executing the goal")
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
-        if stop_robot is not None:
-            self._thread.spawn(stop_robot)
+        self._thread.spawn(partial(self._gate.leave, self._observes_only, _ZERO_TIMEOUT))
 
     async def _reconfigure(self, config: LinkConfig) -> None:
         self._requests.robot_id = config.robot_id
-        is_same = config.addresses_same_robot(self._chassis.config)
-        stop_robot = None if is_same else self._gate.farewell(_ZERO_TIMEOUT)
-        await self._chassis.reconfigure(config, stop_robot)
+        if not config.keeps_connection(self._chassis.config):
+            await self._gate.leave("the settings of the link have changed", _ZERO_TIMEOUT)
+        await self._chassis.reconfigure(config)
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:

@@ -5,7 +5,6 @@ They are published directly from the link thread.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -17,8 +16,9 @@ from woosh_robot_agent.link import Body, ChassisClient, LinkState
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.robot.last_known import parts_of
-from woosh_robot_agent.ros.latched import LatchedPublisher, LatchedPublishers
+from woosh_robot_agent.ros.bridge import LinkThread
 from woosh_robot_agent.ros.qos import latched
+from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
 
 
 class Topics:
@@ -28,27 +28,27 @@ class Topics:
 
     Args:
         node: the agent's node.
-        publishers: creates the publishers.
+        thread: the link thread.
         chassis: the link; used in its event loop only.
     """
 
-    def __init__(self, node: Any, publishers: LatchedPublishers, chassis: ChassisClient) -> None:
-        self._first: dict[str, tuple[LatchedPublisher, Converter]] = {}
+    def __init__(self, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
+        self._first: dict[str, tuple[Any, Converter]] = {}
         """Publisher and converter of the topics that have their first value from RobotInfo."""
         chassis.on_snapshot(self._snapshot, self._serialized_parts)
         for topic in TOPICS:
             if topic.on_demand:
-                _OnDemand(topic, publishers, chassis)
+                _OnDemand(topic, node, thread, chassis)
                 continue
             msg = class_of(topic.msg, "msg")
             proto_class = message_type(topic.push)
-            publisher = publishers.create(msg, topic.name, topic.depth)
+            publisher = create_publisher(node, msg, topic.name, latched(topic.depth))
             convert = converter(msg, proto_class)
             self._first[topic.push] = publisher, convert
             chassis.subscribe_raw(proto_class, publisher.publish, partial(_serialized, convert))
         _AgentInfo(node, chassis)
 
-    def _serialized_parts(self, info: RobotInfo) -> list[tuple[LatchedPublisher, bytes]]:
+    def _serialized_parts(self, info: RobotInfo) -> list[tuple[Any, bytes]]:
         found = []
         for part in parts_of(info):
             # StatusCodes has no topic: old codes would look like new ones on robot/StatusCode
@@ -57,7 +57,7 @@ class Topics:
                 found.append((publisher, serialize(convert.to_ros(part))))
         return found
 
-    def _snapshot(self, parts: list[tuple[LatchedPublisher, bytes]]) -> None:
+    def _snapshot(self, parts: list[tuple[Any, bytes]]) -> None:
         for publisher, message in parts:
             publisher.publish(message)
 
@@ -69,28 +69,23 @@ def _serialized(convert: Converter, body: Body) -> bytes:
 class _OnDemand:
     """Publisher of pushes that the chassis is asked for only while the topic has subscribers."""
 
-    def __init__(self, topic: Topic, publishers: LatchedPublishers, chassis: ChassisClient) -> None:
+    def __init__(self, topic: Topic, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
         self._chassis = chassis
         self._proto_class = message_type(topic.push)
-        self._unsubscribe: Callable[[], None] | None = None
         msg = class_of(topic.msg, "msg")
         self._convert = converter(msg, self._proto_class)
-        self._publisher = publishers.create(msg, topic.name, topic.depth)
-        self._publisher.on_subscribers(self._update)
+        self._subscribers = Subscribers(node, thread)
+        self._publisher = self._subscribers.publisher(msg, topic.name, latched(topic.depth))
+        thread.spawn(self._run)
 
-    def _update(self) -> None:
-        """Subscribe or unsubscribe at the chassis; in the link thread."""
-        if self._publisher.get_subscription_count():
-            self._subscribe()
-        elif self._unsubscribe is not None:
-            self._unsubscribe()
-            self._unsubscribe = None
-
-    def _subscribe(self) -> None:
-        if self._unsubscribe is None:
-            self._unsubscribe = self._chassis.subscribe_raw(
+    async def _run(self) -> None:
+        while True:
+            await self._subscribers.wait(True)
+            unsubscribe = self._chassis.subscribe_raw(
                 self._proto_class, self._publisher.publish, partial(_serialized, self._convert)
             )
+            await self._subscribers.wait(False)
+            unsubscribe()
 
 
 class _AgentInfo:

@@ -67,7 +67,6 @@ class RobotView:
     def __init__(self) -> None:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
         self.actions: dict[str, Feedback] = {}
-        self.values = LastKnown(None)
         self.forget()
 
     def forget(self) -> None:
@@ -76,7 +75,7 @@ class RobotView:
         self.has_robot_info = False
         self.codes.clear()
         self.actions.clear()
-        self.values.forget()
+        self.values = LastKnown(None)
         # An empty one, because its parts can arrive before it.
         self.values.remember(RobotInfo())
 

@@ -307,7 +307,6 @@ class Driver:
         chassis.subscribe(TaskProc, self._reported)
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
-        chassis.on_robot_changed(self._robot_changed)
 
     @property
     def paused(self) -> bool:
@@ -484,10 +483,6 @@ class Driver:
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
             self.confirmed = False
-
-    def _robot_changed(self) -> None:
-        self.other_task = 0
-        self._end("another robot answers now")
 
     def _end_task(self, task_id: int, reason: str) -> None:
         if task_id == self.task_id:

@@ -131,11 +131,15 @@ def _robot(name: str, parameters: Mapping[str, Any], default: LinkConfig) -> Lis
     return ListedRobot(name, replace(default, **given), str(serial_number))
 
 
+def _chassis(link: LinkConfig) -> tuple[str, int, int]:
+    return link.ip, link.effective_port, link.robot_id
+
+
 def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
     for other in others:
         if other.name == robot.name:
             raise ValueError("give each robot its own name; two have this one")
-        if other.link.addresses_same_robot(robot.link):
+        if _chassis(other.link) == _chassis(robot.link):
             raise ValueError(
                 f"it has the address of robot {other.name}, {robot.link.address}; give each its "
                 "own ip, port or robot_id"

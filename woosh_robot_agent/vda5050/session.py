@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from woosh_robot_agent.link import RobotIdentity
 from woosh_robot_agent.link.reports import LogOnce
-from woosh_robot_agent.link.subscriptions import RobotIdentity
 from woosh_robot_agent.vda5050.messages.protocol import HeaderIds, Identity, Topic, Version
 from woosh_robot_agent.vda5050.messages.state import (
     ConnectionState,
@@ -201,13 +201,9 @@ class Session:
         """True once the state file has been read."""
         return self._header_ids is not None
 
-    def start(self, former: asyncio.Task[None] | None = None) -> None:
-        """Open the state file, and connect to the broker.
-
-        Args:
-            former: task that closes the former session; it is awaited first.
-        """
-        self._task = asyncio.get_running_loop().create_task(self._run(former), name="vda5050")
+    def start(self) -> None:
+        """Open the state file, and connect to the broker."""
+        self._task = asyncio.get_running_loop().create_task(self._run(), name="vda5050")
         self._task.add_done_callback(self._ended)
 
     def save(self, record: Record) -> None:
@@ -247,9 +243,7 @@ class Session:
             self._late = None
         self._store.save(self._record)
 
-    async def _run(self, former: asyncio.Task[None] | None) -> None:
-        if former is not None:
-            await asyncio.wait({former})
+    async def _run(self) -> None:
         record, damage = await self._open()
         config = self._config
         self._header_ids = HeaderIds(record.header_ids, self._store.save_header_ids)

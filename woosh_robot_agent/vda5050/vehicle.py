@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from dataclasses import replace
 from functools import partial
 
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import minimum_timeouts
-from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
-from woosh_robot_agent.link.subscriptions import RobotIdentity
+from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, RobotIdentity
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.vda5050.actions.instant import InstantActions
@@ -150,8 +148,6 @@ class Vehicle:
         """True if the robot drove at its last report of a pose."""
         self._session: Session | None = None
         """None until the robot has told who it is."""
-        self._former: asyncio.Task[None] | None = None
-        """Task that closes the session of the former robot; None without one."""
         self._is_closing = False
         self._is_restoring = False
         """True while the state is restored only in part: it must be neither executed nor saved."""
@@ -159,7 +155,6 @@ class Vehicle:
             config.limits, self._state, lambda: self._facts.status, self._factsheet
         )
         self._chassis.on_snapshot(self._identified)
-        self._chassis.on_robot_changed(self._robot_replaced)
         self._chassis.on_state(self._link_changed)
 
     # Life
@@ -186,8 +181,6 @@ class Vehicle:
         await self._facts.close()
         if self._session is not None:
             await self._session.close(_CLOSE_TIMEOUT)
-        if self._former is not None:
-            await self._former
         await self._chassis.close()
 
     def _identified(self, info: RobotInfo) -> None:
@@ -219,7 +212,7 @@ class Vehicle:
             self._restore,
             self._step,
         )
-        self._session.start(self._former)
+        self._session.start()
 
     def _restore(self, record: Record, damage: VehicleError | None) -> None:
         """Restore the order after a restart, and ask the robot for the state of its task."""
@@ -267,28 +260,6 @@ class Vehicle:
                     speed_is_limited=self._speed.is_limited,
                 )
             )
-
-    def _robot_replaced(self) -> None:
-        """Close the session: another robot is another vehicle, and does not take over the order."""
-        session, self._session = self._session, None
-        if session is None or self._is_closing:
-            return
-        order = self._machine.status.order_id if self._machine.busy else ""
-        _LOG.error("another robot answers now%s", f"; order {order} was dropped" if order else "")
-        dropped = Record(
-            session.robot.robot_id,
-            session.robot.serial_number,
-            known_ids=self._instant.known_ids,
-            last_motion=self._instant.last_motion,
-        )
-        session.save(dropped)
-        leave = session.close(_CLOSE_TIMEOUT)
-        self._former = asyncio.get_running_loop().create_task(leave, name="vda5050 farewell")
-        self._machine = OrderMachine()
-        self._instant = InstantActions(self._registry, self._runner, self)
-        self._pause.set(False)
-        self._intake.order_error = self._intake.message_error = None
-        self._runner.end_all()
 
     def _clear_order(self, cause: str, hint: str) -> None:
         """Clear the order, as the standard demands in modes other than AUTOMATIC."""

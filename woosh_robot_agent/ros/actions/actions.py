@@ -37,11 +37,6 @@ from woosh_robot_agent.ros.actions.server import Goal, GoalServer
 from woosh_robot_agent.ros.actions.tasks import LastReports, TaskGoal, TaskIds, TaskSetGoal
 from woosh_robot_agent.ros.context import RobotContext
 
-_OTHER_ROBOT = (
-    "the agent turned to another robot; the former one may still be executing the goal: check it, "
-    "and stop it if necessary"
-)
-
 
 class Actions:
     """All action servers and their goals.
@@ -120,7 +115,6 @@ class Actions:
         for report in (TaskProc, RobotState, Feedbacks):
             robot.chassis.subscribe(report, self._pushed)
         robot.chassis.on_state(self._link_changed)
-        robot.chassis.on_robot_changed(self._robot_changed)
 
     async def stop(self) -> None:
         """Abort the open goals, and all that arrive later. Call it in the link thread."""
@@ -177,11 +171,6 @@ class Actions:
         if ready != self._is_link_ready:
             self._is_link_ready = ready
             self._post(LinkChanged(ready))
-
-    def _robot_changed(self) -> None:
-        self.give_up(_OTHER_ROBOT)
-        self._last_feedback.clear()
-        self._last_reports.clear()
 
     def _post(self, event: Event) -> None:
         for open_goals in self._open_goals.values():

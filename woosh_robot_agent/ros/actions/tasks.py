@@ -209,10 +209,6 @@ class LastReports:
         if report.robot_task_id:
             self._reports[report.robot_task_id] = report
 
-    def clear(self) -> None:
-        """Forget all reports: they are those of another robot."""
-        self._reports.clear()
-
     def get(self, task_id: int) -> TaskProc | None:
         """Return the last report on a task; None if there is none."""
         return self._reports.get(task_id)

@@ -20,7 +20,7 @@ from woosh_robot_agent.robot.readiness import accepts_task, is_located, objectio
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.second_agent import SecondAgent
-from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.part import Part, PartContext
 
 __all__ = ["Diagnostics"]
 
@@ -248,8 +248,8 @@ class Diagnostics(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._subscribers = Subscribers(context)
-        self._publisher = self._subscribers.publisher("/diagnostics")
+        self._subscribers = context.subscribers()
+        self._publisher = context.publisher("/diagnostics", self._subscribers)
 
     async def run(self) -> None:
         await self._subscribers.repeat(lambda: _RATE, self._publish)

@@ -16,8 +16,9 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.maps import MapError, cells_of, scene_map
-from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, check_finite, to_pose
+from woosh_robot_agent.ros.subscribers import Subscribers
 
 _MAX_SILENCE = 3.0
 """Time without a report after which a robot in one of `_VAGUE_STATES` makes no map, in seconds.
@@ -52,7 +53,6 @@ class GrowingMap:
         """The latest report, not decoded yet; None if it was taken."""
         self._received = -math.inf
         """Loop time of the latest report; -inf after the end."""
-        chassis.on_robot_changed(self._forget)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(RobotState, self._state_pushed)
 
@@ -75,12 +75,6 @@ class GrowingMap:
             return None if body is None else body.message()
         except FrameError:  # the link has logged it
             return None
-
-    def _forget(self) -> None:
-        self._state = robot.kStateUndefined
-        self._begun = False
-        self._body = None
-        self._received = -math.inf
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._body = None  # from before the link was lost
@@ -128,8 +122,8 @@ class Map(Part):
     def __init__(self, context: PartContext) -> None:
         self._context = context
         self._log = LogOnce(_LOG)
-        self._subscribers = Subscribers(context)
-        self._publisher = self._subscribers.publisher("map")
+        self._subscribers = context.subscribers()
+        self._publisher = context.publisher("map", self._subscribers)
         self._wanted: tuple[str, int, str, int] | None = None
         """Scene, map id, map name and version that the robot uses; None if unknown."""
         self._published: tuple[str, int, str, int] | None = None
@@ -138,10 +132,9 @@ class Map(Part):
         """Loop time before which the map is not requested again."""
         self._epoch = object()
         """Replaced when maps that are being received become outdated."""
-        self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
         self._shows_growing = False
         """True if the last message was a map that the robot was making."""
-        context.robot.chassis.on_robot_changed(self._forget)
+        self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
         context.robot.chassis.on_snapshot(self._snapshot)
         context.robot.chassis.subscribe(Scene, self._scene)
 
@@ -155,18 +148,12 @@ class Map(Part):
         if self._growing.active:
             await self._publish_growing()
         elif self._wanted != self._published and now >= self._not_before:
-            await self._update(now)
+            await self._update()
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._log.clear()  # not after each map: good and bad ones may alternate
         if info.HasField("scene"):
             self._scene(info.scene)
-
-    def _forget(self) -> None:
-        self._wanted = self._published = None
-        self._epoch = object()
-        self._shows_growing = False
-        self._log.clear()
 
     def _scene(self, scene: Scene) -> None:
         self._wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
@@ -177,9 +164,10 @@ class Map(Part):
         self._published = None
         self._epoch = object()
         self._not_before = -math.inf
-        if self._shows_growing:
-            self._shows_growing = False
-            self._context.latched.take_back(self._publisher)
+        if self._shows_growing and not self._subscribers.present:
+            # a later subscriber must not get the map that has ended
+            self._context.robot.thread.spawn(self._update)
+        self._shows_growing = False
 
     async def _publish_growing(self) -> None:
         epoch, report = self._epoch, self._growing.take()
@@ -199,9 +187,11 @@ class Map(Part):
         self._published = None
         self._shows_growing = True
 
-    async def _update(self, now: float) -> None:
+    async def _update(self) -> None:
         wanted, epoch = self._wanted, self._epoch
-        assert wanted is not None
+        if wanted is None:
+            return
+        now = asyncio.get_running_loop().time()
         scene_name, map_id, map_name, _ = wanted
         try:
             area = await scene_map(self._context.robot.chassis, scene_name, map_id, map_name)

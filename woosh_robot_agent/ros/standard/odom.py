@@ -15,7 +15,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, S
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.ros.standard.cmd_vel import Velocity
 from woosh_robot_agent.ros.standard.odometry import HORIZON, Odometry, Prediction
-from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, check_finite
 
 _SILENCE = HORIZON
@@ -42,9 +42,9 @@ class Odom(Part):
         self._odometry = Odometry()
         self._prediction = Prediction()
         settings = context.settings()
-        self._subscribers = Subscribers(context)
-        self._odom = self._subscribers.publisher("odom") if settings.enable_odom else None
-        self._tf = self._subscribers.publisher("/tf") if settings.publish_tf else None
+        self._subscribers = context.subscribers()
+        self._odom = context.publisher("odom", self._subscribers) if settings.enable_odom else None
+        self._tf = context.publisher("/tf", self._subscribers) if settings.publish_tf else None
         # created once and reused: creating a message takes longer than publishing it
         self._message = OdometryMsg(child_frame_id=context.frame("base"))
         self._message.header.frame_id = context.frame("odom")
@@ -59,7 +59,6 @@ class Odom(Part):
         """Loop time of the last message."""
         self._known = False
         """True if the pose is known on the current link."""
-        context.robot.chassis.on_robot_changed(self._forget)
         context.robot.chassis.on_snapshot(self._snapshot)
         context.robot.chassis.on_state(self._link_changed)
         for request in (InitRobot, SetRobotPose, SwitchMap):
@@ -77,12 +76,6 @@ class Odom(Part):
                 self._publish_predicted()
         elif not self._prediction.velocity.moving and self._due(now, self._sent, 0.9):
             self._publish_reported(now)
-
-    def _forget(self) -> None:
-        self._odometry = Odometry()
-        self._prediction = Prediction()
-        self._received = self._forwarded = -math.inf
-        self._known = False
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):

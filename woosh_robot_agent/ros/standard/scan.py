@@ -16,7 +16,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData as ScannerDataProto
 from woosh_robot_agent.ros.standard.odom import transforms
-from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, check_finite
 from woosh_robot_msgs.msg import ScannerData
 
@@ -43,13 +43,12 @@ class Scan(Part):
         """The message of all scans: a new one would take as long to create as to fill."""
         self._log = LogOnce(_LOG)
         settings = context.settings()
-        self._subscribers = Subscribers(context)
-        self._scan = self._subscribers.publisher("scan") if settings.enable_scan else None
+        self._subscribers = context.subscribers()
+        self._scan = context.publisher("scan", self._subscribers) if settings.enable_scan else None
         with_tf = settings.publish_tf and settings.publish_laser_tf
         self._tf_static = context.publisher("/tf_static") if with_tf else None
         self._laser_pose: Pose2D | None = None
         self._laser_height = 0.0
-        context.robot.chassis.on_robot_changed(self._forget)
         context.robot.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
@@ -60,10 +59,6 @@ class Scan(Part):
     async def _request_if_ready(self, _now: float) -> None:
         if self._context.robot.chassis.state is LinkState.READY:
             await self._request()
-
-    def _forget(self) -> None:
-        self._laser_pose = None
-        self._log.clear()
 
     def _link_changed(self, state: LinkState) -> None:
         if self._tf_static is not None and state is LinkState.READY:

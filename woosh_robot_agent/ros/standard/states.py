@@ -19,7 +19,7 @@ from woosh_robot_agent.link import Body, LinkError, LinkState
 from woosh_robot_agent.link.tasks import LARGE, aside
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
 from woosh_robot_agent.robot.last_known import is_part_of_info, parts_of
-from woosh_robot_agent.ros.standard.part import Part, PartContext, Subscribers
+from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import check_finite
 
 _LOG = logging.getLogger(__name__)
@@ -51,14 +51,6 @@ def battery_state(context: PartContext, battery: Battery) -> BatteryState:
     )
     message.header.stamp = context.now()
     message.header.frame_id = context.frame("base")
-    return message
-
-
-def unknown_battery(context: PartContext) -> BatteryState:
-    """Return the state of a battery that has not been reported."""
-    message = battery_state(context, Battery())
-    message.percentage = math.nan
-    message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
     return message
 
 
@@ -103,8 +95,7 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
 class _State(Part):
     """Publishes a value of the chassis as a ROS message: the first value, and each push.
 
-    A value that the message cannot hold is skipped, and counted. When the link turns to another
-    robot, it publishes once the message for an unknown value.
+    A value that the message cannot hold is skipped, and counted.
 
     Args:
         context: the context of the part.
@@ -112,7 +103,6 @@ class _State(Part):
         cls: protobuf class of the value.
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
             if that is not possible. Of a large push, it runs in another thread.
-        unknown: returns the message for an unknown value.
         rate: rate at which the last value is repeated with a new stamp while there are
             subscribers, in Hz, so that viewers draw it at the robot's current pose; 0 for never.
     """
@@ -123,19 +113,16 @@ class _State(Part):
         name: str,
         cls: type[Message],
         convert: Callable[[PartContext, Any], Any],
-        unknown: Callable[[PartContext], Any],
         rate: float = 0.0,
     ) -> None:
         self._context = context
         self._cls = cls
         self._convert = convert
-        self._unknown = unknown
         self._rate = rate
         self._last: Message | None = None
         """The last value; None if it is unknown."""
-        self._subscribers = Subscribers(context)
-        self._publisher = self._subscribers.publisher(name) if rate else context.publisher(name)
-        context.robot.chassis.on_robot_changed(self._forget)
+        self._subscribers = context.subscribers()
+        self._publisher = context.publisher(name, self._subscribers if rate else None)
         context.robot.chassis.on_snapshot(self._snapshot, self._in_snapshot)
         if not is_part_of_info(cls):
             context.robot.chassis.on_state(self._link_changed)
@@ -152,11 +139,6 @@ class _State(Part):
             converted = await aside(self._try, last) if large else self._try(last)
             if last is self._last:
                 self._pushed(converted)
-
-    def _forget(self) -> None:
-        if self._last is not None:
-            self._last = None
-            self._publisher.publish(self._unknown(self._context))
 
     def _in_snapshot(self, info: RobotInfo) -> list[tuple[Message, Any]]:
         return [self._try(part) for part in parts_of(info) if isinstance(part, self._cls)]
@@ -202,31 +184,24 @@ class _State(Part):
 
 def battery_part(context: PartContext) -> _State:
     """Return the part that publishes battery_state."""
-    return _State(context, "battery_state", Battery, battery_state, unknown_battery)
+    return _State(context, "battery_state", Battery, battery_state)
 
 
 def plan_part(context: PartContext) -> _State:
     """Return the part that publishes plan."""
-    return _State(context, "plan", NavPath, plan, lambda c: plan(c, NavPath()))
+    return _State(context, "plan", NavPath, plan)
 
 
 def footprint_part(context: PartContext) -> _State:
     """Return the part that publishes footprint."""
-    return _State(
-        context,
-        "footprint",
-        Model,
-        footprint,
-        lambda c: footprint(c, Model()),
-        rate=_FOOTPRINT_RATE,
-    )
+    return _State(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
 
 
 class Connected(Part):
     """Publishes connected: True while the link is ready. Sent at the start and on each change."""
 
     def __init__(self, context: PartContext) -> None:
-        self._publisher = context.publisher("connected", about_robot=False)
+        self._publisher = context.publisher("connected")
         self._last: bool | None = None
         """The last published value; None before the first one."""
         context.robot.chassis.on_state(self._changed)

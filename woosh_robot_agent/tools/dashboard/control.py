@@ -131,7 +131,6 @@ class Control:
         self._stick_task: asyncio.Task[None] | None = None
         self._tasks: RecentDict[int, _GivenTask] = RecentDict(_MAX_TASKS)
         """Tasks that pages have given, by id, the last one last."""
-        robot.chassis.on_robot_changed(self._tasks.clear)
         robot.chassis.on_snapshot(self._find_task)
         robot.chassis.subscribe(TaskProc, self._task_reported)
         robot.add_slow_part("control", self._data)

@@ -304,12 +304,6 @@ class MapSource:
         self._unsubscribe: Callable[[], None] | None = None
         """Ends the subscription to the map that the robot is making."""
 
-    def forget(self) -> None:
-        """Forget the map, because another robot answers now."""
-        self.close()
-        self._shown = None
-        self._set(None)
-
     def close(self) -> None:
         """Stop requesting and receiving."""
         if self._task is not None:

@@ -132,7 +132,6 @@ class Robot:
         self._watched = asyncio.Event()
         """Set while somebody watches."""
         self._tasks: list[asyncio.Task[None]] = []
-        self.chassis.on_robot_changed(self._forget)
         self.chassis.on_state(lambda state: self.changed())
         self.chassis.on_snapshot(self._received)
         for topic in TOPICS:
@@ -209,11 +208,6 @@ class Robot:
     def _received(self, message: Message) -> None:
         self.view.update(message)
         self.changed()
-
-    def _forget(self) -> None:
-        self.view.forget()
-        self.map.forget()
-        self.parts.pop(SCAN, None)
 
     async def _update(self) -> None:
         while True:

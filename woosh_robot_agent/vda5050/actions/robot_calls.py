@@ -251,7 +251,6 @@ class RobotCalls:
         self._tasks = BackgroundTasks("vda5050 call")
         chassis.subscribe(Feedbacks, self._reported)
         chassis.on_snapshot(self._snapshot)
-        chassis.on_robot_changed(self._robot_changed)
         chassis.on_state(self._link_changed)
         pause.join(self._pause, self._is_paused)
 
@@ -448,7 +447,3 @@ class RobotCalls:
             if self._chassis.state is not LinkState.READY:
                 return  # asked again after a reconnect
             await asyncio.sleep(_ASK_EVERY)
-
-    def _robot_changed(self) -> None:
-        for run in self._runs.values():
-            run.end("another robot answers now")

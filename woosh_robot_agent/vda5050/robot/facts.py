@@ -85,7 +85,6 @@ class RobotFacts:
         self._tasks = BackgroundTasks("vda5050 pose")
         self._closing = False
         chassis.on_snapshot(lambda info: self._changed())
-        chassis.on_robot_changed(self._forget)
         chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
         for part in _PARTS:
             chassis.subscribe_raw(part, lambda body: self._changed())
@@ -170,8 +169,4 @@ class RobotFacts:
 
     def _path_changed(self) -> None:
         """Invalidate the state. A new path alone does not publish it."""
-        self._is_current = False
-
-    def _forget(self) -> None:
-        self._status = None
         self._is_current = False

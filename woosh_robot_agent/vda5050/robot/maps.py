@@ -52,7 +52,6 @@ class MapLibrary:
         self._log = LogOnce(_LOG)
         chassis.on_snapshot(lambda info: self._refresh())
         chassis.subscribe_raw(Scene, lambda body: self._refresh())
-        chassis.on_robot_changed(self._forget)
 
     def listed(self, info: RobotInfo) -> tuple[Map, ...] | None:
         """Return the maps for the state; None if they are unknown.
@@ -130,9 +129,6 @@ class MapLibrary:
         except LinkError as error:
             _LOG.debug("the list of maps was not read: %s", error)  # a reconnect reads it again
 
-    def _forget(self) -> None:
-        self._maps = None
-
 
 _RETRY = 5.0
 """Pause before the marks are requested again after a request without an answer, in seconds."""
@@ -158,7 +154,6 @@ class RobotMarks:
         chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
         chassis.on_state(self._link_changed)
         chassis.subscribe(Scene, self._scene_reported)
-        chassis.on_robot_changed(self._forget)
 
     def find(self, number: str, map_id: str) -> NodePosition | None:
         """Return the position of a mark, with its heading; None if the map has no such mark."""
@@ -191,10 +186,6 @@ class RobotMarks:
         self._request = asyncio.get_running_loop().create_task(
             self._read(scene[0]), name="vda5050 marks"
         )
-
-    def _forget(self) -> None:
-        self._marks = {}
-        self._scene = ("", 0)
 
     async def _read(self, scene: str) -> None:
         while True:

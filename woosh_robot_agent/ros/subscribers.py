@@ -1,0 +1,155 @@
+"""Publishers, and work that is done only while they have subscribers."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from rclpy.qos import QoSProfile
+
+from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.ros.bridge import LinkThread
+from woosh_robot_agent.ros.releases import (
+    PublisherEventCallbacks,
+    UnsupportedEventTypeError,
+    subscriber_event_handlers,
+)
+
+POLL_PERIOD = 0.1
+"""Period of the checks for subscribers if there are no events for them, in seconds."""
+_NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
+
+
+def create_publisher(node: Any, message_class: Any, name: str, profile: QoSProfile) -> Any:
+    """Return a new publisher of a node, without the entities of rclpy's default callbacks."""
+    return node.create_publisher(message_class, name, profile, event_callbacks=_NO_CALLBACKS)
+
+
+class Subscribers:
+    """The subscribers of a set of publishers. Use it in the link thread.
+
+    The middleware reports each subscriber that comes or goes by an event. Humble, and some
+    middleware, has no such events; there, they are counted every `POLL_PERIOD`.
+
+    Args:
+        node: owner of the publishers.
+        thread: the link thread.
+    """
+
+    def __init__(self, node: Any, thread: LinkThread) -> None:
+        self._node = node
+        self._thread = thread
+        self._publishers: list[Any] = []
+        self._has_events = True
+        self._changed = asyncio.Event()
+        """Set when a subscriber comes or goes."""
+        self._present = False
+        """Value of `present` when the middleware was last asked."""
+
+    def publisher(self, message_class: Any, name: str, profile: QoSProfile) -> Any:
+        """Create a publisher and add it to the set."""
+        # rclpy's `create_publisher` takes a callback for the event, too. Without such events, it
+        # destroys the new publisher and raises an error. A second publisher of the topic would
+        # follow at once, and subscribers sometimes do not discover it.
+        publisher = create_publisher(self._node, message_class, name, profile)
+        try:
+            handlers = subscriber_event_handlers(self._node, publisher, self._notify)
+        except UnsupportedEventTypeError:
+            self._has_events = False
+        else:
+            publisher.event_handlers += handlers  # `Node.destroy_publisher` destroys them, too
+            for handler in handlers:
+                self._node.add_waitable(handler)
+        self._publishers.append(publisher)
+        self._changed.set()
+        return publisher
+
+    @property
+    def present(self) -> bool:
+        """True if there is at least one subscriber."""
+        if self._changed.is_set() or not self._has_events:
+            # cleared before the look: a subscriber that comes after the look sets it again
+            self._changed.clear()
+            self._present = any(each.get_subscription_count() for each in self._publishers)
+        return self._present
+
+    async def wait(self, present: bool) -> None:
+        """Wait until there is at least one subscriber, or none."""
+        while self.present != present:
+            await (self._changed.wait() if self._has_events else asyncio.sleep(POLL_PERIOD))
+
+    async def repeat(
+        self, rate: Callable[[], float], work: Callable[[float], Coroutine[Any, Any, None]]
+    ) -> None:
+        """Do work at a fixed rate while there are subscribers, until cancelled.
+
+        It is first done for the first subscriber. Missed times are skipped, those during the work
+        too. Small delays do not add up.
+
+        Args:
+            rate: returns the current rate, in Hz.
+            work: called with the loop's time. Its exceptions end the repetition.
+        """
+        while True:
+            await self.wait(True)
+            repetition = _Repetition(self, rate, work)
+            try:
+                await repetition.ended
+            finally:
+                repetition.cancel()
+
+    def _notify(self) -> None:
+        self._thread.call(self._changed.set)
+
+
+class _Repetition:
+    """Work that is repeated while there are subscribers.
+
+    A timer starts the work, without a turn of the event loop for a task that waits for the timer.
+
+    Args:
+        subscribers: the subscribers.
+        rate: as in `Subscribers.repeat`.
+        work: as in `Subscribers.repeat`.
+
+    Attributes:
+        ended: future that is done when there are no more subscribers, or the work has failed.
+    """
+
+    def __init__(
+        self,
+        subscribers: Subscribers,
+        rate: Callable[[], float],
+        work: Callable[[float], Coroutine[Any, Any, None]],
+    ) -> None:
+        self._subscribers = subscribers
+        self._rate = rate
+        self._work = work
+        self._loop = asyncio.get_running_loop()
+        self._due = self._loop.time()
+        self.ended: asyncio.Future[None] = self._loop.create_future()
+        self._timer = self._loop.call_soon(self._start)
+        self._task: asyncio.Task[None] | None = None
+
+    def cancel(self) -> None:
+        """End the repetition and the work."""
+        self._timer.cancel()
+        if self._task is not None:
+            self._task.cancel()
+
+    def _start(self) -> None:
+        if self._subscribers.present:
+            self._task = start_task(self._do())
+        elif not self.ended.done():
+            self.ended.set_result(None)
+
+    async def _do(self) -> None:
+        try:
+            await self._work(self._loop.time())
+        except Exception as error:
+            if not self.ended.done():
+                self.ended.set_exception(error)
+            return
+        self._due = max(self._due + 1.0 / self._rate(), self._loop.time())
+        self._timer = self._loop.call_at(self._due, self._start)
