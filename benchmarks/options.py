@@ -1,10 +1,13 @@
-"""Options that all benchmarks of speed share."""
+"""Command line of the benchmarks of speed: their options, and the report of what they found."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import json
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from woosh_robot_agent.parameters import EXECUTORS
 
@@ -20,6 +23,7 @@ LINKS = {
 }
 """Transport and encoding of each kind of link, by its title in tables."""
 _SMOKE_SCALE = 0.01
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -28,20 +32,20 @@ class Options:
 
     Attributes:
         executor: Executor of the agent. The floors always have rclpy's single-threaded one.
-        scale: Factor on the usual number of samples.
+        smoke: True if the benchmark is only checked to work, with meaningless figures.
         transport: Transport of the link.
         encoding: Encoding of the link.
     """
 
     executor: str = EXECUTORS[0]
-    scale: float = 1.0
+    smoke: bool = False
     transport: str = "websocket"
     encoding: str = "json"
 
     @property
-    def smoke(self) -> bool:
-        """True if the benchmark is only checked to work, with meaningless figures."""
-        return self.scale < 1.0
+    def scale(self) -> float:
+        """Factor on the usual durations and numbers of samples."""
+        return _SMOKE_SCALE if self.smoke else 1.0
 
     @property
     def turns(self) -> int:
@@ -63,41 +67,59 @@ class Options:
 
 
 def make_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Return a parser with the options that all benchmarks of speed share."""
+    """Return a parser with the options that all benchmarks of speed have."""
     parser = argparse.ArgumentParser(
         prog=f"scripts/bench --{name}",
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "--repeat", type=int, default=3, help="repetitions to take the median of (default 3)"
-    )
     parser.add_argument("--json", action="store_true", help="print one JSON object, not tables")
     parser.add_argument(
         "--smoke", action="store_true", help="run for seconds, only to see that it works"
     )
-    parser.add_argument("--docs", action="store_true", help="write the results to docs/speed.md")
-    parser.add_argument(
-        "--executor", default=EXECUTORS[0], choices=EXECUTORS, help="executor of the agent"
-    )
     return parser
 
 
-def parse(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options in `arguments`, or end the program if they make no sense."""
-    options = parser.parse_args(arguments)
-    if options.repeat < 1:
-        parser.error("--repeat must be at least 1")
-    if options.docs and options.smoke:
-        parser.error("--docs cannot be combined with --smoke, whose figures mean nothing")
-    return options
+def add_repetitions(parser: argparse.ArgumentParser) -> None:
+    """Add the options of benchmarks that repeat a measurement."""
+    parser.add_argument(
+        "--repeat", type=_positive, default=3, help="repetitions to take the median of (default 3)"
+    )
+    parser.add_argument(
+        "--executor", default=EXECUTORS[0], choices=EXECUTORS, help="executor of the agent"
+    )
 
 
-def repetitions(options: argparse.Namespace) -> int:
+def _positive(text: str) -> int:
+    if (number := int(text)) < 1:
+        raise ValueError(text)
+    return number
+
+
+def repetitions(given: argparse.Namespace) -> int:
     """Return the number of repetitions."""
-    return 1 if options.smoke else int(options.repeat)
+    return 1 if given.smoke else int(given.repeat)
 
 
-def scale(options: argparse.Namespace) -> float:
-    """Return the factor on the number of samples."""
-    return _SMOKE_SCALE if options.smoke else 1.0
+def report(
+    given: argparse.Namespace,
+    found: Found,
+    table: Callable[[Found], str],
+    excess: Callable[[Found], Sequence[str]] = lambda _: (),
+) -> int:
+    """Print what was measured, and what exceeds its limit to stderr.
+
+    Args:
+        given: Options of the command line.
+        found: The figures, as JSON has them.
+        table: Returns the figures as Markdown.
+        excess: Returns the limits that are exceeded, as text.
+
+    Returns:
+        The exit status: 1 if a limit was exceeded, otherwise 0.
+    """
+    print(json.dumps(found) if given.json else table(found))
+    problems = () if given.smoke else excess(found)
+    for problem in problems:
+        print(f"exceeded: {problem}", file=sys.stderr)
+    return int(bool(problems))

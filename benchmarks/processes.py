@@ -1,4 +1,4 @@
-"""Start Python modules as processes, and read their CPU time, memory, files and threads."""
+"""The agent, a chassis and other Python modules as processes: their CPU time, memory and files."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.options import Options
 from woosh_robot_agent.testing import wait_until
+from woosh_robot_agent.testing.agents import NAMESPACE
 
 MIB = 1024 * 1024
 ROOT = Path(__file__).resolve().parents[1]
 """Root of the repository, where modules are started."""
+FLOOR = "/floor"
+"""Namespace of a floor that shares a ROS domain with the agent."""
 _CPU_CLOCK = 2
 """Lowest bits of the number of a process's CPU clock; above them is the inverted process ID."""
 _PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
@@ -215,3 +219,46 @@ def running(*command: str, domain: int) -> Iterator[Program]:
         program.check_running()
     finally:
         program.end()
+
+
+@contextlib.contextmanager
+def running_chassis(
+    domain: int, *options: str, transport: str = "websocket"
+) -> Iterator[tuple[Program, int]]:
+    """Run the chassis of the benchmarks; yield the program and its port."""
+    command = ("benchmarks.programs.chassis", "--transport", transport, *options)
+    with running(*command, domain=domain) as program:
+        yield program, program.receive()
+
+
+@contextlib.contextmanager
+def running_floor(name: str, domain: int, port: int) -> Iterator[Program]:
+    """Run a floor that connects to the chassis at `port`; the block starts when it has."""
+    url = f"ws://127.0.0.1:{port}"
+    with running(f"benchmarks.floors.{name}", url, domain=domain) as program:
+        program.wait_logged("connected to")
+        yield program
+
+
+@contextlib.contextmanager
+def running_agent(
+    domain: int, port: int, options: Options, namespace: str = NAMESPACE, **parameters: Any
+) -> Iterator[Program]:
+    """Run the agent; the block starts when it is connected to the chassis at `port`."""
+    with running(*agent_command(port, options, namespace, **parameters), domain=domain) as program:
+        program.wait_logged("connected to")
+        yield program
+
+
+def agent_command(
+    port: int, options: Options, namespace: str = NAMESPACE, **parameters: Any
+) -> list[str]:
+    """Return the agent's module and arguments, as `running` takes them."""
+    values: Mapping[str, Any] = {
+        "ip": "127.0.0.1",
+        "port": port,
+        **options.agent_parameters,
+        **parameters,
+    }
+    words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+    return ["woosh_robot_agent.agent", "--ros-args", "-r", f"__ns:={namespace}", *words]

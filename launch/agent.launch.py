@@ -4,7 +4,8 @@
 
 Arguments: ip and port of the chassis, namespace, frame_prefix, and params_file (config/agent.yaml
 lists all parameters). Arguments override the file. If the file has a list of robots, as
-config/robots.yaml does, one process serves all of them.
+config/robots.yaml does, one process serves all of them; what the file sets for a single robot
+overrides the arguments.
 """
 
 from launch import LaunchDescription

@@ -9,22 +9,23 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.measurements.vehicles import mosquitto_path
-from benchmarks.processes import running
-from benchmarks.programs import rosbridge_server
-from benchmarks.report import (
+from benchmarks import (
     dashboard,
     fleet,
     links,
     maps,
     odom,
-    pages,
     real,
     recording,
+    results,
     scale,
     setup,
     speed,
 )
+from benchmarks.__main__ import BENCHMARKS
+from benchmarks.__main__ import main as bench
+from benchmarks.processes import ROOT, running
+from benchmarks.programs.rosbridge import server_path
 from woosh_robot_agent.testing import own_domain
 
 pytestmark = pytest.mark.timeout(600)
@@ -48,7 +49,7 @@ def not_positive(figures: dict[str, float]) -> dict[str, float]:
 def test_every_figure_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert speed.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    optional = ("rosbridge",) if rosbridge_server.executable() else ()
+    optional = ("rosbridge",) if server_path() else ()
     assert tuple(found) == FIGURES + optional
     assert not not_positive(found)
 
@@ -134,7 +135,7 @@ def test_set_up_is_measured_with_empty_and_with_filled_caches(tmp_path: Path) ->
     assert log.read_text() == "filled\nfilled\n"
 
 
-@pytest.mark.skipif(mosquitto_path() is None, reason="mosquitto is not installed")
+@pytest.mark.skipif(fleet.mosquitto_path() is None, reason="mosquitto is not installed")
 def test_vda5050_vehicles_are_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert fleet.main(["--smoke", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -154,34 +155,11 @@ def test_error_of_a_program_that_dies_holds_its_log() -> None:
         program.receive()
 
 
-def test_page_has_a_place_for_each_part() -> None:
-    parts = re.findall(
-        r"<!-- (\w+): made by [^\n]*-->\n(?s:.*?)<!-- end -->", pages.SPEED_PAGE.read_text()
-    )
-    assert parts == ["figures", "setup", "links", "maps", *scale.SWEEPS]
-
-
-def test_part_of_the_page_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = tmp_path / "speed.md"
-    page.write_text("before\n<!-- figures: made by x -->\nold\n<!-- end -->\nafter\n")
-    monkeypatch.setattr(pages, "SPEED_PAGE", page)
-    pages.write_part("figures", "new")
-    assert page.read_text() == "before\n<!-- figures: made by x -->\nnew\n<!-- end -->\nafter\n"
-
-
-def test_simulated_chassis_is_like_the_real_robot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    page = tmp_path / "simulator.md"
-    page.write_text("before\n<!-- real: made by x -->\nold\n<!-- end -->\nafter\n")
-    monkeypatch.setattr(real, "SIMULATOR_PAGE", page)
-    monkeypatch.setattr(real, "SEEDS", range(2))
-    monkeypatch.setattr(real, "ANSWERS", 100)
-    assert real.main(["--docs"]) == 0
-    written = page.read_text()
-    assert "| Rates and driving | Real robot | Simulated |" in written
-    assert "old" not in written
-    assert "**differs**" not in written
+def test_simulated_chassis_is_like_the_real_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench(["--real", "--smoke"]) == 0
+    printed = capsys.readouterr().out
+    assert "| Rates and driving | Real robot | Simulated |" in printed
+    assert "**differs**" not in printed
 
 
 def test_difference_from_the_real_robot_is_reported() -> None:
@@ -192,3 +170,39 @@ def test_difference_from_the_real_robot_is_reported() -> None:
     assert not figures["navigation to wait"].ok
     assert figures["answer to first report"].ok
     assert "**differs**" in real.tables([("Times", list(figures.values()))])
+
+
+def test_results_are_saved_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def run() -> int:
+        print("| a table |")
+        return 1
+
+    assert results.save("odom", "error of odom", ["--profile", "s"], run, tmp_path) == 1
+    assert capsys.readouterr().out == "| a table |\n"
+    (page,) = tmp_path.rglob("odom.md")
+    text = page.read_text()
+    assert text.startswith("# Error of odom\n\n`scripts/bench --odom --profile s` on 20")
+    assert "rclpy" in text
+    assert text.endswith("\n\n| a table |\n")
+
+
+def test_figures_without_a_meaning_are_not_saved(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        bench(["--odom", "--save", "--smoke"])
+    assert ended.value.code == 2
+    assert "--save cannot be combined with --smoke" in capsys.readouterr().err
+
+
+def test_results_are_those_of_a_benchmark() -> None:
+    saved = {page.stem for page in results.RESULTS.rglob("*.md")}
+    assert saved
+    assert saved <= BENCHMARKS.keys()
+
+
+def test_figures_in_the_documentation_are_measured() -> None:
+    page = (ROOT / "docs/speed.md").read_text()
+    named = re.findall(r"^\| `(\w+)` \|", page, re.M)
+    assert named
+    assert set(named) <= set(speed.TARGETS)
+    for link in re.findall(r"scripts/bench --(\w+)", page):
+        assert link in BENCHMARKS

@@ -75,9 +75,19 @@ def test_the_documented_limits_match_the_code() -> None:
         assert said in text, said
 
 
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 @pytest.mark.parametrize(
-    "page", [*sorted(DOCS.glob("*.md")), ROOT / "README.md"], ids=lambda page: str(page.name)
+    "page",
+    [*sorted(DOCS.glob("*.md")), ROOT / "README.md", ROOT / "benchmarks/README.md"],
+    ids=lambda page: str(page.relative_to(ROOT)),
 )
 def test_links_between_pages_have_targets(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
-        assert (page.parent / target).exists(), target
+    for target, anchor in re.findall(r"\]\(([^)#:]*)(?:#([^)]*))?\)", page.read_text()):
+        linked = (page.parent / target) if target else page
+        assert linked.exists(), target
+        assert not anchor or anchor in anchors(linked), f"{target}#{anchor}"

@@ -124,7 +124,8 @@ esac
 """
 
 
-_TOOLS = ["bash", "env", "cat", "cp", "dirname", "grep", "mkdir", "mktemp", "rm", "sed", "touch"]
+_TOOLS = ["bash", "env", "cat", "cp", "dirname", "find", "grep", "mkdir", "mktemp", "rm", "sed"]
+_TOOLS += ["sort", "touch"]
 
 
 class Keystore:
@@ -189,11 +190,33 @@ def test_a_keystore_is_made_and_renewed(keystore: Keystore) -> None:
         assert policy.read_text() == (ROOT / "config" / f"{whose}.policy.xml").read_text()
     assert f"ROS_SECURITY_KEYSTORE={keystore.path}".replace(" ", "\\ ") in made.stdout
     assert "ROS_DOMAIN_ID=42" in made.stdout
-    assert "--enclave /woosh_robot/agent" in made.stdout
 
-    again = keystore.make(str(keystore.path), ROS_DOMAIN_ID="42")
+    again = keystore.make("--node", "/client", str(keystore.path), ROS_DOMAIN_ID="42")
     assert again.returncode == 0, again.stderr
     assert keystore.asked() == [agent, client]
+
+
+def test_a_renewal_without_a_node_leaves_the_permissions_of_the_clients(keystore: Keystore) -> None:
+    made = keystore.make("--node", "/ui/panel", str(keystore.path), "--", "--read-only")
+    assert made.returncode == 0, made.stderr
+    keystore.notes.unlink()
+    renewed = keystore.make(str(keystore.path))
+    assert renewed.returncode == 0, renewed.stderr
+    assert keystore.asked() == [
+        ["0", f"create_permission {keystore.path} /woosh_robot/agent agent.policy.xml"]
+    ]
+    assert "--node /ui/panel" in renewed.stdout.partition("not renewed")[2]
+
+
+def test_the_text_names_the_enclaves_of_this_run(keystore: Keystore) -> None:
+    for node in ("/client", "/ui/panel"):
+        made = keystore.make("--node", node, str(keystore.path))
+        assert made.returncode == 0, made.stderr
+        for enclave in ("/woosh_robot/agent", f"/woosh_robot{node}"):
+            assert f"--enclave {enclave}\n" in made.stdout
+            assert f"/./enclaves{enclave} " in made.stdout
+    assert "--enclave /woosh_robot/client" not in made.stdout
+    assert "--node /client" in made.stdout.partition("not renewed")[2]
 
 
 def test_only_the_owner_can_read_the_keys(keystore: Keystore) -> None:

@@ -335,39 +335,42 @@ OWN_READS = ("woosh.ros.Feedbacks",)
 
 
 def markdown() -> str:
-    """Return the whole table in Markdown."""
-    rows: list[tuple[str, ...]] = [
-        ("Kind", "Name", "ROS type", "Chassis message", "Timeout", "Manufacturer's agent"),
-        ("---",) * 6,
-    ]
-    rows += [_row("query", e, e.srv, "srv", e.request, e.timeout) for e in QUERIES]
-    rows += [_row("query", e, e.srv, "srv", e.request, e.timeout) for e in COMMANDS if e.reads]
-    rows += [
-        _row("command", e, e.srv, "srv", e.request, e.timeout) for e in COMMANDS if not e.reads
-    ]
-    rows += [_row("topic", e, e.msg, "msg", e.push) for e in TOPICS]
-    own = AGENT_INFO
-    rows.append(("topic", own.name, _full_type(own.msg, "msg"), "", "", "newer versions"))
-    rows += [_row("action", e, e.action, "action", e.arg) for e in ACTIONS]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    """Return a Markdown table for each kind of endpoint."""
+    reads: list[Query | Command] = [*QUERIES, *(each for each in COMMANDS if each.reads)]
+    writes = [each for each in COMMANDS if not each.reads]
+    topics = [_row(each, each.msg, "msg", each.push) for each in TOPICS]
+    topics.append((AGENT_INFO.name, _full_type(AGENT_INFO.msg, "msg"), ""))
+    service_columns = ("Name", "ROS type", "Chassis message", "Timeout")
+    return "\n\n".join(
+        (
+            _table("Queries", service_columns, [_service_row(each) for each in reads]),
+            _table("Commands", service_columns, [_service_row(each) for each in writes]),
+            _table("Topics", service_columns[:3], topics),
+            _table(
+                "Actions",
+                service_columns[:3],
+                [_row(each, each.action, "action", each.arg) for each in ACTIONS],
+            ),
+        )
+    )
+
+
+def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [header, ("---",) * len(header), *rows]
+    return f"### {title}\n\n" + "\n".join("| " + " | ".join(row) + " |" for row in lines)
+
+
+def _service_row(service: Query | Command) -> tuple[str, ...]:
+    timeout = f"{service.timeout:g} s" if service.timeout else ""
+    return (*_row(service, service.srv, "srv", service.request), timeout)
 
 
 def _row(
-    kind: str,
-    endpoint: Query | Command | Topic | Action,
-    ros_type: str,
-    folder: str,
-    message: str,
-    timeout: float = 0.0,
+    endpoint: Query | Command | Topic | Action, ros_type: str, folder: str, message: str
 ) -> tuple[str, ...]:
-    return (
-        kind,
-        endpoint.name,
-        _full_type(ros_type, folder),
-        message,
-        f"{timeout:g} s" if timeout else "",
-        "no" if endpoint.extra else "yes",
-    )
+    """Return the cells of an endpoint. The manufacturer's agent lacks those with an asterisk."""
+    name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
+    return (name, _full_type(ros_type, folder), message)
 
 
 def _full_type(ros_type: str, folder: str) -> str:

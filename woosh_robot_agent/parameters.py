@@ -409,10 +409,11 @@ def check(values: Mapping[str, Any]) -> Settings:
 
 def markdown() -> str:
     """Return the table of parameters in Markdown."""
-    rows = ["| Parameter | Default | Range | Meaning |", "| --- | --- | --- | --- |"]
+    rows = ["| Parameter | Default (range) | Meaning |", "| --- | --- | --- |"]
     for p in PARAMETERS:
+        limits = f" ({p.limits})" if p.limits else ""
         note = " Read-only." if p.read_only else ""
-        rows.append(f"| `{p.name}` | `{p.shown}` | {p.limits} | {p.description}{note} |")
+        rows.append(f"| `{p.name}` | `{p.shown}`{limits} | {p.description}{note} |")
     return "\n".join(rows)
 
 

@@ -2,7 +2,8 @@
 
     python -m benchmarks.floors.client URL
 
-It subscribes to the types that `echo_chassis` pushes, and prints `true` when that has taken effect.
+It subscribes to the types that `programs/chassis.py` pushes, and prints `true` when that has taken
+effect.
 """
 
 from __future__ import annotations

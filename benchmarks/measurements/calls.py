@@ -12,20 +12,20 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
+from benchmarks.figures import MICROSECONDS, Measured, Spread, Target, no_garbage_collection
 from benchmarks.measurements.bare_client import BareClient
-from benchmarks.measurements.samples import (
-    MICROSECONDS,
-    Measured,
-    Spread,
-    no_garbage_collection,
-)
 from benchmarks.options import Options
-from benchmarks.processes import Program, running
-from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.processes import Program, running, running_agent, running_chassis
 from woosh_robot_agent.testing import own_domain, wait_until
 from woosh_robot_agent.testing.agents import NAMESPACE
 from woosh_robot_msgs.srv import PoseSpeed, ScannerData
 
+FIGURES = {
+    "service_rtt": Target(2.0, 1.5, "median of a service call / (bare service + bare WebSocket)"),
+    "service_rtt_p99": Target(3.0, 2.0, "the same at p99"),
+    "service_cpu": Target(2.0, 1.3, "agent's CPU per call / (bare server + bare client)"),
+    "concurrent": Target(0.93, 0.96, "10 concurrent calls of 50 ms: throughput / ideal", True),
+}
 Service = tuple[Any, str]
 """ROS type and name of a service."""
 POSE_SPEED: Service = (PoseSpeed, "robot/PoseSpeed")
@@ -230,12 +230,12 @@ def measure(domain: int, options: Options) -> Measured:
     """Measure sequential calls of agent and floors in turn, then concurrent calls of the agent."""
     with (
         calling(domain) as caller,
-        echo_chassis(domain, options.transport) as (chassis, port),
-        agent(domain, port, options) as program,
+        running_chassis(domain) as (chassis, port),
+        running_agent(domain, port, options) as program,
         own_domain() as floor_domain,
         calling(floor_domain) as floor_caller,
         running("benchmarks.floors.service", domain=floor_domain) as floor,
-        echo_chassis(floor_domain, "websocket") as (floor_chassis, floor_port),
+        running_chassis(floor_domain) as (floor_chassis, floor_port),
         running(
             "benchmarks.floors.websocket", f"ws://127.0.0.1:{floor_port}", domain=floor_domain
         ) as socket,

@@ -13,9 +13,9 @@ from google.protobuf import json_format
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
-from benchmarks.measurements.samples import MICROSECONDS, Measured, no_garbage_collection
+from benchmarks.figures import MICROSECONDS, Measured, Target, no_garbage_collection
 from benchmarks.options import Options
-from benchmarks.programs.echo_chassis import scan
+from benchmarks.programs.chassis import scan
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link.codecs.json_codec import to_json
@@ -23,6 +23,11 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.reports import pose_speed, robot_info
 
+FIGURES = {
+    "convert_pose": Target(1 / 8, 1 / 15, "PoseSpeed, JSON to ROS / ParseDict and reflection"),
+    "convert_scan": Target(1 / 15, 1 / 25, "the same for a scan of 1080 beams"),
+    "convert_info": Target(1 / 6, 1 / 12, "the same for a full RobotInfo"),
+}
 _ITEMS = 3
 """Number of items that an empty list is filled with."""
 _TEXT = "A2: new navigation task"

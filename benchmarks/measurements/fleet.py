@@ -15,13 +15,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
+from benchmarks.figures import MICROSECONDS, Measured, Target
 from benchmarks.measurements.pushes import PushPath, PushRun, subscribing
-from benchmarks.measurements.samples import MICROSECONDS, Measured
 from benchmarks.options import Options
-from benchmarks.processes import Program, running
-from benchmarks.programs.start import agent_command, echo_chassis
+from benchmarks.processes import Program, agent_command, running, running_chassis
 from woosh_robot_agent.testing import own_domain
 
+FIGURES = {
+    "fleet": Target(None, 60, "robots served at 20 Hz each, in the better of two ways", True),
+}
 RATE = 20.0
 """Rate at which each robot pushes, in Hz."""
 STEP = 5
@@ -74,9 +76,7 @@ class Fleet:
 
     def __enter__(self) -> Fleet:
         domain = self._stack.enter_context(own_domain())
-        self._chassis, self._port = self._stack.enter_context(
-            echo_chassis(domain, self._options.transport)
-        )
+        self._chassis, self._port = self._stack.enter_context(running_chassis(domain))
         return self
 
     def __exit__(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 
+from benchmarks.figures import Measured, Target
 from benchmarks.measurements.fleet import Fleet
 from benchmarks.measurements.presence import floor_command
 from benchmarks.measurements.pushes import subscribing
-from benchmarks.measurements.samples import Measured
 from benchmarks.options import Options
 from benchmarks.processes import Program, running
 
+FIGURES = {"fleet_end": Target(3.0, 1.5, "seconds until a process with 20 robots has ended")}
 _ROBOTS = 20
 _TIMEOUT = 60.0
 """Timeout for the end of a process, in seconds."""

@@ -8,15 +8,19 @@ from typing import Any
 
 from rclpy.action import ActionClient
 
+from benchmarks.figures import Measured, Spread, Target, no_garbage_collection
 from benchmarks.measurements.bare_client import BareClient
-from benchmarks.measurements.samples import Measured, Spread, no_garbage_collection
 from benchmarks.options import Options
-from benchmarks.processes import Program
-from benchmarks.programs.start import FLOOR, agent, bare_program, two_chassis
+from benchmarks.processes import FLOOR, Program, running_agent, running_chassis, running_floor
 from woosh_robot_agent.testing import wait_until
 from woosh_robot_agent.testing.agents import NAMESPACE
 from woosh_robot_msgs.action import ExecTask
 
+FIGURES = {
+    "goal_rtt": Target(
+        2.0, 1.5, "goal to the chassis, and last report to the result / bare action server"
+    ),
+}
 _GOALS = 100
 _TIMEOUT = 30.0
 """Timeout for each step of a goal, in seconds."""
@@ -76,7 +80,7 @@ class GoalSender:
 
     def _times(self) -> dict[str, list[float]]:
         """Return when each task came to the chassis, and when it last reported, by task."""
-        self._chassis.send("times")
+        self._chassis.send("tasks")
         times: dict[str, list[float]] = self._chassis.receive()
         return times
 
@@ -95,12 +99,12 @@ def measure(domain: int, options: Options) -> Measured:
     """Measure goals of agent and floor in turn."""
     with (
         contextlib.closing(BareClient(domain)) as client,
-        two_chassis("task_chassis", domain, options.transport) as (chassis, floor_chassis),
-        agent(domain, chassis[1], options),
-        bare_program("goal", domain, floor_chassis[1]),
+        running_chassis(domain) as (chassis, port),
+        running_agent(domain, port, options),
+        running_floor("goal", domain, port),
     ):
-        ours = GoalSender(client, NAMESPACE, chassis[0])
-        floor = GoalSender(client, FLOOR, floor_chassis[0])
+        ours = GoalSender(client, NAMESPACE, chassis)
+        floor = GoalSender(client, FLOOR, chassis)
         for sender in (ours, floor):
             sender.warm_up()
         for _ in range(options.turns):

@@ -7,12 +7,17 @@ from contextlib import closing
 
 from diagnostic_msgs.msg import DiagnosticArray
 
+from benchmarks.figures import Measured, Spread, Target
 from benchmarks.measurements.bare_client import BareClient
-from benchmarks.measurements.samples import Measured, Spread
 from benchmarks.measurements.velocities import CMD_VEL, VelocityPath, publishing
 from benchmarks.options import Options
-from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.processes import running_agent, running_chassis
 
+FIGURES = {
+    "large_push": Target(
+        20.0, 10.0, "ms for which the link thread is held at most, with two pushes of 2 MB a second"
+    ),
+}
 _POSES = 60_000
 """Poses of a path; its frame has 2 MB of JSON."""
 _RATE = 2.0
@@ -31,8 +36,8 @@ def measure(domain: int, options: Options) -> Measured:
     seconds = pushes / _RATE
     with (
         closing(_Diagnostics(domain)) as diagnostics,
-        echo_chassis(domain, options.transport) as (chassis, port),
-        agent(domain, port, options, cmd_vel_rate=2 * _VELOCITY_RATE) as program,
+        running_chassis(domain) as (chassis, port),
+        running_agent(domain, port, options, cmd_vel_rate=2 * _VELOCITY_RATE) as program,
         publishing(domain, CMD_VEL) as publisher,
     ):
         path = VelocityPath(publisher, CMD_VEL, program, chassis)

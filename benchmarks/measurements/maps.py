@@ -9,16 +9,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.figures import Measured, Spread, Target
 from benchmarks.measurements.calls import CalledProgram, Caller, RoundTrips, calling
-from benchmarks.measurements.samples import Measured, Spread
 from benchmarks.measurements.velocities import CMD_VEL, VelocityPath, publishing
 from benchmarks.options import Options
-from benchmarks.processes import MIB, Program, running
-from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.processes import MIB, Program, running, running_agent, running_chassis
 from woosh_common_msgs.msg import FileData
 from woosh_map_msgs.srv import Download, Upload
 from woosh_robot_agent.testing import own_domain
 
+FIGURES = {
+    "map_download": Target(
+        2.0, 1.5, "a map of 20 MiB, from the chassis to a client / bare service"
+    ),
+    "map_upload": Target(3.0, 2.0, "the same map, from a client to the chassis / bare service"),
+}
 _CALLS = 25
 """Number of transfers in each direction."""
 _FIRST_TIMEOUT = 5.0
@@ -116,8 +121,8 @@ def _both(
     """Run agent and floor; yield their endpoints, the agent's caller and the chassis."""
     with (
         calling(domain) as caller,
-        echo_chassis(domain, options.transport, "--map", str(size)) as (chassis, port),
-        agent(domain, port, options, cmd_vel_rate=100.0) as program,
+        running_chassis(domain, "--map", str(size), transport=options.transport) as (chassis, port),
+        running_agent(domain, port, options, cmd_vel_rate=100.0) as program,
         own_domain() as floor_domain,
         calling(floor_domain) as floor_caller,
         running("benchmarks.floors.maps", str(size), domain=floor_domain) as floor,

@@ -9,16 +9,22 @@ from collections.abc import Iterator
 
 from std_msgs.msg import Bool
 
-from benchmarks.measurements.samples import Measured
+from benchmarks.figures import Measured, Target
 from benchmarks.options import Options
-from benchmarks.processes import MIB, Program, running
-from benchmarks.programs.start import agent_command, echo_chassis
+from benchmarks.processes import MIB, Program, agent_command, running, running_chassis
 from tests.harness import Client
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.parameters import PARAMETERS
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.testing import wait_until
 
+FIGURES = {
+    "idle_rss": Target(1.35, 1.15, "resident memory / a node with the same entities"),
+    "idle_cpu": Target(1.0, 0.3, "percent of a core, connected and unused"),
+    "startup": Target(
+        1.4, 1.2, "start to connected and discovered / a node with the same entities"
+    ),
+}
 _STARTS = 5
 """Number of starts; the figure is their median."""
 _START_TIMEOUT = 60.0
@@ -62,7 +68,7 @@ def measure(domain: int, options: Options) -> Measured:
     """Measure several starts of agent and floor in turn, then both while idle."""
     starts: dict[str, list[float]] = {"agent": [], "floor": []}
     rss, cpu = {}, {}
-    with echo_chassis(domain, options.transport) as (_, port):
+    with running_chassis(domain) as (_, port):
         for turn in reversed(range(1 if options.smoke else _STARTS)):
             for name, command in _commands(port, options).items():
                 watcher = Watcher(domain)

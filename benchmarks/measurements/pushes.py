@@ -12,14 +12,18 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 
-from benchmarks.measurements.samples import MICROSECONDS, Measured, Spread
+from benchmarks.figures import MICROSECONDS, Measured, Spread, Target
 from benchmarks.options import Options
-from benchmarks.processes import Program, running
-from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.processes import Program, running, running_agent, running_chassis
 from tests.harness import Client
 from woosh_robot_agent.testing import own_domain, wait_until
 from woosh_robot_agent.testing.agents import NAMESPACE
 
+FIGURES = {
+    "push_latency": Target(1.1, 1.05, "push to subscriber at 100 Hz / bare publish"),
+    "push_cpu": Target(1.2, 1.1, "agent's CPU per push at 100 Hz / bare publish"),
+    "push_max": Target(0.8, 0.9, "highest rate without loss / bare publish's", True),
+}
 TOPIC = "robot/PoseSpeed"
 _MAX_LAG = 0.1
 """Latency of the last push above which there is a growing backlog, in seconds."""
@@ -174,12 +178,13 @@ def push_path(
         floor: Use the floor instead of the agent.
         odom: Let the agent publish odom, as it does by default.
     """
+    transport = "websocket" if floor else options.transport
     with (
         subscribing(domain, NAMESPACE) as subscriber,
-        echo_chassis(domain, "websocket" if floor else options.transport) as (chassis, port),
+        running_chassis(domain, transport=transport) as (chassis, port),
         running("benchmarks.floors.publish", f"ws://127.0.0.1:{port}", domain=domain)
         if floor
-        else agent(domain, port, options, enable_odom=odom) as program,
+        else running_agent(domain, port, options, enable_odom=odom) as program,
     ):
         path = PushPath(chassis, [program], [subscriber])
         path.warm_up(2.0 * options.scale)

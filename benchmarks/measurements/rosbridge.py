@@ -9,15 +9,21 @@ import contextlib
 import re
 from collections.abc import Iterator
 
+from benchmarks.figures import Measured, Target
 from benchmarks.measurements.calls import POSE_SPEED, CalledProgram, Caller, calling
 from benchmarks.measurements.pushes import PushPath, PushRun, push_path, subscribing
-from benchmarks.measurements.samples import Measured
 from benchmarks.options import Options
 from benchmarks.processes import running
-from benchmarks.programs import rosbridge_server
+from benchmarks.programs.rosbridge import server_path
 from woosh_robot_agent.testing import own_domain
 from woosh_robot_agent.testing.agents import NAMESPACE
 
+FIGURES = {
+    "rosbridge": Target(
+        None, 1.0, "calls, and pushes at 100 Hz / the same through rosbridge, the worst ratio"
+    ),
+}
+"""Measured only where rosbridge is installed."""
 _STARTED = "started on port "
 _RATE = 100.0
 """Rate of the pushes, in Hz."""
@@ -25,7 +31,7 @@ _RATE = 100.0
 
 def measure(domain: int, options: Options) -> Measured:
     """Measure calls and pushes of both in turn; without rosbridge, measure nothing."""
-    if rosbridge_server.executable() is None:
+    if server_path() is None:
         return {}
     with (
         calling(domain) as our_caller,
@@ -67,12 +73,12 @@ def _rosbridge_path(domain: int, options: Options) -> Iterator[PushPath]:
     """Provide a warmed-up path through rosbridge, with one subscriber."""
     with (
         subscribing(domain, NAMESPACE) as subscriber,
-        running("benchmarks.programs.rosbridge_server", domain=domain) as server,
+        running("benchmarks.programs.rosbridge", "server", domain=domain) as server,
     ):
         server.wait_logged(_STARTED)
         port = re.findall(rf"{_STARTED}(\d+)", server.log)[0]
         url = f"ws://127.0.0.1:{port}"
-        with running("benchmarks.programs.rosbridge_chassis", url, domain=domain) as chassis:
+        with running("benchmarks.programs.rosbridge", url, domain=domain) as chassis:
             path = PushPath(chassis, [server], [subscriber])
             path.warm_up(2.0 * options.scale)
             yield path

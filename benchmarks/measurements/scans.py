@@ -8,12 +8,15 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import LaserScan
 
+from benchmarks.figures import MICROSECONDS, Measured, Target
 from benchmarks.measurements.bare_client import BareClient
-from benchmarks.measurements.samples import MICROSECONDS, Measured
 from benchmarks.options import Options
-from benchmarks.programs.start import FLOOR, agent, bare_program, two_chassis
+from benchmarks.processes import FLOOR, running_agent, running_chassis, running_floor
 from woosh_robot_agent.testing.agents import NAMESPACE
 
+FIGURES = {
+    "scan_cpu": Target(1.5, 1.2, "agent's CPU per scan of 1080 beams at 10 Hz / bare publish"),
+}
 _SCANS = 300
 """Number of scans, at the default rate of 10 Hz."""
 _TIMEOUT = 60.0
@@ -50,9 +53,9 @@ def measure(domain: int, options: Options) -> Measured:
     topics = (f"{NAMESPACE}/scan", f"{FLOOR}/scan")
     with (
         contextlib.closing(_Counter(domain, *topics)) as scans,
-        two_chassis("echo_chassis", domain, options.transport) as ((_, port), (_, floor_port)),
-        agent(domain, port, options) as program,
-        bare_program("scan", domain, floor_port) as floor,
+        running_chassis(domain) as (_, port),
+        running_agent(domain, port, options) as program,
+        running_floor("scan", domain, port) as floor,
     ):
         scans.take(options.samples(50))
         before = [each.cpu for each in (program, floor)]

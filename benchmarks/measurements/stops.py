@@ -7,12 +7,16 @@ from bisect import bisect_left
 
 from std_srvs.srv import Trigger
 
+from benchmarks.figures import Measured, Spread, Target, no_garbage_collection
 from benchmarks.measurements.calls import POSE_SPEED, Caller, calling
-from benchmarks.measurements.samples import Measured, Spread, no_garbage_collection
 from benchmarks.options import Options
-from benchmarks.processes import Program
-from benchmarks.programs.start import agent, echo_chassis
+from benchmarks.processes import Program, running_agent, running_chassis
 
+FIGURES = {
+    "stop_latency": Target(
+        20.0, 5.0, "ms from a call of `stop` to the zero at the chassis, p99, amid 50 other calls"
+    ),
+}
 _IN_FLIGHT = 50
 """Number of calls that wait for an answer all the time."""
 _DELAY = 0.25
@@ -27,8 +31,8 @@ def measure(domain: int, options: Options) -> Measured:
     count = options.samples(_STOPS)
     with (
         calling(domain) as caller,
-        echo_chassis(domain, options.transport) as (chassis, port),
-        agent(domain, port, options),
+        running_chassis(domain) as (chassis, port),
+        running_agent(domain, port, options),
         no_garbage_collection(),
     ):
         caller.use(Trigger, "stop")

@@ -7,13 +7,23 @@ import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
 
-from benchmarks.measurements.samples import MICROSECONDS, Measured, Spread
+from benchmarks.figures import MICROSECONDS, Measured, Spread, Target
 from benchmarks.options import Options
-from benchmarks.processes import Program, running
-from benchmarks.programs.start import FLOOR, agent, bare_program, two_chassis
+from benchmarks.processes import (
+    FLOOR,
+    Program,
+    running,
+    running_agent,
+    running_chassis,
+    running_floor,
+)
 from benchmarks.programs.velocity_publisher import STEP
 from woosh_robot_agent.testing.agents import NAMESPACE
 
+FIGURES = {
+    "cmd_vel_latency": Target(1.3, 1.1, "cmd_vel at 20 Hz to the chassis / bare subscriber"),
+    "cmd_vel_cpu": Target(1.5, 1.2, "agent's CPU per cmd_vel at 20 Hz / bare subscriber"),
+}
 RATE = 20.0
 """Rate of the velocities, in Hz; that of most joysticks and of Nav2."""
 CMD_VEL = f"{NAMESPACE}/cmd_vel"
@@ -111,13 +121,13 @@ def measure(domain: int, options: Options) -> Measured:
     """Measure velocities through agent and floor in turn."""
     topics = (CMD_VEL, f"{FLOOR}/cmd_vel")
     with (
-        two_chassis("echo_chassis", domain, options.transport) as (chassis, floor_chassis),
-        agent(domain, chassis[1], options) as program,
-        bare_program("cmd_vel", domain, floor_chassis[1]) as bare,
+        running_chassis(domain) as (chassis, port),
+        running_agent(domain, port, options) as program,
+        running_floor("cmd_vel", domain, port) as bare,
         publishing(domain, *topics) as publisher,
     ):
-        ours = VelocityPath(publisher, topics[0], program, chassis[0])
-        floor = VelocityPath(publisher, topics[1], bare, floor_chassis[0])
+        ours = VelocityPath(publisher, topics[0], program, chassis)
+        floor = VelocityPath(publisher, topics[1], bare, chassis)
         for path in (ours, floor):
             path.drive(RATE, options.samples(40))
             path.forget()

@@ -31,6 +31,6 @@ def test_each_named_test_exists() -> None:
 
 
 def test_each_rule_names_a_test() -> None:
-    rows = [line for line in PAGE.splitlines() if re.match(r"\| \d", line)]
-    assert len(rows) > 10
-    assert not [row for row in rows if "tests/" not in row]
+    rules = re.findall(r"^- \*\*\d+\.\d+\*\* .*\n(?:  .*\n)+", PAGE, re.M)
+    assert len(rules) == len(re.findall(r"^- ", PAGE, re.M)) > 10
+    assert not [rule for rule in rules if "tests/" not in rule]

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.report.figures import Figure
+from benchmarks.figures import Figure
 from tests.harness import Client
 from tests.robustness.traffic import DuplicateAnswers
 from woosh_robot_agent.simulator import SimulatorThread

@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from itertools import groupby
 
-from benchmarks.report.table import markdown
+from benchmarks.figures import markdown
 from tests.robustness.rig import KINDS, BrokenPromiseError, Rig
 from tests.robustness.scenarios import BACK_WITHIN, BLOCK, Outcome, plan, run
 from woosh_robot_agent.simulator.faults import FAULTS

@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.figures import Figure, print_and_judge
 from benchmarks.processes import MIB
-from benchmarks.report.figures import Figure, print_and_judge
 from tests.harness import Client
 from tests.quick_chassis import quick_config
 from tests.robustness.agent_process import DebugAgentProcess, connected_agent

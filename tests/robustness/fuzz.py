@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from benchmarks.report.table import markdown
+from benchmarks.figures import markdown
 from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target, batches
 
 HANG_TIMEOUT = 120

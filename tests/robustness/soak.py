@@ -22,9 +22,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
+from benchmarks.figures import Figure, markdown, print_and_judge
 from benchmarks.processes import MIB
-from benchmarks.report.figures import Figure, print_and_judge
-from benchmarks.report.table import markdown
 from tests.harness import Client
 from tests.quick_chassis import quick_config
 from tests.robustness.agent_process import DebugAgentProcess, connected_agent

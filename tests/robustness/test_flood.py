@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.report.figures import figures_table
+from benchmarks.figures import figures_table
 from tests.robustness.flood import Size, run
 
 
