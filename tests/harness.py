@@ -225,8 +225,14 @@ class Client:
         self.in_executor(lambda: self.node.destroy_client(probe))
 
     def call(self, srv: Any, name: str, timeout: float = TIMEOUT, **fields: Any) -> Any:
-        """Call a service; return its response."""
-        return wait_future(self.call_async(srv, name, **fields), timeout)
+        """Call a service; return its response.
+
+        The call is repeated if a busy machine has just held up the agent, which then moves nothing.
+        """
+        while True:
+            response = wait_future(self.call_async(srv, name, **fields), timeout)
+            if "the agent stood still" not in getattr(response, "msg", ""):
+                return response
 
     def call_async(self, srv: Any, name: str, **fields: Any) -> Any:
         """Call a service; return the future of its response."""

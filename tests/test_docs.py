@@ -69,7 +69,7 @@ def test_the_documented_limits_match_the_code() -> None:
         f"`--max-connections` ({simulator.max_connections})",
         f"The simulator listens on {simulator.host}.",
         f"`max_frame_size` bytes ({link.max_frame_size >> 20} MiB)",
-        f"`max_in_flight` requests ({link.max_in_flight})",
+        f"At most {link.max_in_flight} requests",
         f"up to {link.backoff_max:g} s",
     ):
         assert said in text, said

@@ -7,10 +7,11 @@ file.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -136,9 +137,21 @@ def parameters_of(settings_class: Any) -> tuple[Parameter, ...]:
     )
 
 
-def _switch(description: str) -> Any:
-    """Return the field of a parameter that enables a part."""
-    return parameter_field(True, description, read_only=True)
+PARTS = (
+    "battery_state",
+    "cmd_vel",
+    "connected",
+    "diagnostics",
+    "footprint",
+    "goal_pose",
+    "initialpose",
+    "map",
+    "odom",
+    "plan",
+    "scan",
+    "stop",
+)
+"""Parts of the standard layer that `disabled_parts` can switch off. /tf has `publish_tf`."""
 
 
 @dataclass(frozen=True)
@@ -146,21 +159,14 @@ class StandardSettings:
     """The values of the standard layer's parameters; each field has a description.
 
     Raises:
-        ValueError: the name of a frame is invalid.
+        ValueError: the name of a frame or a part is invalid.
     """
 
-    enable_odom: bool = _switch("Publish odom.")
-    enable_scan: bool = _switch("Publish scan.")
-    enable_battery_state: bool = _switch("Publish battery_state.")
-    enable_map: bool = _switch("Publish map.")
-    enable_plan: bool = _switch("Publish plan.")
-    enable_footprint: bool = _switch("Publish footprint.")
-    enable_cmd_vel: bool = _switch("Drive the robot by cmd_vel.")
-    enable_initialpose: bool = _switch("Set the robot's pose by initialpose.")
-    enable_goal_pose: bool = _switch("Navigate by goal_pose, and offer the service cancel.")
-    enable_stop: bool = _switch("Offer the service stop.")
-    enable_connected: bool = _switch("Publish connected.")
-    enable_diagnostics: bool = _switch("Publish /diagnostics.")
+    disabled_parts: tuple[str, ...] = parameter_field(
+        ("",),
+        f"Standard topics and services that are switched off, any of {', '.join(PARTS)}.",
+        read_only=True,
+    )
     publish_tf: bool = parameter_field(
         False, "Publish map -> odom -> base_link on /tf.", read_only=True
     )
@@ -247,6 +253,15 @@ class StandardSettings:
                 raise ValueError(f"{name} must not begin with a slash: {frame!r}")
             if not frame and name != "frame_prefix":
                 raise ValueError(f"{name} must not be empty")
+        if unknown := set(self.disabled_parts) - set(PARTS):
+            raise ValueError(
+                f"disabled_parts has no part {', '.join(sorted(unknown))!r}; the parts are "
+                f"{', '.join(PARTS)}"
+            )
+
+    def enables(self, part: str) -> bool:
+        """Return True if a part of the standard layer is on: one of `PARTS`, or `tf`."""
+        return self.publish_tf if part == "tf" else part not in self.disabled_parts
 
     @property
     def velocity_limits(self) -> VelocityLimits:
@@ -289,14 +304,13 @@ _LINK_PARAMETERS = (
         0,
         2**32 - 1,
     ),
-    _link("connect_timeout", "Timeout for opening the connection, in seconds.", 0.1, 60.0),
     _link(
-        "handshake_timeout",
-        "Timeout for the first RobotInfo, with which the link becomes ready, in seconds.",
+        "connect_timeout",
+        "Timeout for opening the connection, and again for the first RobotInfo, with which the "
+        "link becomes ready, in seconds.",
         0.1,
         60.0,
     ),
-    _link("close_timeout", "Timeout for an orderly end of the connection, in seconds.", 0.1, 2.0),
     _link(
         "liveness_timeout",
         "Time without a sign of life from the chassis after which the link counts as lost, in "
@@ -304,33 +318,7 @@ _LINK_PARAMETERS = (
         0.5,
         600.0,
     ),
-    _link(
-        "backoff_min",
-        "Delay before the first attempt to reconnect, in seconds; it doubles with each attempt.",
-        0.05,
-        60.0,
-    ),
-    _link("backoff_max", "Maximum delay between attempts to reconnect, in seconds.", 0.05, 3600.0),
-    _link(
-        "stable_after",
-        "Time that the link must be ready before the delay returns to backoff_min, in seconds.",
-        0.0,
-        3600.0,
-    ),
     _link("max_frame_size", "Maximum size of a frame from the chassis, in bytes.", 1024, 2**31 - 1),
-    _link(
-        "max_in_flight",
-        "Maximum number of requests in flight; further requests fail at once.",
-        1,
-        10000,
-    ),
-    _link(
-        "push_queue",
-        "Maximum number of status codes, task reports or feedbacks that wait to be published; the "
-        "oldest are dropped.",
-        1,
-        1_000_000,
-    ),
 )
 
 
@@ -382,6 +370,38 @@ _STANDARD_PARAMETERS = parameters_of(StandardSettings)
 PARAMETERS = (*_LINK_PARAMETERS, *_OWN_PARAMETERS, *_STANDARD_PARAMETERS)
 """All parameters of the agent, in the order of the documentation."""
 _BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+GONE = {
+    **{f"enable_{part}": f'list it in disabled_parts: ["{part}"]' for part in PARTS},
+    "handshake_timeout": "set connect_timeout, which holds for both steps",
+    **dict.fromkeys(
+        ("close_timeout", "backoff_min", "backoff_max", "stable_after", "max_in_flight"),
+        "its value is fixed",
+    ),
+    "push_queue": "its value is fixed",
+}
+"""Parameters that do not exist any more, and what to do instead."""
+
+
+def check_names(names: Iterable[str]) -> list[str]:
+    """Check the names of parameters that a user has set.
+
+    Returns:
+        A warning for each name that looks like a misspelt one. Others may belong to other nodes
+        that share the parameter file.
+
+    Raises:
+        ValueError: a parameter does not exist any more.
+    """
+    unknown = [name for name in names if name not in _BY_NAME]
+    for name in unknown:
+        if name in GONE:
+            raise ValueError(f"there is no parameter {name}: {GONE[name]}")
+    guesses = ((name, difflib.get_close_matches(name, _BY_NAME, 1, 0.8)) for name in unknown)
+    return [
+        f"there is no parameter {name}, and setting it has no effect; did you mean {guess[0]}?"
+        for name, guess in guesses
+        if guess
+    ]
 
 
 def check(values: Mapping[str, Any]) -> Settings:
@@ -395,16 +415,23 @@ def check(values: Mapping[str, Any]) -> Settings:
     if values["executor"] not in EXECUTORS:
         raise ValueError(f"executor must be one of {list(EXECUTORS)}, not {values['executor']!r}")
     own = {parameter.name: values[parameter.name] for parameter in _OWN_PARAMETERS}
-    # a parameter file cannot hold an empty array: one empty name stands for it
-    own["robots"] = () if list(own["robots"]) == [""] else tuple(own["robots"])
+    own["robots"] = _names(own["robots"])
+    standard = {parameter.name: values[parameter.name] for parameter in _STANDARD_PARAMETERS}
+    standard["disabled_parts"] = _names(standard["disabled_parts"])
     return Settings(
         link=LinkConfig(
             **{parameter.name: values[parameter.name] for parameter in _LINK_PARAMETERS},
+            handshake_timeout=values["connect_timeout"],
             request_timeout=values["poll_timeout"] / 1000,
         ),
-        standard=StandardSettings(**{p.name: values[p.name] for p in _STANDARD_PARAMETERS}),
+        standard=StandardSettings(**standard),
         **own,
     )
+
+
+def _names(value: Sequence[str]) -> tuple[str, ...]:
+    """Return the names in an array; a parameter file writes an empty one with one empty name."""
+    return () if list(value) == [""] else tuple(value)
 
 
 def markdown() -> str:

@@ -14,7 +14,6 @@ from benchmarks.options import Options
 from benchmarks.processes import MIB, Program, agent_command, running, running_chassis
 from tests.harness import Client
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
-from woosh_robot_agent.parameters import PARAMETERS
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.testing import wait_until
 
@@ -45,9 +44,8 @@ def entities() -> Iterator[str]:
         yield f"latched:{topic.msg}:{topic.name}:{topic.depth}"
     for action in ACTIONS:
         yield f"action:{action.action}:{action.name}:0"
-    off = {each.name for each in PARAMETERS if each.initial is False}
     for entry in STANDARD:
-        if entry.switch not in off:
+        if entry.part != "tf":
             kind = _KINDS.get(entry.kind, "publisher")
             yield f"{kind}:{entry.type}:{entry.name}:{entry.depth}"
 

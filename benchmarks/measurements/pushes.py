@@ -184,7 +184,9 @@ def push_path(
         running_chassis(domain, transport=transport) as (chassis, port),
         running("benchmarks.floors.publish", f"ws://127.0.0.1:{port}", domain=domain)
         if floor
-        else running_agent(domain, port, options, enable_odom=odom) as program,
+        else running_agent(
+            domain, port, options, disabled_parts=["" if odom else "odom"]
+        ) as program,
     ):
         path = PushPath(chassis, [program], [subscriber])
         path.warm_up(2.0 * options.scale)

@@ -126,7 +126,7 @@ def _ranges(numbers: list[int]) -> str:
 def _kind(response: Any) -> str:
     if response.ok:
         return "ok"
-    return "too many" if "raise max_in_flight" in response.msg else response.msg[:60]
+    return "too many" if "requests are in flight" in response.msg else response.msg[:60]
 
 
 def main(rate: str, seconds: str) -> None:

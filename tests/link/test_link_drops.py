@@ -44,7 +44,9 @@ async def test_refused_requests_are_counted_and_logged(caplog: pytest.LogCapture
         await soon(waiting)
         assert client.stats.refused_requests == {"woosh.robot.Speak": 7}
         await eventually(lambda: about(caplog, "none since then"))
-        (begun, why), (over, number) = about(caplog, "max_in_flight", "too many were in flight")
+        (begun, why), (over, number) = about(
+            caplog, "requests are in flight", "too many were in flight"
+        )
         assert (begun, over) == (logging.WARNING, logging.INFO)
         assert "woosh.robot.Speak was not sent" in why
         assert number.startswith("7 requests were refused")

@@ -14,7 +14,7 @@ NAME = "robot/AgentInfo"
 def test_it_is_false_before_the_first_link(
     start_agent: Callable[..., RunningAgent], client: Client
 ) -> None:
-    start_agent(ip="127.0.0.1", port=1, enable_connected=False)
+    start_agent(ip="127.0.0.1", port=1, disabled_parts=["connected"])
     assert [m.online for m in client.echo(AgentInfo, NAME).wait_count(1)] == [False]
 
 

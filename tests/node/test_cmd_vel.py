@@ -293,7 +293,9 @@ class TestRefused:
         simulator.wait_received(TWIST)
 
     def test_cmd_vel_can_be_switched_off(self, simulator, start_agent, client):
-        start_agent(ip="127.0.0.1", port=simulator.port, enable_cmd_vel=False).wait_connected()
+        start_agent(
+            ip="127.0.0.1", port=simulator.port, disabled_parts=["cmd_vel"]
+        ).wait_connected()
         wait_until(lambda: client.publishers("connected"), "the agent")
         assert not client.node.count_subscribers(client.path("cmd_vel"))
 

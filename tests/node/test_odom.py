@@ -309,7 +309,7 @@ def test_odom_stops_while_the_link_is_lost(slow_simulator, start, client):
 
 
 def test_odom_can_be_switched_off(start, client):
-    start(enable_odom=False)
+    start(disabled_parts=["odom"])
     wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
     assert not client.publishers("odom")
     assert not client.publishers("/tf")

@@ -97,9 +97,7 @@ BAD = [
     ({"goal_link_timeout": float("inf")}, "goal_link_timeout"),
     ({"goal_link_timeout": "long"}, "goal_link_timeout"),
     ({"goal_link_timeout": True}, "goal_link_timeout"),
-    ({"backoff_min": 5.0, "backoff_max": 1.0}, "backoff"),
     ({"max_frame_size": 0}, "max_frame_size"),
-    ({"max_in_flight": 0}, "max_in_flight"),
     ({"executor": "fast"}, "executor"),
     ({"executor": "single"}, "read-only"),
     ({"result_timeout": 5}, "read-only"),
@@ -118,7 +116,16 @@ def test_bad_value_is_refused_with_the_reason(client: Client) -> None:
 
 @pytest.mark.parametrize(
     ("parameter", "reason"),
-    [({"ip": "a b"}, "ip"), ({"executor": "fast"}, "executor"), ({"encoding": "xml"}, "encoding")],
+    [
+        ({"ip": "a b"}, "ip"),
+        ({"executor": "fast"}, "executor"),
+        ({"encoding": "xml"}, "encoding"),
+        ({"disabled_parts": ["scan", "gripper"]}, "no part 'gripper'; the parts are battery_state"),
+        (
+            {"enable_scan": False},
+            r'no parameter enable_scan: list it in disabled_parts: \["scan"\]',
+        ),
+    ],
 )
 def test_bad_value_at_the_start_is_refused(
     start_agent: Callable[..., RunningAgent], parameter: dict[str, Any], reason: str
@@ -207,10 +214,11 @@ def test_several_changes_at_once_are_checked_one_by_one(
     response = client.call(
         SetParameters,
         "agent/set_parameters",
-        parameters=messages({"backoff_min": 0.2, "backoff_max": 0.1, "poll_timeout": 2000}),
+        parameters=messages({"robot_id": 7, "encoding": "xml", "poll_timeout": 2000}),
     )
     assert [result.successful for result in response.results] == [True, False, True]
-    assert "backoff_max" in response.results[1].reason
+    assert "encoding" in response.results[1].reason
     agent.wait_connected()
     assert agent.agent.settings.link.request_timeout == 2.0
-    assert agent.agent.settings.link.backoff_max == 15.0
+    assert agent.agent.settings.link.robot_id == 7
+    assert agent.agent.settings.link.encoding == "json"

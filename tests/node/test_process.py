@@ -32,7 +32,6 @@ WITHOUT_WARNING = ["-p", "executor:=single"] if HUMBLE else []
 LONG = {
     "poll_timeout": 600_000,
     "connect_timeout": 60.0,
-    "handshake_timeout": 60.0,
     "liveness_timeout": 600.0,
     "goal_link_timeout": 600.0,
 }

@@ -14,14 +14,12 @@ from tf2_msgs.msg import TFMessage
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
 from tests.quick_chassis import quick_config
-from woosh_robot_agent.parameters import StandardSettings, parameters_of
+from woosh_robot_agent.parameters import PARTS, StandardSettings
 from woosh_robot_agent.ros.standard.diagnostics import Diagnostics
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 
 TWIST = "woosh.robot.Twist"
-PARAMETERS = parameters_of(StandardSettings)
-SWITCHES = [p.name for p in PARAMETERS if p.name.startswith("enable_") or p.name == "publish_tf"]
 
 
 def endpoints(client: Client) -> dict[str, Any]:
@@ -81,15 +79,16 @@ def test_the_agent_has_all_endpoints_of_the_table(start_agent, client):
 
 
 def test_all_parts_can_be_switched_off(start_agent, client):
-    start_agent(ip="127.0.0.1", port=1, **dict.fromkeys(SWITCHES, False))
+    start_agent(ip="127.0.0.1", port=1, disabled_parts=list(PARTS))
     wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
     assert not endpoints(client)
 
 
-@pytest.mark.parametrize("switch", SWITCHES)
-def test_each_part_can_be_used_alone(switch, start_agent, client):
-    start_agent(ip="127.0.0.1", port=1, **{name: name == switch for name in SWITCHES})
-    wait_for_endpoints(client, {entry.name for entry in STANDARD if entry.switch == switch})
+@pytest.mark.parametrize("part", [*PARTS, "tf"])
+def test_each_part_can_be_used_alone(part, start_agent, client):
+    off = [each for each in PARTS if each != part]
+    start_agent(ip="127.0.0.1", port=1, disabled_parts=off, publish_tf=part == "tf")
+    wait_for_endpoints(client, {entry.name for entry in STANDARD if entry.part == part})
 
 
 def test_a_part_that_failed_runs_again(

@@ -214,10 +214,10 @@ def test_once_names_a_latched_topic_without_a_message(
 
 
 def test_once_works_with_an_agent_that_does_not_publish_connected(watching, start_agent, simulator):
-    start_agent(ip="127.0.0.1", port=simulator.port, enable_connected=False).wait_connected()
+    start_agent(ip="127.0.0.1", port=simulator.port, disabled_parts=["connected"]).wait_connected()
     status, text = Output(watching).wait()
     assert "it is unknown whether it is connected" in text
-    assert "enable_connected" in text
+    assert "disabled_parts" in text
     assert status == 0
 
 

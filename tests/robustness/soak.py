@@ -43,7 +43,6 @@ SPEED = 20
 PARAMETERS: dict[str, Any] = {
     "poll_timeout": 3000,
     "liveness_timeout": 4.0,
-    "backoff_max": 1.0,
     "goal_link_timeout": 2.0,
     "result_timeout": 5,
 }

@@ -436,8 +436,8 @@ class Connection:
         in_flight = len(self._pending) - self._urgent_pending
         if in_flight >= self.config.max_in_flight:
             text = (
-                f"{name} was not sent because {in_flight} requests are in flight; call less often, "
-                "or raise max_in_flight"
+                f"{name} was not sent because {in_flight} requests are in flight; wait for "
+                "their answers, or call less often"
             )
             self._stats.refused_requests[name] += 1
             self._drops.count("requests were refused because too many were in flight", text)

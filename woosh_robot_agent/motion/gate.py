@@ -261,8 +261,9 @@ class MotionGate:
             reason: why motion is refused.
             timeout: time to wait for the answer to the zero, in seconds.
         """
-        self._forbid(reason, timeout)
+        self._velocities.withdraw(reason)
         if self.driving:
+            self._forbid(reason, timeout)
             try:
                 await self._send_zero(timeout)
             except LinkError as error:

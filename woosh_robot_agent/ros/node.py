@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -22,7 +22,7 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check
+from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check, check_names
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.watch import Watch
@@ -30,6 +30,7 @@ from woosh_robot_agent.ros.actions.actions import Actions
 from woosh_robot_agent.ros.bridge import LinkThread, LoopThread, outcome
 from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.logs import context_of, expect_losses, log_as, log_to_ros
+from woosh_robot_agent.ros.rclpy_private import parameter_overrides
 from woosh_robot_agent.ros.releases import on_parameters_set
 from woosh_robot_agent.ros.second_agent import SecondAgent
 from woosh_robot_agent.ros.services import Services
@@ -56,6 +57,8 @@ class ParameterNode(Node):
         super().__init__("agent", **options)
         self._callback: Callable[[Settings], None] | None = None
         try:
+            for warning in check_names(parameter_overrides(self)):
+                self.get_logger().warning(warning)
             for each in PARAMETERS:
                 initial = (defaults or {}).get(each.name, each.initial)
                 self.declare_parameter(each.name, initial, each.descriptor())
@@ -122,6 +125,7 @@ class Agent:
         node: the node; by default a new one.
         thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
             after closing the agent.
+        link: fields of `LinkConfig` that are no parameters, e.g. `backoff_min`.
         options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
 
     Raises:
@@ -132,6 +136,8 @@ class Agent:
         self,
         node: ParameterNode | None = None,
         thread: LoopThread | None = None,
+        *,
+        link: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
         self.node = node or ParameterNode(**options)
@@ -139,8 +145,9 @@ class Agent:
         used = thread or LoopThread()
         self._own_thread = None if thread else used
         self._thread = LinkThread(used, context_of(self.node.get_logger()))
+        self._link_fields = dict(link or {})
         self._chassis = ChassisClient(
-            config=self.settings.link, minimum_timeouts=minimum_timeouts()
+            config=self._link_config(), minimum_timeouts=minimum_timeouts()
         )
         self._requests = RequestMaker(self.settings.link.robot_id)
         # first: it reports unreadable pushes before others see them
@@ -290,7 +297,10 @@ class Agent:
             # not a task: it would begin after commands that come right after this change
             self._thread.call(self._set_observing, settings.observe_only)
         if settings.link != before.link:
-            self._thread.spawn(partial(self._reconfigure, settings.link))
+            self._thread.spawn(partial(self._reconfigure, self._link_config()))
+
+    def _link_config(self) -> LinkConfig:
+        return replace(self.settings.link, **self._link_fields)
 
     def _set_observing(self, observe_only: bool) -> None:
         if not observe_only:

@@ -85,3 +85,11 @@ def take_with_info(executor: Any, wants_info: Callable[[Any], bool]) -> None:
         return taken and (taken if wants_info(subscription.callback) else taken[0])
 
     executor._take_subscription = take
+
+
+def parameter_overrides(node: Any) -> dict[str, Any]:
+    """Return the parameters that were set for a node at its start, declared or not.
+
+    Replaceable by: a public property of `Node`.
+    """
+    return dict(node._parameter_overrides)

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
 from typing import Any, Protocol, TypeVar
 
 import rclpy
@@ -22,6 +23,8 @@ from rclpy.parameter import Parameter
 
 from woosh_robot_agent.agent import make_executor
 from woosh_robot_agent.endpoints import NAMESPACE
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.parameters import PARAMETERS
 from woosh_robot_agent.ros.node import Agent
 from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
@@ -223,13 +226,17 @@ class RunningAgent(Protocol):
         """End the agent as Ctrl-C does; further calls do nothing."""
 
 
+_LINK_FIELDS = {field.name for field in fields(LinkConfig)} - {p.name for p in PARAMETERS}
+"""Fields of the link's configuration that are no parameters."""
+
+
 class AgentInProcess:
     """The agent in this process, with its own context, executor and thread.
 
     Args:
         domain: ROS_DOMAIN_ID of the agent.
         namespace: Namespace of the agent.
-        parameters: Parameters of the agent.
+        parameters: Parameters of the agent, and fields of `LinkConfig`, e.g. `backoff_min`.
 
     Attributes:
         agent: The `woosh_robot_agent.ros.node.Agent`.
@@ -248,9 +255,10 @@ class AgentInProcess:
         self.context = Context()
         arguments = ["--ros-args", "-r", f"__ns:={namespace}"] if namespace else []
         rclpy.init(args=arguments, context=self.context, domain_id=domain)
+        link = {name: parameters.pop(name) for name in _LINK_FIELDS & parameters.keys()}
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         try:
-            self.agent = Agent(context=self.context, parameter_overrides=overrides)
+            self.agent = Agent(context=self.context, parameter_overrides=overrides, link=link)
         except BaseException:
             rclpy.try_shutdown(context=self.context)
             raise
@@ -396,9 +404,10 @@ def running_agent(
         ValueError: A parameter is invalid.
     """
     tcp = parameters.get("transport") == "tcp"
-    link = {"ip": "127.0.0.1", "port": chassis.tcp_port if tcp else chassis.port}
-    # Tests wait for the link after a drop: reconnect soon.
-    parameters = {**link, "backoff_min": 0.1, **parameters}
+    link: dict[str, Any] = {"ip": "127.0.0.1", "port": chassis.tcp_port if tcp else chassis.port}
+    if not process:  # tests wait for the link after a drop: reconnect soon
+        link["backoff_min"] = 0.1
+    parameters = {**link, **parameters}
     with contextlib.ExitStack() as stack:
         if domain is None:
             domain = stack.enter_context(own_domain())

@@ -45,7 +45,7 @@ def start_fleet(
 
     def start(**common: Any) -> Program:
         own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
-        common = {"backoff_min": 0.1, **LONG, **common}
+        common = {**LONG, **common}
         program = start_program(
             "--params-file", str(write_parameters(tmp_path, NAMES, common, **own))
         )

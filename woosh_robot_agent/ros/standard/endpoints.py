@@ -27,7 +27,7 @@ class StandardEndpoint:
         name: name of the topic or service.
         type: ROS type, `package/Name`.
         kind: kind of the endpoint.
-        switch: parameter that enables it.
+        part: part of the standard layer that it belongs to, as in `parameters.PARTS`, or `tf`.
         meaning: description for the documentation.
         depth: queue size of the publisher or subscription.
     """
@@ -35,7 +35,7 @@ class StandardEndpoint:
     name: str
     type: str
     kind: Kind
-    switch: str
+    part: str
     meaning: str
     depth: int = 1
 
@@ -50,7 +50,7 @@ STANDARD = (
         "odom",
         "nav_msgs/Odometry",
         Kind.STREAM,
-        "enable_odom",
+        "odom",
         "pose in `odom`, velocity in `base_link`",
         10,
     ),
@@ -58,18 +58,18 @@ STANDARD = (
         "/tf",
         "tf2_msgs/TFMessage",
         Kind.STREAM,
-        "publish_tf",
+        "tf",
         "`map` -> `odom` -> `base_link`, with each message on `odom`",
         100,
     ),
     StandardEndpoint(
-        "/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "publish_tf", "`base_link` -> `laser`"
+        "/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "tf", "`base_link` -> `laser`"
     ),
     StandardEndpoint(
         "scan",
         "sensor_msgs/LaserScan",
         Kind.STREAM,
-        "enable_scan",
+        "scan",
         "laser scan, requested only while there are subscribers",
         5,
     ),
@@ -77,31 +77,31 @@ STANDARD = (
         "battery_state",
         "sensor_msgs/BatteryState",
         Kind.LATCHED,
-        "enable_battery_state",
+        "battery_state",
         "state of charge, and whether the battery is charging",
     ),
     StandardEndpoint(
         "map",
         "nav_msgs/OccupancyGrid",
         Kind.LATCHED,
-        "enable_map",
+        "map",
         "current map, or the one that the robot is making",
     ),
     StandardEndpoint(
-        "plan", "nav_msgs/Path", Kind.LATCHED, "enable_plan", "path that the robot is following"
+        "plan", "nav_msgs/Path", Kind.LATCHED, "plan", "path that the robot is following"
     ),
     StandardEndpoint(
         "footprint",
         "geometry_msgs/PolygonStamped",
         Kind.LATCHED,
-        "enable_footprint",
+        "footprint",
         "current outline of the robot",
     ),
     StandardEndpoint(
         "cmd_vel",
         "geometry_msgs/Twist",
         Kind.INPUT,
-        "enable_cmd_vel",
+        "cmd_vel",
         "velocity command; repeat it to keep driving",
         1,
     ),
@@ -109,7 +109,7 @@ STANDARD = (
         "initialpose",
         "geometry_msgs/PoseWithCovarianceStamped",
         Kind.INPUT,
-        "enable_initialpose",
+        "initialpose",
         "sets the pose of the robot in the map",
         10,
     ),
@@ -117,7 +117,7 @@ STANDARD = (
         "goal_pose",
         "geometry_msgs/PoseStamped",
         Kind.INPUT,
-        "enable_goal_pose",
+        "goal_pose",
         "navigates to a pose",
         10,
     ),
@@ -125,28 +125,28 @@ STANDARD = (
         "cancel",
         "std_srvs/Trigger",
         Kind.SERVICE,
-        "enable_goal_pose",
+        "goal_pose",
         "cancels the navigation to `goal_pose`",
     ),
     StandardEndpoint(
         "stop",
         "std_srvs/Trigger",
         Kind.SERVICE,
-        "enable_stop",
+        "stop",
         "stops the robot, and cancels its task and actions",
     ),
     StandardEndpoint(
         "connected",
         "std_msgs/Bool",
         Kind.LATCHED,
-        "enable_connected",
+        "connected",
         "true while the link to the chassis is ready",
     ),
     StandardEndpoint(
         "/diagnostics",
         "diagnostic_msgs/DiagnosticArray",
         Kind.STREAM,
-        "enable_diagnostics",
+        "diagnostics",
         "link, chassis, battery, hardware, abnormal codes, motion, clock and agents, at 1 Hz",
         10,
     ),

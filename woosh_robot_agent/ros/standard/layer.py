@@ -26,20 +26,20 @@ _RESTART_DELAY = 1.0
 """Delay before a part that failed runs again, in seconds."""
 
 PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
-    (Odom, ("enable_odom", "publish_tf")),
-    (Scan, ("enable_scan", "publish_tf")),
-    (battery_part, ("enable_battery_state",)),
-    (Map, ("enable_map",)),
-    (plan_part, ("enable_plan",)),
-    (footprint_part, ("enable_footprint",)),
-    (CmdVel, ("enable_cmd_vel",)),
-    (InitialPose, ("enable_initialpose",)),
-    (GoalPose, ("enable_goal_pose",)),
-    (Stop, ("enable_stop",)),
-    (Connected, ("enable_connected",)),
-    (Diagnostics, ("enable_diagnostics",)),
+    (Odom, ("odom", "tf")),
+    (Scan, ("scan", "tf")),
+    (battery_part, ("battery_state",)),
+    (Map, ("map",)),
+    (plan_part, ("plan",)),
+    (footprint_part, ("footprint",)),
+    (CmdVel, ("cmd_vel",)),
+    (InitialPose, ("initialpose",)),
+    (GoalPose, ("goal_pose",)),
+    (Stop, ("stop",)),
+    (Connected, ("connected",)),
+    (Diagnostics, ("diagnostics",)),
 )
-"""Constructor of each part, and the parameters that enable it; one of them suffices."""
+"""Constructor of each object, and the parts that it provides; one that is on suffices."""
 
 
 class StandardLayer:
@@ -77,6 +77,6 @@ async def _keep_running(part: Part) -> None:
 
 def _parts(context: PartContext) -> Iterator[Part]:
     settings = context.settings()
-    for create, switches in PARTS:
-        if any(getattr(settings, switch) for switch in switches):
+    for create, parts in PARTS:
+        if any(map(settings.enables, parts)):
             yield create(context)

@@ -43,7 +43,9 @@ class Odom(Part):
         self._prediction = Prediction()
         settings = context.settings()
         self._subscribers = context.subscribers()
-        self._odom = context.publisher("odom", self._subscribers) if settings.enable_odom else None
+        self._odom = (
+            context.publisher("odom", self._subscribers) if settings.enables("odom") else None
+        )
         self._tf = context.publisher("/tf", self._subscribers) if settings.publish_tf else None
         # created once and reused: creating a message takes longer than publishing it
         self._message = OdometryMsg(child_frame_id=context.frame("base"))

@@ -44,7 +44,9 @@ class Scan(Part):
         self._log = LogOnce(_LOG)
         settings = context.settings()
         self._subscribers = context.subscribers()
-        self._scan = context.publisher("scan", self._subscribers) if settings.enable_scan else None
+        self._scan = (
+            context.publisher("scan", self._subscribers) if settings.enables("scan") else None
+        )
         with_tf = settings.publish_tf and settings.publish_laser_tf
         self._tf_static = context.publisher("/tf_static") if with_tf else None
         self._laser_pose: Pose2D | None = None

@@ -51,7 +51,7 @@ _ROBOT_INFO = next(query for query in QUERIES if query.request == full_name(Robo
 _CONNECTED = "connected"
 _AGENT_TOPIC = TOPICS[0]
 """Topic whose publisher is taken for the agent."""
-_PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id", "enable_connected")
+_PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id", "disabled_parts")
 """Parameters requested from the agent, to show the address and to see that it is alive."""
 
 
@@ -216,7 +216,7 @@ class RosSource:
             detail = f"it is unknown whether the agent is connected to {address}"
         else:
             text = f"the agent answers; it is unknown whether it is connected to {address}"
-            detail = "to see it, set the agent's parameter enable_connected to true"
+            detail = "to see it, take connected out of the agent's parameter disabled_parts"
         return LinkReport(True, text, "; ".join(filter(None, (detail, self._problems()))))
 
     def _is_awaiting(self) -> bool:
@@ -329,7 +329,7 @@ class RosSource:
         self._expected.clear()
 
     def _on_parameters(self, response: Any) -> None:
-        transport, ip, port, encoding, robot_id, enable_connected = response.values
+        transport, ip, port, encoding, robot_id, disabled_parts = response.values
         self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
         self._address += f" over {transport.string_value}"
         config: dict[str, Any] = {
@@ -341,7 +341,7 @@ class RosSource:
         }
         with contextlib.suppress(ValueError):  # the agent has no such parameter, or refuses it
             self._doctor = f"doctor {link_arguments(LinkConfig(**config))}"
-        if enable_connected.bool_value:
+        if "connected" not in disabled_parts.string_array_value:
             self._expected.add(_CONNECTED)
         self._agent_answered_at = time.monotonic()
 
