@@ -12,7 +12,7 @@ from typing import Any
 
 import paho.mqtt.client as paho
 
-from woosh_robot_agent.vda5050.messages.parsing import defect
+from woosh_robot_agent.vda5050.messages.reading import defect
 
 VERSIONS = {"v2": "2.1.0", "v3": "3.0.0"}
 _TIMEOUT = 60.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,7 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.robot.status import Limits
-from woosh_robot_agent.vda5050.vehicle import Vehicle
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
 
 VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
 """Starts a vehicle at the broker; the keyword arguments are fields of `VehicleConfig`."""
@@ -66,9 +66,15 @@ def vehicle(chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> 
     """Function that starts a vehicle of the simulated chassis."""
 
     @asynccontextmanager
-    async def start(**options: Any) -> Any:
-        link = LinkConfig(ip="127.0.0.1", port=chassis.port, backoff_max=1.0)
-        started = Vehicle(VehicleConfig(link, **options), BrokerConfig.from_url(broker.url))
+    async def start(request_timeout: float = LinkConfig.request_timeout, **options: Any) -> Any:
+        link = LinkConfig(
+            ip="127.0.0.1",
+            port=chassis.port,
+            backoff_max=1.0,
+            request_timeout=request_timeout,
+        )
+        address = replace(BrokerConfig.from_url(broker.url), backoff_max=1.0)
+        started = Vehicle(VehicleConfig(link, **options), address)
         started.start()
         try:
             yield started

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,12 +23,9 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
-from woosh_robot_agent.vda5050 import driving
-from woosh_robot_agent.vda5050.actions import robot_calls, standard
-from woosh_robot_agent.vda5050.messages.state import ActionStatus
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.vehicle import Vehicle
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+from woosh_robot_agent.vda5050.robot.link import Timing
+from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
 
 START = (4.23276472, -6.6727581)
 SLOW_STEP = {"distance": 1.0, "speed": 0.02}
@@ -87,18 +83,10 @@ async def test_a_pause_before_an_order_holds_it_back(
 
 @aio
 async def test_a_pause_also_pauses_what_the_robot_moves(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
 ) -> None:
-    async with Master(broker.port) as master, vehicle() as started:
-        seen: list[ActionStatus] = []
-        original = started.action_changed
-
-        def watch(action_id: str, status: ActionStatus, result: str) -> None:
-            if action_id == "step":
-                seen.append(status)
-            original(action_id, status, result)
-
-        started.action_changed = watch
+    """In version 2.1, a paused action is reported as running."""
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
         await master.online()
         master.instant(action("step", "step", **SLOW_STEP))
         await eventually(lambda: chassis.state.velocity.speed > 0.0)
@@ -111,8 +99,7 @@ async def test_a_pause_also_pauses_what_the_robot_moves(
         assert status_of(ended, "r") == "FINISHED"
         assert chassis.state.odometer > where
     assert commands(chassis) == [f"step_control {each}" for each in ("execute", "pause", "resume")]
-    running, pause = ActionStatus.RUNNING, ActionStatus.PAUSED
-    assert seen[-4:] == [running, pause, running, ActionStatus.FINISHED]
+    assert statuses(recorder, "step")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
@@ -256,14 +243,15 @@ async def test_a_blocking_instant_action_begins_when_the_robot_stands(
     vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
 ) -> None:
     speeds: list[float] = []
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE) as started:
-        perform = started._calls.perform
+    simulator = chassis.call(lambda simulator: simulator)
 
-        async def watch(command: Any, report: Any) -> str:
-            speeds.append(chassis.state.velocity.speed)
-            return await perform(command, report)
+    def note_speed(out: Outgoing) -> list[Outgoing]:
+        if out.request == full_name(CallAction):
+            speeds.append(simulator.state.velocity.speed)
+        return [out]
 
-        started._calls.perform = watch
+    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+        chassis.intercept(note_speed)
         await at_full_speed(master, chassis)
         master.instant(action("liftTo", "lift", blocking="HARD", height=0.1))
         await master.wait_state(lambda state: status_of(state, "lift") == "FINISHED")
@@ -332,14 +320,10 @@ async def test_a_pause_survives_a_restart(
 
 @aio
 async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_obeys(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    monkeypatch: pytest.MonkeyPatch,
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
 ) -> None:
-    monkeypatch.setattr(standard, "TIMEOUT", 0.2)
-    monkeypatch.setattr(driving, "_REPEAT_AFTER", 0.5)
-    async with Master(broker.port) as master, vehicle():
+    timing = Timing(repeat_after=0.5, pause_within=0.2)
+    async with Master(broker.port) as master, vehicle(timing=timing):
         await drive(master, chassis)
         chassis.refuse(ORDER, "not now")
         master.instant(action("startPause", "p"))
@@ -473,13 +457,9 @@ async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(
 
 @aio
 async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    monkeypatch: pytest.MonkeyPatch,
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
 ) -> None:
-    monkeypatch.setattr(robot_calls, "_REPEAT_AFTER", 0.5)
-    async with Master(broker.port) as master, vehicle():
+    async with Master(broker.port) as master, vehicle(timing=Timing(repeat_after=0.5)):
         await master.online()
         set_speed(chassis, 1.0)
         step = action("step", "step", distance=1.0, speed=0.02)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, cast
 
 import pytest
 
@@ -13,9 +12,10 @@ from tests.vda5050.chassis_events import commands, references, result_of
 from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, Message, action, edge, error_types, node, status_of
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.messages.factsheet import Scope
+from woosh_robot_agent.vda5050.actions.runner import action_types
+from woosh_robot_agent.vda5050.messages.factsheet import Scope, objection
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
+from woosh_robot_agent.vda5050.messages.versions import V2_1, V3_0
 
 START = (4.23276472, -6.6727581)
 POSE = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "wooshmap", "lastNodeId": "a"}
@@ -154,18 +154,17 @@ async def test_the_factsheet_lists_exactly_the_supported_actions(
 
 @pytest.mark.parametrize("name", [*SCOPES, "clearInstantActions", "finePositioning"])
 def test_each_scope_is_checked(name: str) -> None:
-    registry = Registry(cast("Any", None), "2.1.0")
+    types = action_types(V2_1)
     for scope in Scope:
         given = Action("id", name, BlockingType.HARD)
-        objection = registry.objection(given, scope)
-        refuses = objection is not None and (
-            "not possible as" in objection.reason or "has no action" in objection.reason
+        wrong = objection(types, given, scope)
+        refuses = wrong is not None and (
+            "not possible as" in wrong.reason or "has no action" in wrong.reason
         )
         assert refuses == (scope not in SCOPES.get(name, set()))
 
 
 def test_version_3_has_further_names() -> None:
-    second = {each.name for each in Registry(cast("Any", None), "2.1.0").types}
-    third = {each.name for each in Registry(cast("Any", None), "3.0.0").types}
+    second, third = action_types(V2_1).keys(), action_types(V3_0).keys()
     assert second - third == {"initPosition"}
     assert third - second == {"initializePosition", "clearInstantActions"}

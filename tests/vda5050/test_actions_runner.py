@@ -5,34 +5,27 @@ from __future__ import annotations
 from typing import Any, cast
 
 from tests.tools.waiting import aio, eventually
-from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.actions.robot_calls import Pause
-from woosh_robot_agent.vda5050.actions.runner import ActionRunner
+from tests.vda5050.orders import at, path
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.vda5050.actions.performing import Context
+from woosh_robot_agent.vda5050.actions.runner import ActionRunner, action_types
+from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.order import Action
-from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
-
-
-class Record:
-    """Statuses of actions, in their sequence."""
-
-    def __init__(self) -> None:
-        self.statuses: list[ActionStatus] = []
-
-    def action_changed(self, action_id: str, status: ActionStatus, result: str) -> None:
-        self.statuses.append(status)
-
-    def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
-        pass
+from woosh_robot_agent.vda5050.messages.state import ActionStatus
+from woosh_robot_agent.vda5050.messages.versions import V2_1
+from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
+from woosh_robot_agent.vda5050.robot.link import RobotLink, Timing
 
 
 @aio
 async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
-    record = Record()
-    registry = Registry(cast(Any, None), "2.1.0")
-    runner = ActionRunner(registry, Pause(), lambda: True, lambda: False, record)
+    link = RobotLink(LinkConfig(), Timing(), lambda: None, lambda: None)
+    execution = Execution(link, V2_1, action_types(V2_1))
+    runner = ActionRunner(Context(link, execution, *cast("tuple[Any, Any, Any]", [None] * 3)))
     speak = Action("1", "speak", parameters={"text": "never said"})
-    runner.start(speak)
-    runner.end(speak)
-    await eventually(lambda: record.statuses == [ActionStatus.FAILED])
-    assert not runner.busy
-    await runner.close()
+    execution.order.moved(at(0.0))
+    execution.order.receive(path("a", actions={"a": [speak]}))
+    runner.obey(Perform(speak, at_once=True))
+    runner.obey(EndAction(speak))
+    await eventually(lambda: execution.order.status.actions[0].status is ActionStatus.FAILED)
+    await link.close()

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from tests.tools.waiting import aio
-from woosh_robot_agent.vda5050.actions.robot_calls import Conditions
+from woosh_robot_agent.vda5050.robot.link import Conditions
 
 
 @aio

@@ -21,20 +21,17 @@ from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050 import session
-from woosh_robot_agent.vda5050.messages.protocol import HeaderIds, Identity, Topic
-from woosh_robot_agent.vda5050.messages.v2_1 import Version21
+from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity, Topic
 from woosh_robot_agent.vda5050.mqtt import (
     BrokerConfig,
     MqttConnection,
     Publication,
     refused_topics,
 )
-from woosh_robot_agent.vda5050.reports import Publisher, Reports
+from woosh_robot_agent.vda5050.reports import HeaderIds, Publisher, Reports
 from woosh_robot_agent.vda5050.robot.status import Limits
 from woosh_robot_agent.vda5050.session import OtherConnector
-from woosh_robot_agent.vda5050.vehicle import Vehicle
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
 
 EXEC = "woosh.robot.ExecTask"
 
@@ -240,17 +237,11 @@ async def test_a_certificate_that_is_not_trusted_is_said_once(
 
 @aio
 async def test_two_connectors_of_a_robot_are_detected(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    monkeypatch: pytest.MonkeyPatch,
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
 ) -> None:
-    monkeypatch.setattr("woosh_robot_agent.vda5050.mqtt._BACKOFF_MAX", 1.0)
-    monkeypatch.setattr("woosh_robot_agent.vda5050.session._QUIET", 5.0)
-
-    async with Master(broker.port) as master, vehicle():
+    async with Master(broker.port) as master, vehicle(gone_after=5.0):
         await master.online()
-        async with vehicle():
+        async with vehicle(gone_after=5.0):
             await master.wait_state(lambda state: "secondConnectorError" in error_types(state))
             master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
             await master.wait_state(lambda state: state["orderId"] == "order")
@@ -266,13 +257,14 @@ async def test_two_connectors_of_a_robot_are_detected(
 
 
 def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:
-    publisher = Publisher(Version21(), Identity("Woosh", "1"), "uagv", HeaderIds())
+    publisher = Publisher(V2_1, Identity("Woosh", "1"), "uagv", HeaderIds())
     broker = MqttConnection(
         BrokerConfig("127.0.0.1", 1), "1", publisher.last_will, {}, lambda: None
     )
     broker.connected = True
+    publisher.mqtt = broker
     will = publisher.last_will()
-    publisher.publish(broker, Topic.CONNECTION, {"connectionState": "ONLINE"})
+    publisher.publish(Topic.CONNECTION, {"connectionState": "ONLINE"})
     for _ in range(100):
         publisher.last_will()
     assert publisher.is_own_connection(will.payload.encode())
@@ -283,10 +275,11 @@ def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> No
 async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart() -> None:
     saved: dict[str, int] = {}
     ids = HeaderIds(saved, saved.update)
-    publisher = Publisher(Version21(), Identity("Woosh", "1"), "uagv", ids)
+    publisher = Publisher(V2_1, Identity("Woosh", "1"), "uagv", ids)
     broker = MqttConnection(BrokerConfig("", 1), "1", publisher.last_will, {}, lambda: None)
     reports = Reports(Limits(), lambda: None, lambda: None, lambda: None)
-    reports.use(publisher, broker)
+    publisher.mqtt = broker
+    reports.use(publisher)
     will = json.loads(publisher.last_will().payload)
     broker.connected = True
     reports.connected()
@@ -297,11 +290,8 @@ async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart
 
 
 @aio
-async def test_another_connector_whose_end_was_missed_is_gone_after_a_while(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(session, "_QUIET", 0.0)
-    other = OtherConnector(lambda payload: False, lambda: None)
+async def test_another_connector_whose_end_was_missed_is_gone_after_a_while() -> None:
+    other = OtherConnector(lambda payload: False, lambda: None, gone_after=0.0)
     other.connected()
     other.received(b'{"connectionState": "ONLINE"}', False)
     assert other.error is not None

@@ -17,9 +17,7 @@ from tests.vda5050.test_first_order import START
 from woosh_robot_agent import simulator
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.vda5050 import vehicle as vehicles
-from woosh_robot_agent.vda5050.robot import maps
-from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.robot.link import Timing
 
 EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
 SPEAK = "woosh.robot.Speak"
@@ -199,24 +197,13 @@ async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_kn
         assert [each["nodeId"] for each in state["nodeStates"]] == ["d"]
 
 
-@pytest.fixture
-def short_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Requests to the robot wait one second for their answer."""
-    plain = Vehicle.start
-
-    def start(vehicle: Vehicle) -> None:
-        vehicle._chassis.config.__dict__["request_timeout"] = 1.0
-        plain(vehicle)
-
-    monkeypatch.setattr(Vehicle, "start", start)
-
-
 @aio
 async def test_a_start_without_an_answer_is_found_out_and_not_repeated(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, short_timeouts: None
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
 ) -> None:
     chassis.mute(EXEC)
-    async with Master(broker.port) as master, vehicle():
+    timing = Timing(minimum_timeouts={})
+    async with Master(broker.port) as master, vehicle(request_timeout=1.0, timing=timing):
         await drive(master, chassis)
         await eventually(lambda: chassis.counts["woosh.robot.TaskProc"])
         set_speed(chassis, 20.0)
@@ -301,24 +288,6 @@ def swap(chassis: SimulatorThread) -> Iterator[Callable[[], SimulatorThread]]:
 
 
 @aio
-async def test_another_robot_at_the_address_is_refused(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    swap: Callable[[], SimulatorThread],
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        replacement = swap()
-        await eventually(lambda: replacement.counts["woosh.robot.RobotInfo"] >= 2)
-        master.instant(action("stateRequest", "last"))
-        state = await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
-        assert state["orderId"] == "order"
-        assert [each["errorType"] for each in state["errors"]] == ["robotConnectionError"]
-    assert replacement.counts[EXEC] == 0
-
-
-@aio
 async def test_the_order_of_another_robot_is_dropped_after_a_restart(
     vehicle: VehicleStarter,
     broker: Mosquitto,
@@ -338,25 +307,26 @@ async def test_the_order_of_another_robot_is_dropped_after_a_restart(
 
 @aio
 async def test_marks_that_the_robot_did_not_send_are_requested_again(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    short_timeouts: None,
-    monkeypatch: pytest.MonkeyPatch,
+    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
 ) -> None:
-    monkeypatch.setattr(vehicles, "minimum_timeouts", dict)
-    monkeypatch.setattr(maps, "_RETRY", 0.1)
     chassis.mute(SCENE_DATA)
-    async with Master(broker.port) as master, vehicle() as started:
+    timing = Timing(ask_again_after=0.1, minimum_timeouts={})
+    async with Master(broker.port) as master, vehicle(request_timeout=1.0, timing=timing):
         await master.online()
         await eventually(lambda: chassis.counts[SCENE_DATA] >= 2)
         chassis.accept(SCENE_DATA)
-        await eventually(lambda: started._marks.find("K10", "wooshmap"))
-        mark = {"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []}
-        master.order([node("a", 0, *START), mark])
-        await master.wait_state(lambda state: state["orderId"] == "order")
-        started._marks._marks = {}  # as with a new scene
-        master.order([node("a", 0, *START), mark])
+        nodes = [node("a", 0, *START)]
+        nodes.append({"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []})
+
+        def accepted() -> bool:
+            master.order(nodes)
+            return bool(master.state["orderId"])
+
+        await eventually(accepted)
+        # the marks are those of another scene now, in which the robot knows no K10
+        master.instant(action("enableMap", "map", mapId="scenex", mapVersion="12"))
+        await master.wait_state(lambda state: status_of(state, "map") == "FINISHED")
+        master.order(nodes)
         master.instant(action("stateRequest", "last"))
         state = await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
-        assert state["errors"] == []
+        assert error_types(state) == []

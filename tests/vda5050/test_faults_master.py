@@ -21,10 +21,9 @@ from tests.vda5050.master import Master, Message, action, error_types, node, sta
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050 import mqtt
-from woosh_robot_agent.vda5050.messages.parsing import read_order
-from woosh_robot_agent.vda5050.messages.protocol import Identity
+from woosh_robot_agent.vda5050.messages.reading import read_order
 from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
-from woosh_robot_agent.vda5050.messages.v2_1 import Version21
+from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 
 EXEC = "woosh.robot.ExecTask"
 HEADER = {
@@ -106,9 +105,9 @@ def test_another_encoding_is_named_and_a_byte_order_mark_is_ignored() -> None:
     text = order(orderId="Auftrag f\u00fcr \u6728").decode()
     identity = Identity("Woosh", "30001")
     with pytest.raises(RejectedError, match=r"encoded in utf-16.*UTF-8") as caught:
-        read_order(text.encode("utf-16"), Version21(), identity)
+        read_order(text.encode("utf-16"), V2_1, identity)
     assert caught.value.error.type == ErrorType.VALIDATION
-    read = read_order(text.encode("utf-8-sig"), Version21(), identity)
+    read = read_order(text.encode("utf-8-sig"), V2_1, identity)
     assert read.id == "Auftrag f\u00fcr \u6728"
 
 

@@ -10,12 +10,12 @@ import pytest
 
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType, Edge, Node, NodePosition
 from woosh_robot_agent.vda5050.messages.order import Order as VehicleOrder
-from woosh_robot_agent.vda5050.messages.protocol import HeaderIds
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType, Position
 from woosh_robot_agent.vda5050.orders.actions import Memory
 from woosh_robot_agent.vda5050.orders.legs import CancelDrive, Drive, Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.orders.structure import Verdict
+from woosh_robot_agent.vda5050.reports import HeaderIds
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, from_plain, to_plain
 
 HARD, NONE = BlockingType.HARD, BlockingType.NONE

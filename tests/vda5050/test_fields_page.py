@@ -9,13 +9,17 @@ import pytest
 
 from tests.vda5050.fields import message_fields, schema_fields, topics
 from tests.vda5050.samples import FACTSHEET, ROBOT, STATE
-from woosh_robot_agent.vda5050.messages.protocol import Version
 from woosh_robot_agent.vda5050.messages.state import ConnectionState
-from woosh_robot_agent.vda5050.messages.v2_1 import Version21
-from woosh_robot_agent.vda5050.messages.v3_0 import Version30
+from woosh_robot_agent.vda5050.messages.versions import V2_1, V3_0, Version
+from woosh_robot_agent.vda5050.messages.writing import (
+    connection_message,
+    factsheet_message,
+    state_message,
+    visualization_message,
+)
 
 PAGE = (Path(__file__).parents[2] / "docs/vda5050_fields.md").read_text("utf-8")
-VERSIONS: list[Version] = [Version21(), Version30()]
+VERSIONS: list[Version] = [V2_1, V3_0]
 CASES = [(version, topic) for version in VERSIONS for topic in topics(version.number)]
 
 
@@ -54,10 +58,10 @@ def test_the_table_has_the_fields_of_the_schema(version: Version, topic: str) ->
 def test_the_table_tells_which_fields_are_sent(version: Version, topic: str) -> None:
     fields = schema_fields(version.number, topic)
     message = {
-        "connection": lambda: version.connection(ConnectionState.ONLINE),
-        "factsheet": lambda: version.factsheet(FACTSHEET),
-        "state": lambda: version.state(STATE),
-        "visualization": lambda: version.visualization(ROBOT, 0),
+        "connection": lambda: connection_message(version, ConnectionState.ONLINE),
+        "factsheet": lambda: factsheet_message(version, FACTSHEET),
+        "state": lambda: state_message(version, STATE),
+        "visualization": lambda: visualization_message(version, ROBOT, 0),
     }[topic]()
     sent = {
         name

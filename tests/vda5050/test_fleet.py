@@ -24,7 +24,7 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.program import Connector, VehicleNameFilter
 from woosh_robot_agent.vda5050.robot.status import Limits
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import VehicleConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 SERIALS = ("30001", "30002", "30003")

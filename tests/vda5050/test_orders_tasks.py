@@ -10,7 +10,6 @@ import pytest
 
 from tests.vda5050.orders import MAP, Robot, action, at, path, place
 from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
-from woosh_robot_agent.vda5050.driving import leg_task
 from woosh_robot_agent.vda5050.messages.order import (
     Action,
     BlockingType,
@@ -19,7 +18,8 @@ from woosh_robot_agent.vda5050.messages.order import (
     Order,
     Trajectory,
 )
-from woosh_robot_agent.vda5050.orders.reach import with_marks
+from woosh_robot_agent.vda5050.orders.structure import with_marks
+from woosh_robot_agent.vda5050.robot.tasks import leg_task
 
 MARK = NodePosition(1.0, 0.0, MAP, theta=1.5)
 

@@ -21,9 +21,9 @@ from tests.vda5050.master import Master, Message, action, error_types, node, pla
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order, path_ahead
-from woosh_robot_agent.vda5050.messages.parsing import defect, read_order, refusal_of_zone_set
-from woosh_robot_agent.vda5050.messages.protocol import PUBLISHED, Identity, Topic, Version, header
+from woosh_robot_agent.vda5050.messages.geometry import path_ahead
+from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order
+from woosh_robot_agent.vda5050.messages.reading import defect, read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.messages.state import (
     ConnectionState,
     ErrorType,
@@ -32,16 +32,26 @@ from woosh_robot_agent.vda5050.messages.state import (
     RejectedError,
     warning,
 )
-from woosh_robot_agent.vda5050.messages.v3_0 import Version30
+from woosh_robot_agent.vda5050.messages.versions import (
+    PUBLISHED,
+    V3_0,
+    VERSIONS,
+    Identity,
+    Topic,
+    Version,
+)
+from woosh_robot_agent.vda5050.messages.writing import (
+    connection_message,
+    factsheet_message,
+    state_message,
+    visualization_message,
+)
 from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
 from woosh_robot_agent.vda5050.robot.status import OPTIONAL_PARAMETERS
-from woosh_robot_agent.vda5050.vehicle_config import VERSIONS
 
-V3 = Version30()
+V3 = V3_0
 VEHICLE = Identity("Woosh", "1")
-BOTH = pytest.mark.parametrize(
-    "version", [make() for make in VERSIONS.values()], ids=list(VERSIONS)
-)
+BOTH = pytest.mark.parametrize("version", list(VERSIONS.values()), ids=list(VERSIONS))
 
 
 def _edges(nodes: list[Message]) -> list[Message]:
@@ -51,7 +61,14 @@ def _edges(nodes: list[Message]) -> list[Message]:
 
 
 def _full(version: Version, content: dict[str, Any]) -> dict[str, Any]:
-    return header(VEHICLE, version.number, 0, 1e9) | content
+    header = {
+        "headerId": 0,
+        "timestamp": "2024-01-01T00:00:00.000Z",
+        "version": version.number,
+        "manufacturer": VEHICLE.manufacturer,
+        "serialNumber": VEHICLE.serial_number,
+    }
+    return header | content
 
 
 def _order(*, order: dict[str, Any] | None = None, edge: dict[str, Any] | None = None) -> Message:
@@ -72,10 +89,10 @@ def _read(message: Message) -> Order:
 @BOTH
 def test_complete_messages_have_no_field_that_the_schemas_do_not_know(version: Version) -> None:
     contents = {
-        "state": version.state(STATE),
-        "visualization": version.visualization(ROBOT, 3),
-        "factsheet": version.factsheet(FACTSHEET),
-        "connection": version.connection(ConnectionState.BROKEN),
+        "state": state_message(version, STATE),
+        "visualization": visualization_message(version, ROBOT, 3),
+        "factsheet": factsheet_message(version, FACTSHEET),
+        "connection": connection_message(version, ConnectionState.BROKEN),
     }
     for topic, content in contents.items():
         message = _full(version, content)
@@ -86,18 +103,18 @@ def test_complete_messages_have_no_field_that_the_schemas_do_not_know(version: V
 
 @pytest.mark.parametrize("state", ConnectionState)
 def test_connection_states(state: ConnectionState) -> None:
-    message = _full(V3, V3.connection(state))
+    message = _full(V3, connection_message(V3, state))
     assert defect("3.0.0", "connection", message) is None
 
 
 @pytest.mark.parametrize("mode", OperatingMode)
 def test_operating_modes(mode: OperatingMode) -> None:
-    content = V3.state(replace(STATE, robot=replace(ROBOT, mode=mode)))
+    content = state_message(V3, replace(STATE, robot=replace(ROBOT, mode=mode)))
     assert defect("3.0.0", "state", _full(V3, content)) is None
 
 
 def test_instant_actions_have_a_list_of_their_own() -> None:
-    content = V3.state(STATE)
+    content = state_message(V3, STATE)
     assert [each["actionId"] for each in content["actionStates"]] == ["1"]
     assert [each["actionId"] for each in content["instantActionStates"]] == ["2"]
     assert content["actionStates"][0]["actionStatus"] == "PAUSED"
@@ -124,7 +141,7 @@ def test_errors_have_the_predefined_types_and_levels(
     kind: ErrorType, name: str, level: str
 ) -> None:
     state = replace(STATE, errors=(warning(kind, "a reason", parameter="maxSpeed"),))
-    (error,) = V3.state(state)["errors"]
+    (error,) = state_message(V3, state)["errors"]
     assert (error["errorType"], error["errorLevel"]) == (name, level)
     assert error["errorReferences"] == [
         {"referenceKey": "parameter", "referenceValue": "maximumSpeed"}
@@ -135,17 +152,17 @@ def test_errors_have_the_predefined_types_and_levels(
 def test_all_types_of_errors_are_in_capitals(kind: ErrorType) -> None:
     state = replace(STATE, errors=(warning(kind, "a reason"),))
     state = replace(state, robot=replace(ROBOT, mode=OperatingMode.MANUAL))
-    (error,) = V3.state(state)["errors"]
+    (error,) = state_message(V3, state)["errors"]
     assert error["errorType"].replace("_", "").isupper()
 
 
 def test_the_rejection_for_the_operating_mode_ends_with_the_mode() -> None:
     errors = (warning(ErrorType.NOT_AVAILABLE, "not automatic"),)
     manual = replace(STATE, errors=errors, robot=replace(ROBOT, mode=OperatingMode.MANUAL))
-    assert error_types(V3.state(manual)) == ["MOBILE_ROBOT_NOT_AVAILABLE"]
-    assert error_types(V3.state(replace(manual, robot=ROBOT))) == []
+    assert error_types(state_message(V3, manual)) == ["MOBILE_ROBOT_NOT_AVAILABLE"]
+    assert error_types(state_message(V3, replace(manual, robot=ROBOT))) == []
     lost = replace(ROBOT, position=Position(0.0, 0.0, 0.0, "hall", initialised=False))
-    assert error_types(V3.state(replace(manual, robot=lost))) == [
+    assert error_types(state_message(V3, replace(manual, robot=lost))) == [
         "MOBILE_ROBOT_NOT_AVAILABLE",
         "LOCALIZATION_ERROR",
     ]
@@ -153,7 +170,7 @@ def test_the_rejection_for_the_operating_mode_ends_with_the_mode() -> None:
 
 def test_a_robot_without_position_is_a_fatal_error() -> None:
     place = Position(0.0, 0.0, math.pi, "hall", initialised=False)
-    content = V3.state(replace(STATE, errors=(), robot=replace(ROBOT, position=place)))
+    content = state_message(V3, replace(STATE, errors=(), robot=replace(ROBOT, position=place)))
     (error,) = content["errors"]
     assert (error["errorType"], error["errorLevel"]) == ("LOCALIZATION_ERROR", "FATAL")
     assert content["mobileRobotPosition"]["localized"] is False
@@ -163,20 +180,22 @@ def test_a_robot_without_position_is_a_fatal_error() -> None:
 @pytest.mark.parametrize("theta", [3.141593, -3.141593])
 def test_a_rounded_heading_stays_within_the_schema(version: Version, theta: float) -> None:
     place = Position(0.0, 0.0, theta, "hall", initialised=True)
-    message = _full(version, version.state(replace(STATE, robot=replace(ROBOT, position=place))))
+    message = _full(
+        version, state_message(version, replace(STATE, robot=replace(ROBOT, position=place)))
+    )
     assert defect(version.number, "state", message) is None
 
 
 def test_the_planned_path_begins_at_the_robot() -> None:
-    points = V3.state(STATE)["plannedPath"]["trajectory"]["controlPoints"]
+    points = state_message(V3, STATE)["plannedPath"]["trajectory"]["controlPoints"]
     assert points == [{"x": 0.1, "y": 0.0}, {"x": 1.0, "y": 0.0}]
     idle = replace(STATE, order=replace(ORDER, nodes=(), edges=()))
-    assert "plannedPath" not in V3.state(idle)
-    assert "plannedPath" not in V3.state(replace(STATE, robot=replace(ROBOT, path=())))
+    assert "plannedPath" not in state_message(V3, idle)
+    assert "plannedPath" not in state_message(V3, replace(STATE, robot=replace(ROBOT, path=())))
 
 
 def test_the_factsheet_has_the_names_of_the_version() -> None:
-    features = V3.factsheet(FACTSHEET)["protocolFeatures"]
+    features = factsheet_message(V3, FACTSHEET)["protocolFeatures"]
     names = [each["parameter"] for each in features["optionalParameters"]]
     assert names == ["order.edges.maximumSpeed"]
     (kind,) = features["mobileRobotActions"]
@@ -185,7 +204,7 @@ def test_the_factsheet_has_the_names_of_the_version() -> None:
 
 @BOTH
 def test_the_optional_parameters_are_fields_of_the_order(version: Version) -> None:
-    sheet = version.factsheet(replace(FACTSHEET, optional_parameters=OPTIONAL_PARAMETERS))
+    sheet = factsheet_message(version, replace(FACTSHEET, optional_parameters=OPTIONAL_PARAMETERS))
     names = [each["parameter"] for each in sheet["protocolFeatures"]["optionalParameters"]]
     assert len(names) >= 6
     known = {f"order.{name}" for name in schema_fields(version.number, "order")}
@@ -274,7 +293,7 @@ def test_the_blocking_type_of_instant_actions_is_none(blocking: str) -> None:
 def test_the_kinematics_are_required_by_the_name_of_the_text_and_that_of_the_schema(
     name: str,
 ) -> None:
-    message = _full(V3, V3.factsheet(FACTSHEET))
+    message = _full(V3, factsheet_message(V3, FACTSHEET))
     assert defect(V3.number, "factsheet", message) is None
     del message["typeSpecification"][name]
     assert name in str(defect(V3.number, "factsheet", message))

@@ -29,8 +29,6 @@ _LIBRARY_LOG.setLevel(logging.CRITICAL)
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 _BACKOFF_MIN = 0.5
 """First pause between attempts to connect, in seconds; it doubles with each attempt."""
-_BACKOFF_MAX = 15.0
-"""Longest pause between attempts to connect, in seconds."""
 _STABLE_AFTER = 5.0
 """Duration after which a connection counts as stable, in seconds."""
 _MAX_OUTBOX = 1000
@@ -67,6 +65,7 @@ class BrokerConfig:
         password: password; None without one.
         keepalive: interval of the MQTT keep-alive, in seconds. The broker publishes the last will
             if nothing arrives for 1.5 times as long.
+        backoff_max: longest pause between attempts to connect, in seconds.
     """
 
     host: str
@@ -75,6 +74,7 @@ class BrokerConfig:
     username: str | None = None
     password: str | None = field(default=None, repr=False)
     keepalive: int = 15
+    backoff_max: float = 15.0
 
     @classmethod
     def from_url(cls, url: str) -> BrokerConfig:
@@ -166,7 +166,7 @@ class MqttConnection:
 
     async def run(self) -> None:
         """Stay connected until cancelled."""
-        backoff = Backoff(_BACKOFF_MIN, _BACKOFF_MAX)
+        backoff = Backoff(_BACKOFF_MIN, self._broker.backoff_max)
         clock = asyncio.get_running_loop().time
         while True:
             self._connected_at = math.inf

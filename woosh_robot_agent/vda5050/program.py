@@ -19,11 +19,11 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
 from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.tools.options import Address, add_link_options, link_config, stop_event
+from woosh_robot_agent.vda5050.messages.versions import VERSIONS
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
 from woosh_robot_agent.vda5050.robot.status import Limits
 from woosh_robot_agent.vda5050.store import state_folder
-from woosh_robot_agent.vda5050.vehicle import Vehicle
-from woosh_robot_agent.vda5050.vehicle_config import VERSIONS, VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
 
 _NODE = "agent"
 """Name of the node in the sections of the file."""
@@ -304,7 +304,7 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
         manufacturer=options.manufacturer,
         serial_number=serial_number,
         interface=options.interface,
-        version=VERSIONS[options.version](),
+        version=VERSIONS[options.version],
         state_folder=options.state_folder,
         log_folder=options.state_folder / "reports",
         limits=Limits(

@@ -1,4 +1,4 @@
-"""When state, visualization, connection and factsheet are published, and their publication."""
+"""The messages of a vehicle: their headers, when they are published, and their publication."""
 
 from __future__ import annotations
 
@@ -6,23 +6,73 @@ import asyncio
 import json
 import math
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 from woosh_robot_agent.vda5050.messages.factsheet import Factsheet
-from woosh_robot_agent.vda5050.messages.protocol import (
+from woosh_robot_agent.vda5050.messages.state import ConnectionState, RobotStatus, VehicleState
+from woosh_robot_agent.vda5050.messages.versions import (
     PUBLISHED,
-    HeaderIds,
     Identity,
     Topic,
     Version,
-    header,
+    timestamp,
 )
-from woosh_robot_agent.vda5050.messages.state import ConnectionState, RobotStatus, VehicleState
+from woosh_robot_agent.vda5050.messages.writing import (
+    connection_message,
+    factsheet_message,
+    state_message,
+    visualization_message,
+)
 from woosh_robot_agent.vda5050.mqtt import MqttConnection, Publication
 from woosh_robot_agent.vda5050.robot.status import Limits
+
+_COUNT = 2**32
+"""Number of header ids; after the last one, they start again at 0."""
+_BLOCK = 1000
+"""Number of header ids of a topic that are reserved at once."""
+
+
+class HeaderIds:
+    """Header ids of a vehicle, counted for each topic.
+
+    Ids are reserved in blocks, so that none is used again after a restart. If the program ends
+    without `close`, the ids continue after the reserved block.
+
+    Args:
+        first: next id of each topic.
+        save: saves the next id of each topic after a restart; called before the reserved ids are
+            used.
+    """
+
+    def __init__(
+        self,
+        first: Mapping[str, int] | None = None,
+        save: Callable[[Mapping[str, int]], None] = lambda numbers: None,
+    ) -> None:
+        self._next = Counter(first or {})
+        self._reserved = Counter(self._next)
+        """The first id of each topic that is not reserved."""
+        self._save = save
+
+    def next(self, topic: str) -> int:
+        """Take the next id of a topic, and return it."""
+        number = self._next[topic]
+        self._next[topic] = (number + 1) % _COUNT
+        if not 0 < self._reserved[topic] - self._next[topic] <= _BLOCK:
+            self._reserved[topic] = self._next[topic] + _BLOCK
+            self._save({name: reserved % _COUNT for name, reserved in self._reserved.items()})
+        return number
+
+    def peek(self, topic: str) -> int:
+        """Return the next id of a topic without taking it."""
+        return self._next[topic]
+
+    def close(self) -> None:
+        """Save the exact ids; take none afterwards."""
+        self._save(dict(self._next))
 
 
 class Schedule:
@@ -103,6 +153,8 @@ class Publisher:
         """The last `connection` messages, with the last wills of the connections."""
         self.state_id: int | None = None
         """Header id of the last state; None if there was none."""
+        self.mqtt: MqttConnection | None = None
+        """The connection to the broker; None before and after it."""
 
     def topic(self, topic: Topic) -> str:
         """Return the full name of a topic."""
@@ -117,9 +169,8 @@ class Publisher:
         ids = self._header_ids
         self.connection_lost()
         self._will_id = ids.peek(topic.value) + 1
-        will = self._message(
-            topic, self.version.connection(ConnectionState.BROKEN), header_id=self._will_id
-        )
+        content = connection_message(self.version, ConnectionState.BROKEN)
+        will = self._message(topic, content, self._will_id)
         self._will = will.payload.encode()
         return will
 
@@ -132,21 +183,27 @@ class Publisher:
         """Return True if this publisher has made a `connection` message."""
         return payload == self._will or payload in self._connections
 
-    def publish(self, mqtt: MqttConnection, topic: Topic, content: Mapping[str, Any]) -> None:
+    def publish(self, topic: Topic, content: Mapping[str, Any]) -> None:
         """Publish a message; drop it if there is no connection."""
-        if not mqtt.connected:
+        if self.mqtt is None or not self.mqtt.connected:
             return
         publication = self._message(topic, content)
         if topic is Topic.CONNECTION:
             self._connections += (self._will, publication.payload.encode())
-        mqtt.publish(publication)
+        self.mqtt.publish(publication)
 
     def _message(
         self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
     ) -> Publication:
         if header_id is None:
             header_id = self._header_ids.next(topic.value)
-        head = header(self.identity, self.version.number, header_id, time.time())
+        head = {
+            "headerId": header_id,
+            "timestamp": timestamp(time.time()),
+            "version": self.version.number,
+            "manufacturer": self.identity.manufacturer,
+            "serialNumber": self.identity.serial_number,
+        }
         if topic is Topic.STATE:
             self.state_id = header_id
         payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
@@ -174,7 +231,6 @@ class Reports:
         self._robot = robot
         self._factsheet = factsheet
         self._publisher: Publisher | None = None
-        self._mqtt: MqttConnection | None = None
         self._state_schedule = Schedule(
             self._publish_state, limits.min_state_interval, limits.state_interval
         )
@@ -184,10 +240,9 @@ class Reports:
         self._driving_state_interval = limits.driving_state_interval
         self._maps_in_state = limits.maps_in_state
 
-    def use(self, publisher: Publisher, mqtt: MqttConnection) -> None:
-        """Publish over this connection from now on."""
+    def use(self, publisher: Publisher) -> None:
+        """Publish by this publisher from now on."""
         self._publisher = publisher
-        self._mqtt = mqtt
 
     def changed(self) -> None:
         """Publish the state soon."""
@@ -207,9 +262,9 @@ class Reports:
 
     def publish_factsheet(self) -> None:
         """Publish the factsheet."""
-        factsheet = self._factsheet()
-        if self._publisher is not None and factsheet is not None:
-            self._publish(Topic.FACTSHEET, self._publisher.version.factsheet(factsheet))
+        publisher, factsheet = self._publisher, self._factsheet()
+        if publisher is not None and factsheet is not None:
+            publisher.publish(Topic.FACTSHEET, factsheet_message(publisher.version, factsheet))
 
     async def close(self, timeout: float) -> None:
         """Publish OFFLINE, and nothing afterwards.
@@ -219,31 +274,30 @@ class Reports:
         """
         self._state_schedule.stop()
         self._visualization_schedule.stop()
-        if self._mqtt is not None and self._mqtt.connected:
+        publisher = self._publisher
+        if publisher is None or publisher.mqtt is None:
+            return
+        if publisher.mqtt.connected:
             self._publish_connection(ConnectionState.OFFLINE)
-            mqtt, self._mqtt = self._mqtt, None
+            mqtt, publisher.mqtt = publisher.mqtt, None
             await mqtt.flush(timeout)
-        elif self._publisher is not None:
-            self._publisher.connection_lost()
+        else:
+            publisher.connection_lost()
 
     def _publish_state(self) -> None:
-        state = self._state()
-        if state is not None and not self._maps_in_state:
+        publisher, state = self._publisher, self._state()
+        if publisher is None or state is None:
+            return
+        if not self._maps_in_state:
             state = replace(state, robot=replace(state.robot, maps=None))
-        if self._publisher is not None and state is not None:
-            self._publish(Topic.STATE, self._publisher.version.state(state))
+        publisher.publish(Topic.STATE, state_message(publisher.version, state))
 
     def _publish_visualization(self) -> None:
-        robot = self._robot()
-        publisher = self._publisher
+        publisher, robot = self._publisher, self._robot()
         if publisher is not None and publisher.state_id is not None and robot is not None:
-            message = publisher.version.visualization(robot, publisher.state_id)
-            self._publish(Topic.VISUALIZATION, message)
+            message = visualization_message(publisher.version, robot, publisher.state_id)
+            publisher.publish(Topic.VISUALIZATION, message)
 
     def _publish_connection(self, state: ConnectionState) -> None:
-        if self._publisher is not None:
-            self._publish(Topic.CONNECTION, self._publisher.version.connection(state))
-
-    def _publish(self, topic: Topic, content: dict[str, Any]) -> None:
-        if self._publisher is not None and self._mqtt is not None:
-            self._publisher.publish(self._mqtt, topic, content)
+        if (publisher := self._publisher) is not None:
+            publisher.publish(Topic.CONNECTION, connection_message(publisher.version, state))

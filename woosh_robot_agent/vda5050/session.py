@@ -9,23 +9,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from woosh_robot_agent.link import RobotIdentity
 from woosh_robot_agent.link.reports import LogOnce
-from woosh_robot_agent.vda5050.messages.protocol import HeaderIds, Identity, Topic, Version
 from woosh_robot_agent.vda5050.messages.state import (
     ConnectionState,
     ErrorLevel,
     ErrorType,
     VehicleError,
 )
+from woosh_robot_agent.vda5050.messages.versions import Identity, Topic, Version
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, MqttConnection
-from woosh_robot_agent.vda5050.reports import Publisher, Reports
+from woosh_robot_agent.vda5050.reports import HeaderIds, Publisher, Reports
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 _LOG = logging.getLogger(__name__)
-_QUIET = 40.0
-"""Time without a sign of the other connector after which it counts as gone, in seconds; longer than
-the pauses between its attempts to connect."""
 _REASON = "another connector publishes as this vehicle, or connects with the same client id"
 
 
@@ -38,14 +34,19 @@ class OtherConnector:
     Args:
         is_own: returns True for the messages that this connector has sent.
         on_changed: called when another connector appears or disappears.
+        gone_after: time without a sign of the other connector after which it counts as gone, in
+            seconds; longer than the pauses between its attempts to connect.
 
     Attributes:
         error: error to report; None if there is no other connector.
     """
 
-    def __init__(self, is_own: Callable[[bytes], bool], on_changed: Callable[[], None]) -> None:
+    def __init__(
+        self, is_own: Callable[[bytes], bool], on_changed: Callable[[], None], gone_after: float
+    ) -> None:
         self._is_own = is_own
         self._on_changed = on_changed
+        self._gone_after = gone_after
         self._connections = 0
         """Number of connections to the broker so far."""
         self._timer: asyncio.TimerHandle | None = None
@@ -94,7 +95,7 @@ class OtherConnector:
 
     def _restart_timer(self) -> None:
         self._stop_timer()
-        self._timer = asyncio.get_running_loop().call_later(_QUIET, self._gone)
+        self._timer = asyncio.get_running_loop().call_later(self._gone_after, self._gone)
 
     def _stop_timer(self) -> None:
         if self._timer is not None:
@@ -128,6 +129,7 @@ class SessionConfig:
         identity: manufacturer and serial number.
         interface: first level of the topics.
         state_folder: folder of the state file; None for no state file.
+        gone_after: time after which another connector of the vehicle counts as gone, in seconds.
     """
 
     broker: BrokerConfig
@@ -135,45 +137,37 @@ class SessionConfig:
     identity: Identity
     interface: str
     state_folder: Path | None
+    gone_after: float
 
 
 class Session:
-    """A vehicle at the broker, from the first report of its robot until another robot answers.
+    """A vehicle at the broker, from the first report of its robot on.
 
     Args:
         config: configuration.
-        robot: identity of the robot.
         reports: messages of the vehicle; published over this session from now on.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are left out.
         on_opened: called with the content of the state file before connecting to the broker, and
             with an error if the file was damaged.
         on_changed: called when an error begins or ends.
-
-    Attributes:
-        identity: manufacturer and serial number of the vehicle.
-        robot: identity of the robot.
     """
 
     def __init__(
         self,
         config: SessionConfig,
-        robot: RobotIdentity,
         reports: Reports,
         handlers: Mapping[Topic, Callable[[bytes], None]],
         on_opened: Callable[[Record, VehicleError | None], None],
         on_changed: Callable[[], None],
     ) -> None:
-        self.identity = config.identity
-        self.robot = robot
         self._config = config
         self._reports = reports
         self._handlers = handlers
         self._on_opened = on_opened
         self._on_changed = on_changed
-        self._name = "-".join(
-            (config.interface, self.identity.manufacturer, self.identity.serial_number)
-        )
+        identity = config.identity
+        self._name = "-".join((config.interface, identity.manufacturer, identity.serial_number))
         self._store = Store(config.state_folder, self._name)
         self._header_ids: HeaderIds | None = None
         """None until the state file has been read."""
@@ -248,21 +242,23 @@ class Session:
         config = self._config
         self._header_ids = HeaderIds(record.header_ids, self._store.save_header_ids)
         self._on_opened(record, damage)
-        publisher = Publisher(config.version, self.identity, config.interface, self._header_ids)
-        self._other = OtherConnector(publisher.is_own_connection, self._other_changed)
+        publisher = Publisher(config.version, config.identity, config.interface, self._header_ids)
+        self._other = OtherConnector(
+            publisher.is_own_connection, self._other_changed, config.gone_after
+        )
         handlers = {
             publisher.topic(topic): self._ignoring_retained(topic, handler)
             for topic, handler in self._handlers.items()
             if topic in config.version.received
         }
-        mqtt = MqttConnection(
+        publisher.mqtt = mqtt = MqttConnection(
             config.broker,
             client_id=self._name,
             last_will=publisher.last_will,
             handlers={**handlers, publisher.topic(Topic.CONNECTION): self._other.received},
             on_connected=self._connected,
         )
-        self._reports.use(publisher, mqtt)
+        self._reports.use(publisher)
         await mqtt.run()
 
     def _ended(self, task: asyncio.Task[None]) -> None:

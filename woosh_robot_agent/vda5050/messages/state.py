@@ -112,6 +112,19 @@ class RejectedError(Exception):
         self.error = error
 
 
+class ActionFailedError(Exception):
+    """An action failed. The text is the reason.
+
+    Args:
+        reason: the reason.
+        kind: type of the error that reports it.
+    """
+
+    def __init__(self, reason: str, kind: ErrorType = ErrorType.ACTION) -> None:
+        super().__init__(reason)
+        self.kind = kind
+
+
 def warning(
     kind: ErrorType, description: str, hint: str = "", **references: object
 ) -> VehicleError:
@@ -219,6 +232,11 @@ class Position:
     theta: float
     map_id: str
     initialised: bool
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """The place without the heading, in metres."""
+        return self.x, self.y
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from woosh_robot_agent.vda5050.messages.order import Action, Edge, Node
 from woosh_robot_agent.vda5050.messages.state import ActionState, ActionStatus, VehicleError
-from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform, stops
+from woosh_robot_agent.vda5050.orders.legs import Command, EndAction, Perform, stops
 
 
 def startable(waiting: Sequence[Action], running: Iterable[Action], *, driving: bool) -> int:
@@ -87,6 +87,9 @@ class OrderActions:
 
     An action is triggered when its node is reached or its edge entered, and starts when its
     blocking type permits it.
+
+    Attributes:
+        commands: commands that start and end actions; the owner takes them.
     """
 
     def __init__(self) -> None:
@@ -98,6 +101,7 @@ class OrderActions:
         """Actions that have started and not ended, by id."""
         self._of_edge: tuple[Action, ...] = ()
         """Actions of the edge that the vehicle is on."""
+        self.commands: list[Command] = []
 
     @property
     def states(self) -> tuple[ActionState, ...]:
@@ -177,20 +181,18 @@ class OrderActions:
         self._of_edge = edge.actions
         self._triggered += edge.actions
 
-    def leave_edge(self) -> list[EndAction]:
-        """Return the commands that end the actions of the edge that the vehicle leaves."""
-        commands = []
+    def leave_edge(self) -> None:
+        """End the actions of the edge that the vehicle leaves."""
         for action in self._of_edge:
             if action in self._triggered:
                 self._triggered.remove(action)
                 self.changed(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
             elif action.id in self._running:
-                commands.append(EndAction(action))
+                self.commands.append(EndAction(action))
         self._of_edge = ()
-        return commands
 
-    def start(self, *, driving: bool) -> list[Perform]:
-        """Return the commands that start the actions that may start now.
+    def start(self, *, driving: bool) -> None:
+        """Start the actions that may start now.
 
         Args:
             driving: True if the vehicle drives.
@@ -200,7 +202,7 @@ class OrderActions:
         for action in started:
             self._running[action.id] = action
             self.changed(action.id, ActionStatus.INITIALIZING)
-        return [Perform(action) for action in started]
+            self.commands.append(Perform(action))
 
     def changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Take the new status of an action."""
@@ -218,10 +220,10 @@ class OrderActions:
             self.changed(action.id, ActionStatus.FAILED, reason)
         return interrupted
 
-    def cancel(self, reason: str) -> list[EndAction]:
-        """Let waiting actions fail, and return the commands that end running ones."""
+    def cancel(self, reason: str) -> None:
+        """Let waiting actions fail, and end running ones; drop the commands so far."""
         for action_id, state in self._states.items():
             if action_id not in self._running and not state.status.ended:
                 self._states[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)
         self._triggered.clear()
-        return [EndAction(action) for action in self._running.values()]
+        self.commands[:] = [EndAction(action) for action in self._running.values()]

@@ -6,15 +6,13 @@ import logging
 import math
 from collections.abc import Callable
 
-from woosh_robot_agent.convert.converter import RequestMaker
-from woosh_robot_agent.link import ChassisClient, LinkError, NotConnectedError
-from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.link import LinkError, NotConnectedError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.vda5050.background import BackgroundTasks
+from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
 _UNKNOWN = math.nan
@@ -27,24 +25,12 @@ class SpeedLimiter:
     The robot takes a limit only while it navigates, so a limit is sent once it reports that.
 
     Args:
-        chassis: the link.
-        gate: sends the commands.
-        requests: addresses the requests.
-        on_limited: called when `is_limited` has changed, before the robot gets the limit.
+        link: the link.
         on_refused: called with the reason if the robot does not take a limit.
     """
 
-    def __init__(
-        self,
-        chassis: ChassisClient,
-        gate: MotionGate,
-        requests: RequestMaker,
-        on_limited: Callable[[], None],
-        on_refused: Callable[[str], None],
-    ) -> None:
-        self._gate = gate
-        self._requests = requests
-        self._on_limited = on_limited
+    def __init__(self, link: RobotLink, on_refused: Callable[[str], None]) -> None:
+        self._link = link
         self._on_refused = on_refused
         self._limit: float | None = None
         """Limit of the leg; infinite without one, None while no leg is driven."""
@@ -55,9 +41,8 @@ class SpeedLimiter:
         self._task_id = 0
         """Id of the task that the robot executes."""
         self._navigates = False
-        self._tasks = BackgroundTasks("vda5050 speed limit")
-        chassis.subscribe(TaskProc, self._reported)
-        chassis.on_snapshot(self._connected)
+        link.chassis.subscribe(TaskProc, self._reported)
+        link.chassis.on_snapshot(self._connected)
 
     @property
     def is_limited(self) -> bool:
@@ -81,10 +66,6 @@ class SpeedLimiter:
         self._limit = limit
         self._send()
 
-    async def close(self) -> None:
-        """Stop waiting for answers."""
-        await self._tasks.close()
-
     def _connected(self, info: RobotInfo) -> None:
         self._reported(info.task_proc)
 
@@ -107,9 +88,9 @@ class SpeedLimiter:
         if self._limit in (self._sent, self._refused):
             return
         was_limited, self._sent = self.is_limited, self._limit
+        self._link.work.start(self._request(self._task_id, self._limit))
         if self.is_limited != was_limited:
-            self._on_limited()
-        self._tasks.start(self._request(self._task_id, self._limit))
+            self._link.changed()  # saves it before the robot gets the limit
 
     async def _request(self, task_id: int, limit: float) -> None:
         mode = navigation.ModeSetting(
@@ -117,9 +98,8 @@ class SpeedLimiter:
             mode=navigation.kAvoid,
             max_speed=limit if math.isfinite(limit) else 0.0,
         )
-        request = self._requests.address(ChangeNavMode(nav_mode=mode))
         try:
-            answer = await self._gate.request(request)
+            answer = await self._link.command(ChangeNavMode(nav_mode=mode))
         except LinkError as error:
             if not isinstance(error, NotConnectedError):  # the link says so itself
                 _LOG.warning("the speed limit was not sent or not answered: %s", error)
