@@ -14,9 +14,10 @@ from tests.quick_chassis import quick_config
 from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.robot.status import Limits
-from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
+from woosh_robot_agent.vda5050.session import VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
 """Starts a vehicle at the broker; the keyword arguments are fields of `VehicleConfig`."""

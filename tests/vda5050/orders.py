@@ -185,4 +185,4 @@ class Robot:
 
 
 def references(error: VehicleError) -> dict[str, str]:
-    return {each.key: each.value for each in error.references}
+    return dict(error.references)

@@ -22,7 +22,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.actions.map_actions import MapFileError, fetch, unpack
-from woosh_robot_agent.vda5050.robot.status import Limits
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 
 START = (4.23276472, -6.6727581)
 AT_ONCE = Limits(min_state_interval=0.0)

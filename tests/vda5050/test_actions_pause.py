@@ -25,7 +25,8 @@ from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.robot.link import Timing
-from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
+from woosh_robot_agent.vda5050.session import VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 START = (4.23276472, -6.6727581)
 SLOW_STEP = {"distance": 1.0, "speed": 0.02}

@@ -21,7 +21,7 @@ from woosh_robot_agent.vda5050.robot.link import RobotLink, Timing
 async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
     link = RobotLink(LinkConfig(), Timing(), lambda: None, lambda: None)
     execution = Execution(link, V2_1, action_types(V2_1))
-    runner = ActionRunner(Context(link, execution, *cast("tuple[Any, Any, Any]", [None] * 3)))
+    runner = ActionRunner(Context(execution, cast("Any", None)))
     speak = Action("1", "speak", parameters={"text": "never said"})
     execution.order.moved(at(0.0))
     execution.order.receive(path("a", actions={"a": [speak]}))

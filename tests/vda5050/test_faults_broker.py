@@ -21,6 +21,7 @@ from tests.vda5050.master import Master, action, error_types, node, status_of
 from tests.vda5050.test_first_order import START
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity, Topic
 from woosh_robot_agent.vda5050.mqtt import (
     BrokerConfig,
@@ -29,9 +30,8 @@ from woosh_robot_agent.vda5050.mqtt import (
     refused_topics,
 )
 from woosh_robot_agent.vda5050.reports import HeaderIds, Publisher, Reports
-from woosh_robot_agent.vda5050.robot.status import Limits
-from woosh_robot_agent.vda5050.session import OtherConnector
-from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
+from woosh_robot_agent.vda5050.session import OtherConnector, VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 EXEC = "woosh.robot.ExecTask"
 

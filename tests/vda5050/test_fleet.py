@@ -21,10 +21,10 @@ from tests.vda5050.conftest import VehicleStarter
 from tests.vda5050.master import Master, node
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.program import Connector, VehicleNameFilter
-from woosh_robot_agent.vda5050.robot.status import Limits
-from woosh_robot_agent.vda5050.vehicle import VehicleConfig
+from woosh_robot_agent.vda5050.session import VehicleConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 SERIALS = ("30001", "30002", "30003")

@@ -11,12 +11,10 @@ from tests.vda5050.orders import Robot, action, at, path, place, references
 from woosh_robot_agent.vda5050.messages.order import BlockingType, ControlPoint, Trajectory
 from woosh_robot_agent.vda5050.messages.state import ErrorLevel, ErrorType
 from woosh_robot_agent.vda5050.orders.legs import (
-    CancelDrive,
+    Control,
     Drive,
     EndAction,
-    PauseDrive,
     Perform,
-    ResumeDrive,
 )
 
 NONE, SINGLE, SOFT, HARD = (
@@ -403,7 +401,7 @@ def test_a_cancelled_order_stops_the_drive_and_fails_what_has_not_ended() -> Non
     light = action("light", NONE)
     robot.give(path("abc", "d", actions={"a": [light], "c": [action("pick")], "b": []}))
     robot.machine.cancel()
-    assert robot.poll() == [EndAction(light), CancelDrive()]
+    assert robot.poll() == [EndAction(light), Control.CANCEL]
     assert robot.actions == {"light": "INITIALIZING", "pick": "FAILED"}
     assert robot.machine.canceling
     robot.finish("light", status=robot.machine.status.actions[0].status.FAILED)
@@ -464,7 +462,7 @@ def test_a_hold_pauses_the_drive_and_starts_none() -> None:
     robot = Robot()
     robot.give(path("abc", b=place(1.0, theta=0.0)))
     robot.machine.hold("pause")
-    assert robot.poll() == [PauseDrive()]
+    assert robot.poll() == [Control.PAUSE]
     assert robot.arrive() == []
     robot.machine.release("pause")
     robot.poll()
@@ -480,7 +478,7 @@ def test_a_paused_drive_is_resumed() -> None:
     robot.machine.release("pause")
     assert robot.poll() == []
     robot.machine.release("key")
-    assert robot.poll() == [ResumeDrive()]
+    assert robot.poll() == [Control.RESUME]
 
 
 def test_nothing_is_driven_while_the_vehicle_may_not_drive() -> None:

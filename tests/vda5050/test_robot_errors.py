@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
-from woosh_robot_agent.vda5050.messages.state import ErrorLevel, Reference
+from woosh_robot_agent.vda5050.messages.state import ErrorLevel
 from woosh_robot_agent.vda5050.robot.status import code_errors, field_violated
 
 BUSY, IDLE, SCANNER = 120301000022, 140801000071, 110203000012
@@ -22,7 +22,7 @@ def test_warnings_and_faults_are_errors_with_meaning_and_hint() -> None:
     assert (warning.level, fault.level) == (ErrorLevel.WARNING, ErrorLevel.FATAL)
     assert "robot is not navigating" in warning.description
     assert "in its own words (step control is already in use)" in fault.description
-    assert fault.references == (Reference("statusCode", str(BUSY)),)
+    assert fault.references == (("statusCode", str(BUSY)),)
     assert "resolve the cause" in warning.hint
 
 

@@ -21,7 +21,7 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
 from woosh_robot_agent.vda5050.program import Connector
-from woosh_robot_agent.vda5050.vehicle import VehicleConfig
+from woosh_robot_agent.vda5050.session import VehicleConfig
 
 SERIAL = "30001"
 """Serial number of the simulated robot, and its user name."""

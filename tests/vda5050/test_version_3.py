@@ -46,7 +46,7 @@ from woosh_robot_agent.vda5050.messages.writing import (
     state_message,
     visualization_message,
 )
-from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
+from woosh_robot_agent.vda5050.orders.reach import is_reached
 from woosh_robot_agent.vda5050.robot.status import OPTIONAL_PARAMETERS
 
 V3 = V3_0
@@ -308,7 +308,7 @@ def test_the_deviation_is_an_ellipse() -> None:
 
     def reaches(x: float, y: float) -> bool:
         here = Position(x, y, 0.0, "wooshmap", initialised=True)
-        return is_reached(place, None, here, Tolerance())
+        return is_reached(place, None, here)
 
     assert reaches(0.0, 1.9)
     assert not reaches(0.0, 2.1)
@@ -321,8 +321,8 @@ def test_a_way_through_an_ellipse_reaches_the_node() -> None:
     place = NodePosition(5.0, 5.0, "hall", deviation_xy=0.5, ellipse=Ellipse(1.0, 0.5, 0.0))
     before = Position(4.2, 3.0, 0.0, "hall", initialised=True)
     after = Position(4.2, 7.0, 0.0, "hall", initialised=True)
-    assert is_reached(place, before, after, Tolerance())
-    assert not is_reached(place, before, before, Tolerance())
+    assert is_reached(place, before, after)
+    assert not is_reached(place, before, before)
 
 
 # Zone sets
@@ -337,7 +337,7 @@ def _zone_set() -> Message:
 def test_a_zone_set_is_refused() -> None:
     error = refusal_of_zone_set(json.dumps(_full(V3, _zone_set())).encode(), V3, VEHICLE)
     assert error.type == ErrorType.UNSUPPORTED_PARAMETER
-    assert {each.key: each.value for each in error.references}["zoneSetId"] == "night"
+    assert dict(error.references)["zoneSetId"] == "night"
     assert refusal_of_zone_set(b"{", V3, VEHICLE).type == ErrorType.VALIDATION
     broken = _zone_set()
     broken["zoneSet"]["zones"][0]["zoneType"] = "SPEED_LIMIT"

@@ -19,31 +19,24 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.messages.versions import Version, timestamp
 from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, InstantActions
 from woosh_robot_agent.vda5050.orders.legs import (
-    CancelDrive,
     Command,
+    Control,
     Drive,
     EndAction,
-    PauseDrive,
     Perform,
-    ResumeDrive,
     stops,
 )
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.robot.calls import RobotCalls
-from woosh_robot_agent.vda5050.robot.control import Control
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.link import RobotLink
+from woosh_robot_agent.vda5050.robot.maps import MapLibrary, RobotMarks
 from woosh_robot_agent.vda5050.robot.speed import SpeedLimiter
 from woosh_robot_agent.vda5050.robot.tasks import UNSENT, ActionTasks, RobotTask, leg_task
 
 _LOG = logging.getLogger(__name__)
 PAUSE = "pause"
 """Name of the hold by which a pause stops the drive."""
-_CONTROLS = {
-    CancelDrive: Control.CANCEL,
-    PauseDrive: Control.PAUSE,
-    ResumeDrive: Control.RESUME,
-}
 _OTHER_MOTION = (
     "something else drives the robot",
     "wait for its end, or cancel the order",
@@ -73,7 +66,12 @@ class Execution:
         types: the actions of the vehicle.
 
     Attributes:
+        link: the link.
+        version: version of the standard.
+        types: the actions of the vehicle.
         facts: what the robot reports.
+        marks: marks of the robot's scene.
+        maps: maps on the robot.
         order: the current order.
         instant: the instant actions.
         drive: the task that drives the current leg.
@@ -87,13 +85,16 @@ class Execution:
     """
 
     def __init__(self, link: RobotLink, version: Version, types: ActionTypes) -> None:
-        self._link = link
-        self._version = version
+        self.link = link
+        self.version = version
+        self.types = types
         self.facts = RobotFacts(link)
         self.order = OrderMachine()
         self.instant = InstantActions(types, self.order)
         self.drive = RobotTask(link, self._drive_ended, link.changed)
         self.speed = SpeedLimiter(link, self._speed_refused)
+        self.marks = RobotMarks(link)
+        self.maps = MapLibrary(link)
         self.calls = RobotCalls(link)
         self.tasks = ActionTasks(link)
         self.active: dict[str, Action] = {}
@@ -124,7 +125,7 @@ class Execution:
     @property
     def may_act(self) -> bool:
         """True if actions of the robot may begin."""
-        return self.is_alone and self._link.ready
+        return self.is_alone and self.link.ready
 
     @property
     def paused(self) -> bool:
@@ -142,7 +143,7 @@ class Execution:
         own = self.tasks.id
         if other := self.drive.other:
             return other != own
-        return bool(self._link.gate.reported_owner) and not own and not self.calls.busy
+        return bool(self.link.gate.reported_owner) and not own and not self.calls.busy
 
     @property
     def _goes_on_charging(self) -> bool:
@@ -153,7 +154,7 @@ class Execution:
     def _has_lost_position(self) -> bool:
         """True if an order must be cleared, because the position is unknown."""
         place = self.facts.position
-        if not self._version.is_3 or place is None or place.initialised:
+        if not self.version.is_3 or place is None or place.initialised:
             return False
         return not (self.order.acting or self.active)  # an action may set the position
 
@@ -161,8 +162,8 @@ class Execution:
         """Return the reasons why the order or the robot waits, and the error of a lost link."""
         errors = []
         order = self.order.status
-        if not self._link.ready:
-            chassis = self._link.chassis
+        if not self.link.ready:
+            chassis = self.link.chassis
             reason = f": {chassis.last_error}" if chassis.last_error is not None else ""
             errors.append(
                 warning(
@@ -244,13 +245,13 @@ class Execution:
         control = Control.PAUSE if wanted else Control.RESUME
         self.calls.want(control)
         self.tasks.want(control)
-        self._link.changed()
+        self.link.changed()
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Take the new status of an action that was commanded."""
         if not self.instant.changed(action_id, status, result):
             self.order.action_changed(action_id, status, result)
-        self._link.changed()
+        self.link.changed()
 
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
         """Take the reason why an action failed by itself, before its new status."""
@@ -281,13 +282,13 @@ class Execution:
         else:
             self.order.drive_ended(self._refused_speed or reason)
         self._refused_speed = ""
-        self._link.changed()
+        self.link.changed()
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
             self.order.lose_track()
             self._is_cut = True
-        self._link.changed()
+        self.link.changed()
 
     # Steps
 
@@ -303,7 +304,7 @@ class Execution:
                 elif isinstance(command, Drive):
                     self.drive.start(leg_task(command.leg, self.facts.position))
                 else:
-                    self.drive.want(_CONTROLS[type(command)])
+                    self.drive.want(command)
         self.speed.limit(self.order.speed_limit)
 
     def _take_instant(self) -> list[Perform]:

@@ -27,9 +27,8 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleError,
     rejection,
 )
-from woosh_robot_agent.vda5050.messages.versions import Identity, Version
+from woosh_robot_agent.vda5050.messages.versions import Identity
 from woosh_robot_agent.vda5050.orders.structure import Verdict, check_instant_ids, with_marks
-from woosh_robot_agent.vda5050.robot.maps import MapLibrary, RobotMarks
 
 MIN_SPEED = 0.05
 """Lowest speed limit that the robot obeys, in m/s."""
@@ -214,30 +213,16 @@ class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
 
     Args:
-        version: version of the standard.
-        types: the actions of the vehicle.
         execution: gets the orders and instant actions.
-        marks: the marks of the robot.
-        maps: the maps of the robot.
 
     Attributes:
         message_error: why the last message with instant actions or zones was rejected; None if it
             was not.
     """
 
-    def __init__(
-        self,
-        version: Version,
-        types: ActionTypes,
-        execution: Execution,
-        marks: RobotMarks,
-        maps: MapLibrary,
-    ) -> None:
-        self._version = version
-        self._types = types
+    def __init__(self, execution: Execution) -> None:
+        self._version = execution.version
         self._execution = execution
-        self._marks = marks
-        self._maps = maps
         self._log = LogOnce(_LOG)
         self._accepted: _Accepted | None = None
         """The last order that was accepted; None if there was none."""
@@ -258,7 +243,7 @@ class Intake:
             if last is not None and received == last.order:
                 return False
             here = execution.facts.position
-            order = with_marks(received, "" if here is None else here.map_id, self._marks.find)
+            order = with_marks(received, "" if here is None else here.map_id, execution.marks.find)
             is_new = order.id != execution.order.order_id
             verdict = execution.order.receive(order, partial(self._check, is_new=is_new))
         except RejectedError as rejected:
@@ -320,5 +305,5 @@ class Intake:
         check_instant_ids(order, self._execution.instant.ids_in_state(ended=ended))
         status, info = self._execution.facts.status, self._execution.facts.info
         if status is not None and info is not None:
-            status = replace(status, maps=self._maps.listed(info))
-        OrderCheck(order, self._types).check(status)
+            status = replace(status, maps=self._execution.maps.listed(info))
+        OrderCheck(order, self._execution.types).check(status)

@@ -19,11 +19,12 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
 from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.tools.options import Address, add_link_options, link_config, stop_event
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import VERSIONS
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
-from woosh_robot_agent.vda5050.robot.status import Limits
+from woosh_robot_agent.vda5050.session import VehicleConfig
 from woosh_robot_agent.vda5050.store import state_folder
-from woosh_robot_agent.vda5050.vehicle import Vehicle, VehicleConfig
+from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 _NODE = "agent"
 """Name of the node in the sections of the file."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from woosh_robot_agent.vda5050.messages.factsheet import Factsheet
+from woosh_robot_agent.vda5050.messages.factsheet import Factsheet, Limits
 from woosh_robot_agent.vda5050.messages.state import ConnectionState, RobotStatus, VehicleState
 from woosh_robot_agent.vda5050.messages.versions import (
     PUBLISHED,
@@ -27,7 +27,6 @@ from woosh_robot_agent.vda5050.messages.writing import (
     visualization_message,
 )
 from woosh_robot_agent.vda5050.mqtt import MqttConnection, Publication
-from woosh_robot_agent.vda5050.robot.status import Limits
 
 _COUNT = 2**32
 """Number of header ids; after the last one, they start again at 0."""

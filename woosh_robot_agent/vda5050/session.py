@@ -1,4 +1,4 @@
-"""A session with master control, and the detection of a second connector for the vehicle."""
+"""A vehicle at the broker: its configuration, its connection, and a second connector for it."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import asyncio
 import json
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.state import (
     ConnectionState,
     ErrorLevel,
     ErrorType,
     VehicleError,
 )
-from woosh_robot_agent.vda5050.messages.versions import Identity, Topic, Version
+from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity, Topic, Version
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, MqttConnection
 from woosh_robot_agent.vda5050.reports import HeaderIds, Publisher, Reports
+from woosh_robot_agent.vda5050.robot.link import Timing
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 _LOG = logging.getLogger(__name__)
@@ -119,32 +122,60 @@ _SAVE_WITHIN = 2.0
 """Maximum delay before the progress of the order and of instant actions is saved, in seconds."""
 
 
+_FORBIDDEN = frozenset("+#/\0")
+"""Characters that a level of a topic cannot have."""
+
+
 @dataclass(frozen=True)
-class SessionConfig:
-    """Identity of a vehicle at the broker, and folder of its state file.
+class VehicleConfig:
+    """Configuration of a vehicle.
 
     Attributes:
-        broker: address of the broker.
-        version: version of the standard.
-        identity: manufacturer and serial number.
+        link: address of the robot.
+        manufacturer: manufacturer in the topics.
+        serial_number: serial number in the topics; empty for that of the robot.
         interface: first level of the topics.
-        state_folder: folder of the state file; None for no state file.
+        version: version of the standard.
+        limits: limits of the robot that it does not report, and options of the state.
+        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
+        state_folder: folder of the state file; None to keep nothing over a restart.
+        timing: how long to wait for the robot.
         gone_after: time after which another connector of the vehicle counts as gone, in seconds.
     """
 
-    broker: BrokerConfig
-    version: Version
-    identity: Identity
-    interface: str
-    state_folder: Path | None
-    gone_after: float
+    link: LinkConfig
+    manufacturer: str = "Woosh"
+    serial_number: str = ""
+    interface: str = "uagv"
+    version: Version = V2_1
+    limits: Limits = field(default_factory=Limits)
+    log_folder: Path | None = None
+    state_folder: Path | None = None
+    timing: Timing = field(default_factory=Timing)
+    gone_after: float = 40.0
+
+    def __post_init__(self) -> None:
+        """Check the levels of the topics.
+
+        Raises:
+            ValueError: one has a character that MQTT does not permit there.
+        """
+        levels = {"manufacturer": self.manufacturer, "serial number": self.serial_number}
+        for name, value in {**levels, "interface": self.interface.replace("/", "")}.items():
+            if bad := set(value) & _FORBIDDEN:
+                characters = " ".join(sorted(bad))
+                raise ValueError(
+                    f"the {name} is a part of the topics and cannot have {characters}: {value!r}"
+                )
 
 
 class Session:
     """A vehicle at the broker, from the first report of its robot on.
 
     Args:
-        config: configuration.
+        config: configuration of the vehicle.
+        broker: address of the broker.
+        identity: manufacturer and serial number.
         reports: messages of the vehicle; published over this session from now on.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are left out.
@@ -155,18 +186,21 @@ class Session:
 
     def __init__(
         self,
-        config: SessionConfig,
+        config: VehicleConfig,
+        broker: BrokerConfig,
+        identity: Identity,
         reports: Reports,
         handlers: Mapping[Topic, Callable[[bytes], None]],
         on_opened: Callable[[Record, VehicleError | None], None],
         on_changed: Callable[[], None],
     ) -> None:
         self._config = config
+        self._broker = broker
+        self._identity = identity
         self._reports = reports
         self._handlers = handlers
         self._on_opened = on_opened
         self._on_changed = on_changed
-        identity = config.identity
         self._name = "-".join((config.interface, identity.manufacturer, identity.serial_number))
         self._store = Store(config.state_folder, self._name)
         self._header_ids: HeaderIds | None = None
@@ -242,7 +276,7 @@ class Session:
         config = self._config
         self._header_ids = HeaderIds(record.header_ids, self._store.save_header_ids)
         self._on_opened(record, damage)
-        publisher = Publisher(config.version, config.identity, config.interface, self._header_ids)
+        publisher = Publisher(config.version, self._identity, config.interface, self._header_ids)
         self._other = OtherConnector(
             publisher.is_own_connection, self._other_changed, config.gone_after
         )
@@ -252,7 +286,7 @@ class Session:
             if topic in config.version.received
         }
         publisher.mqtt = mqtt = MqttConnection(
-            config.broker,
+            self._broker,
             client_id=self._name,
             last_will=publisher.last_will,
             handlers={**handlers, publisher.topic(Topic.CONNECTION): self._other.received},

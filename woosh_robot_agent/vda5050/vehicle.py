@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
-from woosh_robot_agent.link import LinkConfig, LinkError
+from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.reconnect import RobotIdentity
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.vda5050.actions.performing import Context
@@ -22,63 +21,17 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleState,
     warning,
 )
-from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity, Topic, Version
+from woosh_robot_agent.vda5050.messages.versions import Identity, Topic
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.reports import Reports
-from woosh_robot_agent.vda5050.robot.link import RobotLink, Timing
-from woosh_robot_agent.vda5050.robot.maps import MapLibrary, RobotMarks
-from woosh_robot_agent.vda5050.robot.status import Limits, factsheet
-from woosh_robot_agent.vda5050.session import Session, SessionConfig
+from woosh_robot_agent.vda5050.robot.link import RobotLink
+from woosh_robot_agent.vda5050.robot.status import factsheet
+from woosh_robot_agent.vda5050.session import Session, VehicleConfig
 from woosh_robot_agent.vda5050.store import Record
 
 _LOG = logging.getLogger(__name__)
-_FORBIDDEN = frozenset("+#/\0")
-"""Characters that a level of a topic cannot have."""
 _CLOSE_TIMEOUT = 1.0
 """Maximum wait for the last messages to the broker, and for the robot, in seconds."""
-
-
-@dataclass(frozen=True)
-class VehicleConfig:
-    """Configuration of a vehicle.
-
-    Attributes:
-        link: address of the robot.
-        manufacturer: manufacturer in the topics.
-        serial_number: serial number in the topics; empty for that of the robot.
-        interface: first level of the topics.
-        version: version of the standard.
-        limits: limits of the robot that it does not report, and options of the state.
-        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
-        state_folder: folder of the state file; None to keep nothing over a restart.
-        timing: how long to wait for the robot.
-        gone_after: time after which another connector of the vehicle counts as gone, in seconds.
-    """
-
-    link: LinkConfig
-    manufacturer: str = "Woosh"
-    serial_number: str = ""
-    interface: str = "uagv"
-    version: Version = V2_1
-    limits: Limits = field(default_factory=Limits)
-    log_folder: Path | None = None
-    state_folder: Path | None = None
-    timing: Timing = field(default_factory=Timing)
-    gone_after: float = 40.0
-
-    def __post_init__(self) -> None:
-        """Check the levels of the topics.
-
-        Raises:
-            ValueError: one has a character that MQTT does not permit there.
-        """
-        levels = {"manufacturer": self.manufacturer, "serial number": self.serial_number}
-        for name, value in {**levels, "interface": self.interface.replace("/", "")}.items():
-            if bad := set(value) & _FORBIDDEN:
-                characters = " ".join(sorted(bad))
-                raise ValueError(
-                    f"the {name} is a part of the topics and cannot have {characters}: {value!r}"
-                )
 
 
 class Vehicle:
@@ -93,25 +46,14 @@ class Vehicle:
         self._config = config
         self._broker = broker
         self._link = RobotLink(config.link, config.timing, self._changed, self._moved)
-        self._types = action_types(config.version, can_log=config.log_folder is not None)
-        self._execution = Execution(self._link, config.version, self._types)
+        types = action_types(config.version, can_log=config.log_folder is not None)
+        self._execution = Execution(self._link, config.version, types)
         self._facts = self._execution.facts
-        self._marks = RobotMarks(self._link)
-        self._maps = MapLibrary(self._link)
         self._reports = Reports(
             config.limits, self._state, lambda: self._facts.status, self._factsheet
         )
-        self._intake = Intake(config.version, self._types, self._execution, self._marks, self._maps)
-        self._runner = ActionRunner(
-            Context(
-                self._link,
-                self._execution,
-                self._maps,
-                self._marks,
-                self._reports,
-                config.log_folder,
-            )
-        )
+        self._intake = Intake(self._execution)
+        self._runner = ActionRunner(Context(self._execution, self._reports, config.log_folder))
         self._robot = RobotIdentity(0, 0)
         """Identity of the robot; zeros until the robot has told it."""
         self._session: Session | None = None
@@ -154,14 +96,9 @@ class Vehicle:
             Topic.ZONE_SET: self._intake.zone_set,
         }
         self._session = Session(
-            SessionConfig(
-                broker=self._broker,
-                version=config.version,
-                identity=identity,
-                interface=config.interface,
-                state_folder=config.state_folder,
-                gone_after=config.gone_after,
-            ),
+            config,
+            self._broker,
+            identity,
             self._reports,
             {topic: partial(self._received, take, identity) for topic, take in handlers.items()},
             self._restore,
@@ -259,7 +196,7 @@ class Vehicle:
         info = self._facts.info
         if info is None:
             return None
-        return factsheet(info, self._config.limits, tuple(self._types.values()))
+        return factsheet(info, self._config.limits, tuple(self._execution.types.values()))
 
     def _state(self) -> VehicleState | None:
         robot, execution = self._facts.status, self._execution
@@ -269,7 +206,7 @@ class Vehicle:
         actions = order.actions + execution.instant.states
         order = replace(order, actions=actions, paused=execution.paused)
         if self._facts.info is not None:
-            robot = replace(robot, maps=self._maps.listed(self._facts.info))
+            robot = replace(robot, maps=self._execution.maps.listed(self._facts.info))
         if not self._link.ready:
             robot = replace(robot, velocity=None)
         errors = (

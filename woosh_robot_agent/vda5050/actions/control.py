@@ -25,13 +25,13 @@ from woosh_robot_agent.vda5050.actions.performing import (
 from woosh_robot_agent.vda5050.messages.factsheet import ParameterType
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ErrorType
 from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE, STOP_PAUSE
-from woosh_robot_agent.vda5050.robot.control import Control
+from woosh_robot_agent.vda5050.orders.legs import Control
 
 
 @vehicle_action(START_PAUSE, INSTANT, "stop, and pause the order and its actions", repeatable=True)
 async def start_pause(run: Run) -> None:
     """Pause the drive and the actions that move something."""
-    execution, limit = run.context.execution, run.context.link.timing.pause_within
+    execution, limit = run.execution, run.link.timing.pause_within
     execution.pause(True)
     await run.wait(
         lambda: (execution.paused and execution.at_rest) or not execution.pause_wanted,
@@ -47,7 +47,7 @@ async def start_pause(run: Run) -> None:
 @vehicle_action(STOP_PAUSE, INSTANT, "resume the order and its actions", repeatable=True)
 async def stop_pause(run: Run) -> None:
     """Resume the drive and the paused actions, also if a button on the robot has paused them."""
-    execution, limit = run.context.execution, run.context.link.timing.pause_within
+    execution, limit = run.execution, run.link.timing.pause_within
     if execution.pause_wanted:
         execution.pause(False)
     elif execution.paused:
@@ -70,7 +70,7 @@ async def stop_pause(run: Run) -> None:
 )
 async def cancel_order(run: Run) -> None:
     """Cancel the current order, wait until everything has stopped, and empty the order."""
-    execution, order = run.context.execution, run.context.execution.order
+    execution, order = run.execution, run.execution.order
     if not (order.busy or order.canceling):
         raise ActionFailedError("there is no order to cancel", ErrorType.NO_ORDER_TO_CANCEL)
     if run.given.get("orderId", order.order_id) != order.order_id:
@@ -80,8 +80,8 @@ async def cancel_order(run: Run) -> None:
         )
     if not order.canceling:
         order.cancel()
-    run.context.link.changed()
-    await run.context.link.conditions.wait(
+    run.link.changed()
+    await run.link.conditions.wait(
         lambda: not order.canceling or (order.has_ended and execution.at_rest)
     )
     if order.canceling:
@@ -109,7 +109,7 @@ async def factsheet_request(run: Run) -> None:
 )
 async def clear_instant_actions(run: Run) -> None:
     """Forget the instant actions that have ended."""
-    run.context.execution.instant.forget_ended()
+    run.execution.instant.forget_ended()
 
 
 _MAX_REPORTS = 100
@@ -127,7 +127,7 @@ _PREFIX = "log_report_"
 )
 async def log_report(run: Run) -> str:
     """Store what the robot reports, in a subfolder for each robot, and return the path in it."""
-    info, folder = run.context.execution.facts.info, run.context.log_folder
+    info, folder = run.execution.facts.info, run.context.log_folder
     if info is None or folder is None:
         raise ActionFailedError("the robot has not reported its state yet")
     now = datetime.fromtimestamp(time.time(), timezone.utc)
@@ -150,7 +150,7 @@ async def log_report(run: Run) -> str:
 async def _asked(run: Run, query: Message) -> dict[str, Any] | str:
     """Return what the robot answers, or the reason why it does not."""
     try:
-        answer = await run.context.link.ask(query)
+        answer = await run.link.ask(query)
     except LinkError as error:
         return str(error)
     if not answer.ok or answer.body is None:

@@ -25,10 +25,10 @@ from woosh_robot_agent.pb.util.common_pb2 import FileData, Pose2D
 from woosh_robot_agent.vda5050.actions.performing import (
     INSTANT,
     NOT_ON_EDGES,
-    Context,
     Run,
     vehicle_action,
 )
+from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ParameterType
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.robot.maps import StoredMap
@@ -186,22 +186,22 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
         ActionFailedError: there is no such map, or the robot refused it.
         LinkError: the robot could not be reached.
     """
-    context = run.context
-    await context.maps.read()
-    if any(_is_current(context, each) for each in context.maps.find(name, version)):
+    execution = run.execution
+    await execution.maps.read()
+    if any(_is_current(execution, each) for each in execution.maps.find(name, version)):
         return
-    chosen = _single(context, name, version)
+    chosen = _single(execution, name, version)
     run.require_no_leg()
     await run.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
     await run.wait(
-        lambda: _is_current(context, chosen),
+        lambda: _is_current(execution, chosen),
         _TIMEOUT,
         f"the robot does not report that it uses the map {name}",
     )
     # a robot that stands does not push its pose, which now belongs to this map
-    answer = await context.link.ask(PoseSpeed())
+    answer = await run.link.ask(PoseSpeed())
     if isinstance(answer.body, PoseSpeed):
-        context.execution.facts.remember_pose(answer.body)
+        execution.facts.remember_pose(answer.body)
 
 
 @vehicle_action(
@@ -229,7 +229,7 @@ _POSITION = (
 
 async def _init_position(run: Run) -> None:
     """Initialise the robot at a pose; change the map first if necessary."""
-    execution, given = run.context.execution, run.given
+    execution, given = run.execution, run.given
 
     def is_there() -> bool:
         place = execution.facts.position
@@ -266,10 +266,10 @@ init_position, initialize_position = (
 )
 async def delete_map(run: Run) -> None:
     """Delete a map on the robot."""
-    maps = run.context.maps
+    maps = run.execution.maps
     await maps.read()
-    found = _single(run.context, run.given["mapId"], run.given["mapVersion"])
-    if _is_current(run.context, found):
+    found = _single(run.execution, run.given["mapId"], run.given["mapVersion"])
+    if _is_current(run.execution, found):
         raise ActionFailedError(f"the robot uses the map {found.name}: enable another one")
     is_last = len(maps.of_scene(found.scene)) == 1
     name = "" if is_last else found.name  # no scene is empty: delete it with its last map
@@ -303,12 +303,12 @@ async def delete_map(run: Run) -> None:
 async def download_map(run: Run) -> None:
     """Fetch the files of a scene, and store them on the robot."""
     run.report(ActionStatus.INITIALIZING)
-    async with run.context.maps.downloading:
+    async with run.execution.maps.downloading:
         await _download(run)
 
 
 async def _download(run: Run) -> None:
-    maps, given = run.context.maps, run.given
+    maps, given = run.execution.maps, run.given
     name, version = given["mapId"], given["mapVersion"]
     await maps.read()
     if maps.find(name) or maps.of_scene(name):
@@ -334,13 +334,13 @@ async def _download(run: Run) -> None:
         raise ActionFailedError(f"the file has {what}, not version {version} of {name}")
 
 
-def _single(context: Context, name: str, version: str | None) -> StoredMap:
+def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
     """Return the map with a name and version.
 
     Raises:
         ActionFailedError: there is none, or several scenes have one.
     """
-    found = context.maps.find(name, version)
+    found = execution.maps.find(name, version)
     if len(found) == 1:
         return found[0]
     what = f"map {name}" if version is None else f"version {version} of the map {name}"
@@ -350,8 +350,8 @@ def _single(context: Context, name: str, version: str | None) -> StoredMap:
     raise ActionFailedError(f"several scenes of the robot have {what}: {scenes}; rename one")
 
 
-def _is_current(context: Context, stored: StoredMap) -> bool:
-    info = context.execution.facts.info
+def _is_current(execution: Execution, stored: StoredMap) -> bool:
+    info = execution.facts.info
     return info is not None and (info.scene.scene_name, info.scene.map_name) == (
         stored.scene,
         stored.name,

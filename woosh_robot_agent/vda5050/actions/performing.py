@@ -18,7 +18,6 @@ from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.link import RobotLink
-from woosh_robot_agent.vda5050.robot.maps import MapLibrary, RobotMarks
 
 REACH = 3.0
 """Maximum distance of a mark at which an action docks, in metres; the master control has released
@@ -35,18 +34,12 @@ class Context:
     """Parts of the vehicle that its actions use.
 
     Attributes:
-        link: the link.
         execution: the order, and what the robot does.
-        maps: maps on the robot.
-        marks: marks of the robot's scene.
         reports: messages of the vehicle.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
     """
 
-    link: RobotLink
     execution: Execution
-    maps: MapLibrary
-    marks: RobotMarks
     reports: Reports
     log_folder: Path | None = None
 
@@ -66,6 +59,16 @@ class Run:
     report: Callable[[ActionStatus], None]
 
     @property
+    def execution(self) -> Execution:
+        """The order, and what the robot does."""
+        return self.context.execution
+
+    @property
+    def link(self) -> RobotLink:
+        """The link to the robot."""
+        return self.context.execution.link
+
+    @property
     def given(self) -> Mapping[str, Any]:
         """Values of the parameters, by key; their types have been checked."""
         return self.action.parameters
@@ -77,14 +80,14 @@ class Run:
             ActionFailedError: the robot refused it.
             LinkError: it was not sent or not answered.
         """
-        answer = await self.context.link.ask(message)
+        answer = await self.link.ask(message)
         if not answer.ok:
             raise ActionFailedError(f"the robot refused {full_name(message)}: {answer.msg}")
         return answer
 
     async def call(self, command: Message) -> str:
         """Execute an action of the robot's own; see `RobotCalls.perform`."""
-        return await self.context.execution.calls.perform(command, self.report)
+        return await self.execution.calls.perform(command, self.report)
 
     async def wait(self, condition: Callable[[], bool], timeout: float, failure: str) -> None:
         """Wait until a condition of the vehicle holds.
@@ -92,7 +95,7 @@ class Run:
         Raises:
             ActionFailedError: it does not within `timeout` seconds; the text is `failure`.
         """
-        if not await self.context.link.conditions.wait(condition, timeout):
+        if not await self.link.conditions.wait(condition, timeout):
             raise ActionFailedError(failure)
 
     def require_near(self, mark: str) -> None:
@@ -101,8 +104,8 @@ class Run:
         Raises:
             ActionFailedError: it does not, or the map has no such mark.
         """
-        here = self.context.execution.facts.position
-        place = None if here is None else self.context.marks.find(mark, here.map_id)
+        here = self.execution.facts.position
+        place = None if here is None else self.execution.marks.find(mark, here.map_id)
         if here is None or place is None:
             raise ActionFailedError(f"the robot knows no mark {mark} on its map")
         distance = math.dist(place.point, here.point)
@@ -117,7 +120,7 @@ class Run:
         Raises:
             ActionFailedError: it does.
         """
-        if self.context.execution.order.driving:
+        if self.execution.order.driving:
             raise ActionFailedError(
                 "the vehicle drives along an order: wait until it stands on a node, or cancel it"
             )

@@ -105,7 +105,7 @@ class ActionRunner:
     def poll(self) -> None:
         """Start the actions that may start now."""
         execution, waiting = self._execution, self._waiting
-        if self._context.link.is_closing or not execution.may_act:
+        if self._execution.link.is_closing or not execution.may_act:
             return
         if execution.pause_wanted:
             waiting = list(takewhile(lambda each: not ACTIONS[each.type].type.pausable, waiting))
@@ -117,7 +117,7 @@ class ActionRunner:
             self._launch(action)
 
     def _launch(self, action: Action) -> None:
-        running = self._context.link.work.start(self._run(action))
+        running = self._execution.link.work.start(self._run(action))
         self._tasks[action.id] = running
         running.add_done_callback(lambda task: self._done(action, task))
 
@@ -156,5 +156,5 @@ class ActionRunner:
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         self._execution.active.pop(action.id, None)
         self._tasks.pop(action.id, None)
-        if not self._context.link.is_closing:
+        if not self._execution.link.is_closing:
             self._execution.action_changed(action.id, status, result)

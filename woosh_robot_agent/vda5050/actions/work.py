@@ -55,14 +55,14 @@ _CHARGE_TIMEOUT = 30.0
 )
 async def start_charging(run: Run) -> None:
     """Dock at a charger and charge, by a task of the robot, which goes on."""
-    facts = run.context.execution.facts
+    facts = run.execution.facts
     if facts.is_charging:
         return
     run.require_no_leg()
     mark = run.given.get(_STATION) or await _nearest_charger(run)
     run.require_near(mark)
     request = ExecTask(type=task.kCharge, mark_no=mark)
-    await run.context.execution.tasks.perform(request, run.report, lambda: facts.is_charging)
+    await run.execution.tasks.perform(request, run.report, lambda: facts.is_charging)
 
 
 async def _nearest_charger(run: Run) -> str:
@@ -71,7 +71,7 @@ async def _nearest_charger(run: Run) -> str:
     Raises:
         ActionFailedError: there is none within reach.
     """
-    here = run.context.execution.facts.position
+    here = run.execution.facts.position
     answer = await run.request(storage_edit_pb2.Storages())
     distances = []
     for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
@@ -94,12 +94,12 @@ async def _nearest_charger(run: Run) -> str:
 )
 async def stop_charging(run: Run) -> None:
     """Cancel the charging task, or back out of the charger if the task has ended."""
-    facts = run.context.execution.facts
+    facts = run.execution.facts
     info = facts.info
     if info is None:
         raise ActionFailedError("the robot has not reported its state yet")
     if info.task_proc.type == task.kCharge and is_running(info.task_proc):
-        answer = await run.context.link.command(ActionOrder(order=action_pb2.kCancel))
+        answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
         if not answer.ok:
             raise ActionFailedError(f"the robot refused to end its task: {answer.msg}")
     elif facts.is_charging:
@@ -159,7 +159,7 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
     run.require_no_leg()
     run.require_near(mark)
     request = ExecTask(type=task.kCarry, direction=direction, mark_no=mark)
-    await run.context.execution.tasks.perform(request, run.report)
+    await run.execution.tasks.perform(request, run.report)
     return ""
 
 

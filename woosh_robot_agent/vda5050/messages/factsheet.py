@@ -186,6 +186,30 @@ class OptionalParameter:
 
 
 @dataclass(frozen=True)
+class Limits:
+    """Limits of the robot that it does not report, and options of the state.
+
+    Attributes:
+        max_speed: maximum speed, in m/s.
+        max_acceleration: maximum acceleration, in m/s².
+        min_state_interval: minimum time between two states, in seconds.
+        state_interval: maximum time between two states, in seconds.
+        visualization_interval: time between two visualizations while it moves, in seconds.
+        driving_state_interval: maximum time between two states while it moves, in seconds; 0 for
+            `state_interval`.
+        maps_in_state: True if the state lists the maps on the robot.
+    """
+
+    max_speed: float = 1.0
+    max_acceleration: float = 0.5
+    min_state_interval: float = 0.1
+    state_interval: float = 30.0
+    visualization_interval: float = 1.0
+    driving_state_interval: float = 0.0
+    maps_in_state: bool = True
+
+
+@dataclass(frozen=True)
 class Factsheet:
     """Properties and capabilities of a vehicle. Lengths are in metres, masses in kilograms.
 
@@ -198,14 +222,10 @@ class Factsheet:
         length: length of the vehicle.
         width: width of the vehicle.
         height: height of the vehicle.
-        max_speed: maximum speed, in m/s.
-        max_acceleration: maximum acceleration, in m/s².
+        limits: limits that the robot does not report.
         outline: corners of the outline in the vehicle's frame.
         actions: actions that it can perform.
         optional_parameters: optional fields that it obeys.
-        min_state_interval: minimum time between two states, in seconds.
-        state_interval: maximum time between two states, in seconds.
-        visualization_interval: time between two visualizations while it moves, in seconds.
         versions: versions of its software, by name.
     """
 
@@ -217,12 +237,8 @@ class Factsheet:
     length: float
     width: float
     height: float
-    max_speed: float
-    max_acceleration: float
+    limits: Limits
     outline: tuple[tuple[float, float], ...]
     actions: tuple[ActionType, ...]
     optional_parameters: tuple[OptionalParameter, ...]
-    min_state_interval: float
-    state_interval: float
-    visualization_interval: float
     versions: tuple[tuple[str, str], ...] = ()

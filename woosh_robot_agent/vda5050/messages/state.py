@@ -69,19 +69,6 @@ class ErrorType(str, Enum):
 
 
 @dataclass(frozen=True)
-class Reference:
-    """A reference from an error to what it is about.
-
-    Attributes:
-        key: name of the field, e.g. `orderId`.
-        value: its value.
-    """
-
-    key: str
-    value: str
-
-
-@dataclass(frozen=True)
 class VehicleError:
     """An error in the state of a vehicle.
 
@@ -90,14 +77,14 @@ class VehicleError:
         level: severity.
         description: what happened.
         hint: what to do about it; may be empty.
-        references: what the error is about.
+        references: what the error is about: keys such as `orderId`, and values.
     """
 
     type: str
     level: ErrorLevel
     description: str
     hint: str = ""
-    references: tuple[Reference, ...] = ()
+    references: tuple[tuple[str, str], ...] = ()
 
 
 class RejectedError(Exception):
@@ -135,7 +122,7 @@ def warning(
         description,
         hint,
         tuple(
-            Reference(key, str(each))
+            (key, str(each))
             for key, value in references.items()
             for each in (value if isinstance(value, list) else [value])
         ),
@@ -159,15 +146,6 @@ class OperatingMode(Enum):
     MANUAL = "MANUAL"
     SERVICE = "SERVICE"
     TEACH_IN = "TEACHIN"
-
-
-class EmergencyStop(Enum):
-    """Emergency stop, by how it is acknowledged."""
-
-    NONE = "NONE"
-    """No emergency stop is active."""
-    MANUAL = "MANUAL"
-    """It must be acknowledged at the vehicle."""
 
 
 class ActionStatus(Enum):
@@ -314,7 +292,7 @@ class RobotStatus:
         driving: the robot drives or turns.
         mode: operating mode.
         battery: state of the battery.
-        emergency_stop: the active emergency stop.
+        emergency_stop: an emergency stop is active, which must be acknowledged at the vehicle.
         field_violation: an obstacle is in the protective field.
         position: position; None if the robot did not report one.
         velocity: velocity; None if the robot did not report one.
@@ -328,7 +306,7 @@ class RobotStatus:
     driving: bool
     mode: OperatingMode
     battery: Battery
-    emergency_stop: EmergencyStop
+    emergency_stop: bool
     field_violation: bool
     position: Position | None = None
     velocity: Velocity | None = None

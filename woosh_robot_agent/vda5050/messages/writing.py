@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 from woosh_robot_agent.vda5050.messages.factsheet import (
@@ -72,7 +71,7 @@ def state_message(version: Version, state: VehicleState) -> Fields:
         "operatingMode": version.value(robot.mode.value),
         "errors": [_error(version, each) for each in _errors(version, state)],
         "safetyState": {
-            "eStop": robot.emergency_stop.value,
+            "eStop": "MANUAL" if robot.emergency_stop else "NONE",
             "fieldViolation": robot.field_violation,
         },
     }
@@ -117,7 +116,7 @@ def connection_message(version: Version, state: ConnectionState) -> Fields:
 
 def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
     """Return a `factsheet` message."""
-    kinematics = version.value(factsheet.kinematics.value)
+    limits, kinematics = factsheet.limits, version.value(factsheet.kinematics.value)
     message: Fields = {
         "typeSpecification": _without_empty(
             {
@@ -132,9 +131,9 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         ),
         "physicalParameters": {
             "speedMin": 0.0,
-            "speedMax": factsheet.max_speed,
-            "accelerationMax": factsheet.max_acceleration,
-            "decelerationMax": factsheet.max_acceleration,
+            "speedMax": limits.max_speed,
+            "accelerationMax": limits.max_acceleration,
+            "decelerationMax": limits.max_acceleration,
             "heightMax": factsheet.height,
             "width": factsheet.width,
             "length": factsheet.length,
@@ -144,9 +143,9 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
             "maxArrayLens": dict(_ARRAY_LIMITS),
             "timing": {
                 "minOrderInterval": 0.0,
-                "minStateInterval": factsheet.min_state_interval,
-                "defaultStateInterval": factsheet.state_interval,
-                "visualizationInterval": factsheet.visualization_interval,
+                "minStateInterval": limits.min_state_interval,
+                "defaultStateInterval": limits.state_interval,
+                "visualizationInterval": limits.visualization_interval,
             },
         },
         "protocolFeatures": {
@@ -280,10 +279,8 @@ def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
 def _error(version: Version, error: VehicleError) -> Fields:
     kind = version.error_type(error.type)
     references = [
-        replace(each, value=version.name(each.value) or each.value)
-        if each.key == "parameter"
-        else each
-        for each in error.references
+        (key, (version.name(value) or value) if key == "parameter" else value)
+        for key, value in error.references
     ]
     return _without_empty(
         {
@@ -292,7 +289,7 @@ def _error(version: Version, error: VehicleError) -> Fields:
             "errorDescription": error.description,
             "errorHint": error.hint,
             "errorReferences": [
-                {"referenceKey": each.key, "referenceValue": each.value} for each in references
+                {"referenceKey": key, "referenceValue": value} for key, value in references
             ],
         }
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -153,19 +154,15 @@ class Drive:
     leg: Leg
 
 
-@dataclass(frozen=True)
-class CancelDrive:
-    """Cancel the drive, and report its end with `OrderMachine.drive_ended`."""
+class Control(Enum):
+    """Command about the drive of a leg; about any task or action of the robot, too.
 
+    After a cancellation, report the end of the drive with `OrderMachine.drive_ended`.
+    """
 
-@dataclass(frozen=True)
-class PauseDrive:
-    """Pause the drive."""
-
-
-@dataclass(frozen=True)
-class ResumeDrive:
-    """Resume the paused drive."""
+    PAUSE = "pause"
+    RESUME = "resumption"
+    CANCEL = "cancellation"
 
 
 @dataclass(frozen=True)
@@ -188,5 +185,5 @@ class EndAction:
     action: Action
 
 
-Command: TypeAlias = Drive | CancelDrive | PauseDrive | ResumeDrive | Perform | EndAction
+Command: TypeAlias = Drive | Control | Perform | EndAction
 """Any command of the state machine."""

@@ -11,24 +11,21 @@ from woosh_robot_agent.vda5050.messages.state import (
     ErrorType,
     OrderStatus,
     Position,
-    Reference,
     VehicleError,
     warning,
 )
 from woosh_robot_agent.vda5050.orders.actions import Memory, OrderActions
 from woosh_robot_agent.vda5050.orders.legs import (
-    CancelDrive,
     Command,
+    Control,
     Drive,
     Leg,
-    PauseDrive,
-    ResumeDrive,
     needs_base,
     next_leg,
     speed_limit,
     stops,
 )
-from woosh_robot_agent.vda5050.orders.reach import Route, Tolerance, in_sequence
+from woosh_robot_agent.vda5050.orders.reach import Route, in_sequence
 from woosh_robot_agent.vda5050.orders.structure import Verdict, check_action_ids, check_start, judge
 
 _RESTARTED = "the connector was restarted while the action ran"
@@ -41,16 +38,13 @@ class OrderMachine:
 
     Call a method for each event, and then `poll` for the commands.
 
-    Args:
-        tolerance: minimum tolerance at nodes.
-
     Attributes:
         error: why the order cannot go on until it is cancelled; None if it can.
     """
 
-    def __init__(self, tolerance: Tolerance | None = None) -> None:
+    def __init__(self) -> None:
         self._actions = OrderActions()
-        self._route = Route(self._actions, tolerance or Tolerance())
+        self._route = Route(self._actions)
         self.error: VehicleError | None = None
         self._order: Order | None = None
         """The order or update that was taken last."""
@@ -253,8 +247,8 @@ class OrderMachine:
             self.error = self._stuck(
                 ErrorType.DRIVING,
                 f"the robot did not reach node {node.id}: {reason}",
-                Reference("nodeId", node.id),
-                Reference("edgeId", route.edges[0].id),
+                ("nodeId", node.id),
+                ("edgeId", route.edges[0].id),
             )
         else:
             route.arrive()
@@ -290,7 +284,7 @@ class OrderMachine:
         self.error = None
         self._actions.cancel(reason)
         if self.driving:
-            self._command(CancelDrive())
+            self._command(Control.CANCEL)
 
     def poll(self, *, may_drive: bool = True, may_empty: bool = True) -> list[Command]:
         """Return the commands that follow from the events so far.
@@ -373,9 +367,7 @@ class OrderMachine:
             reason: why that is not known.
         """
         if self.busy and self.error is None:
-            self.error = self._stuck(
-                ErrorType.INTERRUPTED, reason, Reference("actionId", action_id)
-            )
+            self.error = self._stuck(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
 
     # Steps
 
@@ -394,19 +386,19 @@ class OrderMachine:
                 self.error = self._stuck(
                     ErrorType.INTERRUPTED,
                     f"the robot was moved away from node {last.id}",
-                    Reference("nodeId", last.id),
+                    ("nodeId", last.id),
                 )
         route.doubtful = False
         return True
 
-    def _stuck(self, kind: ErrorType, reason: str, *references: Reference) -> VehicleError:
+    def _stuck(self, kind: ErrorType, reason: str, *references: tuple[str, str]) -> VehicleError:
         """Return the error of an order that cannot go on."""
         return VehicleError(
             kind.value,
             ErrorLevel.FATAL,
             reason,
             "remove the cause, then cancel the order with cancelOrder and send a new one",
-            (Reference("orderId", self.order_id), *references),
+            (("orderId", self.order_id), *references),
         )
 
     def _command(self, command: Command) -> None:
@@ -420,7 +412,7 @@ class OrderMachine:
         """Pause or resume the drive."""
         if self.driving and self._is_held != self.held:
             self._is_held = self.held
-            self._command(PauseDrive() if self.held else ResumeDrive())
+            self._command(Control.PAUSE if self.held else Control.RESUME)
 
     def _start_drive(self) -> bool:
         """Start the next leg; return True if the next node was reached without driving."""
@@ -441,8 +433,8 @@ class OrderMachine:
             self.error = self._stuck(
                 ErrorType.DRIVING,
                 f"the trajectory of edge {leg.edges[0].id} begins {distance:.1f} m away",
-                Reference("nodeId", leg.nodes[0].id),
-                Reference("edgeId", leg.edges[0].id),
+                ("nodeId", leg.nodes[0].id),
+                ("edgeId", leg.edges[0].id),
             )
             return False
         route.depart(leg)

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise, takewhile
 
 from woosh_robot_agent.vda5050.messages.geometry import Point, curve_points, nearest_on_line
@@ -36,17 +36,10 @@ _UNSEEN_WAY = math.sqrt(2.0)
 """Length of a way that was driven without a link, per distance of its ends: round a corner."""
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """Minimum tolerance at a node; a smaller permitted deviation is raised to it.
-
-    Attributes:
-        xy: distance, in metres.
-        theta: angle, in radians.
-    """
-
-    xy: float = 0.25
-    theta: float = 0.1
+TOLERANCE = 0.25
+"""Deviation from a node that counts as none, in metres; a smaller permitted one is raised to it."""
+_ANGLE = 0.1
+"""The same for the heading, in radians."""
 
 
 class Route:
@@ -54,7 +47,6 @@ class Route:
 
     Args:
         actions: the actions of the order; reached nodes and entered edges trigger theirs.
-        tolerance: deviation from a node that counts as none.
 
     Attributes:
         last_node: the node that was reached last; None if there is none.
@@ -67,9 +59,8 @@ class Route:
         doubtful: True if the vehicle may have been moved away from the last node.
     """
 
-    def __init__(self, actions: OrderActions, tolerance: Tolerance) -> None:
+    def __init__(self, actions: OrderActions) -> None:
         self._actions = actions
-        self._tolerance = tolerance
         self.last_node: Node | None = None
         self.nodes: deque[Node] = deque()
         self.edges: deque[Edge] = deque()
@@ -133,7 +124,7 @@ class Route:
         """Return True if the vehicle stands on a node, within the permitted deviation."""
         if node.position is None or self.position is None:
             return False
-        return is_reached(node.position, None, self.position, self._tolerance)
+        return is_reached(node.position, None, self.position)
 
     def place(self, node: Node | None) -> None:
         """Set the last node: the vehicle was told that it stands there, or on none."""
@@ -222,7 +213,7 @@ class Route:
             if place is None:
                 break
             is_next = number == count or (self._way >= way and self._leaves(start))
-            if is_next and is_reached(place, before, here, self._tolerance):
+            if is_next and is_reached(place, before, here):
                 count = number + 1
                 if before is not None and before.map_id == here.map_id:
                     x, y = nearest_on_line(place.point, before.point, here.point)
@@ -267,7 +258,7 @@ class Route:
         radius = place.deviation_xy
         if place.ellipse is not None:
             radius = max(place.ellipse.a, place.ellipse.b)
-        return _distance(here, place) > max(radius, self._tolerance.xy) + _MAX_STEP
+        return _distance(here, place) > max(radius, TOLERANCE) + _MAX_STEP
 
     # The leg, and doubts about the place
 
@@ -289,7 +280,7 @@ class Route:
 
     def is_where_it_stood(self) -> bool:
         """Return True if the vehicle is where it has brought itself."""
-        return _distance(self._stand, self.position) <= self._tolerance.xy
+        return _distance(self._stand, self.position) <= TOLERANCE
 
     def is_on_map_of(self, node: Node) -> bool:
         """Return True if the vehicle is on the map of a node, or that is unknown."""
@@ -316,35 +307,32 @@ def in_sequence(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edg
     return sorted(parts, key=lambda part: part.sequence_id)
 
 
-def is_reached(
-    node: NodePosition, before: Position | None, now: Position, tolerance: Tolerance
-) -> bool:
+def is_reached(node: NodePosition, before: Position | None, now: Position) -> bool:
     """Return True if the vehicle has passed a node on its way from one position to the next.
 
     Args:
         node: position of the node.
         before: last position of the vehicle; None if there was none.
         now: position of the vehicle.
-        tolerance: minimum tolerance.
     """
     if node.map_id != now.map_id:
         return False
     if before is None or before.map_id != now.map_id:
         before = now
-    if not _is_within(node, before, now, tolerance.xy):
+    if not _is_within(node, before, now):
         return False
     if node.theta is None:
         return True
     error = math.remainder(node.theta - now.theta, math.tau)
-    return abs(error) <= max(abs(node.deviation_theta), tolerance.theta)
+    return abs(error) <= max(abs(node.deviation_theta), _ANGLE)
 
 
-def _is_within(node: NodePosition, before: Position, now: Position, tolerance: float) -> bool:
+def _is_within(node: NodePosition, before: Position, now: Position) -> bool:
     """Return True if a straight way leads through the permitted deviation from a node."""
     if node.ellipse is None:
         nearest = nearest_on_line(node.point, before.point, now.point)
-        return math.dist(node.point, nearest) <= max(node.deviation_xy, tolerance)
-    a, b = max(node.ellipse.a, tolerance), max(node.ellipse.b, tolerance)
+        return math.dist(node.point, nearest) <= max(node.deviation_xy, TOLERANCE)
+    a, b = max(node.ellipse.a, TOLERANCE), max(node.ellipse.b, TOLERANCE)
     cos, sin = math.cos(node.ellipse.theta), math.sin(node.ellipse.theta)
 
     def scaled(place: Position) -> Point:

@@ -15,7 +15,7 @@ from woosh_robot_agent.vda5050.messages.state import (
     rejection,
 )
 from woosh_robot_agent.vda5050.orders.legs import stops
-from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
+from woosh_robot_agent.vda5050.orders.reach import is_reached
 
 
 def check_structure(order: Order) -> None:
@@ -232,4 +232,4 @@ def _is_at(place: NodePosition, mark: NodePosition) -> bool:
     """Return True if a robot at a mark is within the permitted deviation from a node."""
     theta = place.theta if mark.theta is None else mark.theta
     here = Position(mark.x, mark.y, theta or 0.0, place.map_id, initialised=True)
-    return is_reached(place, None, here, Tolerance())
+    return is_reached(place, None, here)

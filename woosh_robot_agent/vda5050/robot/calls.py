@@ -22,7 +22,8 @@ from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
-from woosh_robot_agent.vda5050.robot.control import Control, Controller
+from woosh_robot_agent.vda5050.orders.legs import Control
+from woosh_robot_agent.vda5050.robot.control import Controller
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)

@@ -7,25 +7,17 @@ import contextlib
 import logging
 import math
 from collections.abc import Callable, Coroutine
-from enum import Enum
 from typing import Any
 
 from woosh_robot_agent.link import Answer, LinkError, NotConnectedError, TooManyRequestsError
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.vda5050.orders.legs import Control
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
 _EFFECT_WITHIN = 1.5
 """Maximum time from a resumption to the report of its effect, in seconds."""
-
-
-class Control(Enum):
-    """A command about a task or an action."""
-
-    PAUSE = "pause"
-    RESUME = "resumption"
-    CANCEL = "cancellation"
 
 
 class Controller:

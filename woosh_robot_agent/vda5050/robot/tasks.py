@@ -31,8 +31,8 @@ from woosh_robot_agent.vda5050.messages.state import (
     ErrorType,
     Position,
 )
-from woosh_robot_agent.vda5050.orders.legs import Leg
-from woosh_robot_agent.vda5050.robot.control import Control, Controller
+from woosh_robot_agent.vda5050.orders.legs import Control, Leg
+from woosh_robot_agent.vda5050.robot.control import Controller
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 
