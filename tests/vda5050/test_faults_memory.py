@@ -16,7 +16,7 @@ from woosh_robot_agent.vda5050.orders.legs import Control, Drive, Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.orders.structure import Verdict
 from woosh_robot_agent.vda5050.reports import HeaderIds
-from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, from_plain, to_plain
+from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, from_plain, to_json
 
 HARD, NONE = BlockingType.HARD, BlockingType.NONE
 
@@ -48,7 +48,7 @@ def an_order() -> VehicleOrder:
 
 def restarted(machine: OrderMachine) -> OrderMachine:
     """Return a machine that has only what JSON has kept of the other one."""
-    memory = from_plain(Memory, json.loads(json.dumps(to_plain(machine.memory))))
+    memory = from_plain(Memory, json.loads(to_json(machine.memory)))
     assert memory == machine.memory
     after = OrderMachine()
     after.restore(memory)

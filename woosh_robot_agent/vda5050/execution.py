@@ -60,14 +60,8 @@ _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
 class Execution:
     """Executes the order and the instant actions. Used in the event loop of the link.
 
-    Args:
-        link: the link.
-        version: version of the standard.
-        types: the actions of the vehicle.
 
     Attributes:
-        link: the link.
-        version: version of the standard.
         types: the actions of the vehicle.
         facts: what the robot reports.
         marks: marks of the robot's scene.

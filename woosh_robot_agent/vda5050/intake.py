@@ -39,12 +39,7 @@ _TOLERANCE = 0.25
 
 
 class OrderCheck:
-    """Check of an order against what a vehicle can do.
-
-    Args:
-        order: the order.
-        types: the actions of the vehicle.
-    """
+    """Check of an order against what a vehicle can do."""
 
     def __init__(self, order: Order, types: ActionTypes) -> None:
         self._order = order
@@ -201,7 +196,6 @@ class _Accepted(NamedTuple):
     """An order that was accepted.
 
     Attributes:
-        payload: the message.
         order: the order in it, without the marks of the robot, which may change.
     """
 
@@ -211,9 +205,6 @@ class _Accepted(NamedTuple):
 
 class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
-
-    Args:
-        execution: gets the orders and instant actions.
 
     Attributes:
         message_error: why the last message with instant actions or zones was rejected; None if it
@@ -229,12 +220,7 @@ class Intake:
         self.message_error: VehicleError | None = None
 
     def order(self, identity: Identity, payload: bytes) -> bool:
-        """Accept or reject an order; return False if the vehicle has it already.
-
-        Args:
-            identity: identity of the vehicle.
-            payload: the message.
-        """
+        """Accept or reject an order; return False if the vehicle has it already."""
         last, execution = self._accepted, self._execution
         if last is not None and payload == last.payload:
             return False  # at no cost: a master control may repeat a large order often
@@ -265,12 +251,7 @@ class Intake:
         return True
 
     def instant_actions(self, identity: Identity, payload: bytes) -> bool:
-        """Accept or reject instant actions; return True.
-
-        Args:
-            identity: identity of the vehicle.
-            payload: the message.
-        """
+        """Accept or reject instant actions; return True."""
         try:
             actions = read_instant_actions(payload, self._version, identity)
         except RejectedError as rejected:
@@ -282,12 +263,7 @@ class Intake:
         return True
 
     def zone_set(self, identity: Identity, payload: bytes) -> bool:
-        """Refuse a zone set, because the robot takes no zones; return True.
-
-        Args:
-            identity: identity of the vehicle.
-            payload: the message.
-        """
+        """Refuse a zone set, because the robot takes no zones; return True."""
         error = refusal_of_zone_set(payload, self._version, identity)
         reason = error.description
         self._log.warn(f"zones: {reason}", f"a zone set was refused: {reason}")

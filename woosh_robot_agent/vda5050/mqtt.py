@@ -9,7 +9,7 @@ import math
 import os
 import re
 import ssl
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -58,8 +58,6 @@ class BrokerConfig:
     """Address of the broker, and how to log in.
 
     Attributes:
-        host: address or host name.
-        port: port.
         tls: TLS settings; None for a connection without TLS.
         username: user name; None without one.
         password: password; None without one.
@@ -102,8 +100,6 @@ class Publication(NamedTuple):
     """A message to publish.
 
     Attributes:
-        topic: full topic.
-        payload: content.
         qos: QoS level.
         retain: the broker keeps it for new subscribers.
     """
@@ -120,7 +116,6 @@ class MqttConnection:
     Messages that are published without a connection are dropped, not queued.
 
     Args:
-        broker: address of the broker.
         client_id: id of the client; unique at the broker.
         last_will: returns the message that the broker publishes when the connection breaks.
         handlers: functions by topic, called with the payload of each message and its retain flag.
@@ -141,10 +136,7 @@ class MqttConnection:
         self._handlers = handlers
         self._on_connected = on_connected
         self._log = LogOnce(_LOG)
-        self._outbox: deque[Publication] = deque(maxlen=_MAX_OUTBOX)
-        self._wake = asyncio.Event()
-        self._idle = asyncio.Event()
-        self._idle.set()
+        self._outbox: asyncio.Queue[Publication] = asyncio.Queue()
         self.connected = False
         """True while messages can be published."""
         self._connected_at = math.inf
@@ -153,14 +145,15 @@ class MqttConnection:
     def publish(self, publication: Publication) -> None:
         """Queue a message for publication; drop it if there is no connection."""
         if self.connected:
-            self._outbox.append(publication)
-            self._idle.clear()
-            self._wake.set()
+            if self._outbox.qsize() >= _MAX_OUTBOX:
+                self._outbox.get_nowait()
+                self._outbox.task_done()
+            self._outbox.put_nowait(publication)
 
     async def flush(self, timeout: float) -> None:
         """Wait until everything is published, at most `timeout` seconds."""
         try:
-            await run_with_timeout(timeout, self._idle.wait())
+            await run_with_timeout(timeout, self._outbox.join())
         except TimeoutError:
             _LOG.warning("the broker did not take the last messages within %g s", timeout)
 
@@ -217,7 +210,7 @@ class MqttConnection:
                     f"the broker refused the subscription to {', '.join(refused)}; give the "
                     "vehicle the right to read there",
                 )
-            self._outbox.clear()
+            self._outbox = asyncio.Queue()
             self.connected = True
             self._connected_at = asyncio.get_running_loop().time()
             _LOG.info("connected to the broker at %s:%d", broker.host, broker.port)
@@ -257,12 +250,8 @@ class MqttConnection:
     async def _send(self, client: aiomqtt.Client) -> None:
         """Publish the messages in the outbox."""
         while True:
-            while self._outbox:
-                publication = self._outbox.popleft()
-                await client.publish(*publication)
-            self._idle.set()
-            self._wake.clear()
-            await self._wake.wait()
+            await client.publish(*await self._outbox.get())
+            self._outbox.task_done()
 
 
 class _Client(aiomqtt.Client):
@@ -349,7 +338,6 @@ def refused_topics(topics: Iterable[str], granted: Iterable[Any]) -> list[str]:
     """Return the topics that the broker does not let the vehicle read.
 
     Args:
-        topics: the topics.
         granted: result code of the subscription to each of them.
     """
     codes = (getattr(each, "value", each) for each in granted)
@@ -417,9 +405,6 @@ def broker_config(
 ) -> BrokerConfig:
     """Return the configuration of the connection to the broker.
 
-    Args:
-        options: options that `add_broker_options` added.
-        environment: environment variables.
 
     Raises:
         ValueError: an option is invalid; the text gives the reason.

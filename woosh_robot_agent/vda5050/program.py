@@ -59,7 +59,6 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
     """Read the robots of a file.
 
     Args:
-        path: the file.
         default: the options of the link where the file has none; the address is not used.
 
     Raises:
@@ -161,7 +160,6 @@ class Connector:
 
     Args:
         vehicles: configuration of each vehicle, by its name in the log.
-        broker: address of the broker.
     """
 
     def __init__(self, vehicles: Mapping[str, VehicleConfig], broker: BrokerConfig) -> None:

@@ -127,14 +127,7 @@ _OWN_CONNECTIONS = 64
 
 
 class Publisher:
-    """Adds headers to the messages of a vehicle, and publishes them on their topics.
-
-    Args:
-        version: version of the standard.
-        identity: manufacturer and serial number of the vehicle.
-        interface: first level of the topics.
-        header_ids: header ids of the messages.
-    """
+    """Adds headers to the messages of a vehicle, and publishes them on their topics."""
 
     def __init__(
         self, version: Version, identity: Identity, interface: str, header_ids: HeaderIds

@@ -135,11 +135,9 @@ class VehicleConfig:
         manufacturer: manufacturer in the topics.
         serial_number: serial number in the topics; empty for that of the robot.
         interface: first level of the topics.
-        version: version of the standard.
         limits: limits of the robot that it does not report, and options of the state.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
         state_folder: folder of the state file; None to keep nothing over a restart.
-        timing: how long to wait for the robot.
         gone_after: time after which another connector of the vehicle counts as gone, in seconds.
     """
 
@@ -173,9 +171,6 @@ class Session:
     """A vehicle at the broker, from the first report of its robot on.
 
     Args:
-        config: configuration of the vehicle.
-        broker: address of the broker.
-        identity: manufacturer and serial number.
         reports: messages of the vehicle; published over this session from now on.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are left out.

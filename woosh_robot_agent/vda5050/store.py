@@ -9,7 +9,7 @@ import os
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -22,21 +22,14 @@ from woosh_robot_agent.vda5050.orders.actions import Memory
 T = TypeVar("T")
 
 
-def to_plain(value: Any) -> Any:
-    """Return a value as dictionaries, lists, strings, numbers, bools and None."""
-    if is_dataclass(value):
-        return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, tuple | list):
-        return [to_plain(each) for each in value]
-    if isinstance(value, Mapping):
-        return {key: to_plain(each) for key, each in value.items()}
-    return value
+def to_json(value: Any) -> bytes:
+    """Return an instance of a dataclass as JSON."""
+    plain = asdict(value)
+    return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
 
 
 def from_plain(cls: type[T], data: Any) -> T:
-    """Return the dataclass instance for data from `to_plain`.
+    """Return the dataclass instance for data from `to_json`.
 
     Unknown fields are ignored, and missing ones take their defaults.
 
@@ -97,16 +90,12 @@ class Record:
     """Content of the state file.
 
     Attributes:
-        robot_id: number of the robot.
         serial_number: serial number that the robot reports.
         task_id: id of the robot's task that drives the current leg; 0 without one.
-        order: state of the order.
-        instant_actions: states of the instant actions.
         known_ids: ids of the last instant actions.
         last_motion: id of the last instant action that moves something; empty without one.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
-        format: version of the file format.
     """
 
     robot_id: int = 0
@@ -234,7 +223,7 @@ class Store:
         if self._path is None or self._lock is None:
             return
         try:
-            _replace(self._path, json.dumps(to_plain(record), separators=(",", ":")).encode())
+            _replace(self._path, to_json(record))
         except OSError as error:
             self._failed(self._path, error)
         else:

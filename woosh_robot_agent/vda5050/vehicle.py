@@ -35,12 +35,7 @@ _CLOSE_TIMEOUT = 1.0
 
 
 class Vehicle:
-    """One robot as a VDA 5050 vehicle. Used in one asyncio event loop.
-
-    Args:
-        config: configuration of the vehicle.
-        broker: address of the broker.
-    """
+    """One robot as a VDA 5050 vehicle. Used in one asyncio event loop."""
 
     def __init__(self, config: VehicleConfig, broker: BrokerConfig) -> None:
         self._config = config

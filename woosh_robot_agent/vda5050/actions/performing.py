@@ -49,8 +49,6 @@ class Run:
     """An action that is being performed.
 
     Attributes:
-        context: parts of the vehicle.
-        action: the action.
         report: called with each change of the status between its start and its end.
     """
 
@@ -140,7 +138,6 @@ class VehicleAction:
 
     Attributes:
         type: name, scopes and parameters, for the factsheet and for the check of orders.
-        perform: performs it.
         version: first number of the only version of the standard that has it; empty for all.
     """
 

@@ -50,7 +50,6 @@ def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
     """Return the actions of a vehicle, by name.
 
     Args:
-        version: version of the standard.
         can_log: the vehicle has a folder for log reports.
     """
     return {
@@ -70,9 +69,6 @@ class ActionRunner:
 
     An action of an order is started here once the order permits it. Actions of the order and
     instant actions wait for each other if their blocking types demand it.
-
-    Args:
-        context: parts of the vehicle.
     """
 
     def __init__(self, context: Context) -> None:

@@ -42,7 +42,6 @@ class Objection:
     """A reason why the vehicle cannot perform an action.
 
     Attributes:
-        reason: the reason.
         parameter: key of the wrong or missing parameter; empty if it is not about a parameter.
     """
 
@@ -72,9 +71,7 @@ class ParameterType:
     """A parameter of an action.
 
     Attributes:
-        key: name of the parameter.
         type: data type: FLOAT, STRING or BOOL.
-        description: meaning and unit.
         optional: True if it may be left out.
         valid: returns True for a valid value of the data type; None if all are valid.
         must_be: description of the valid values.
@@ -117,9 +114,6 @@ class ActionType:
 
     Attributes:
         name: name of the action, e.g. `pick`.
-        scopes: where it may be requested.
-        description: what it does.
-        parameters: its parameters.
         result: meaning of the result; empty if there is none.
         blocking: blocking types that it may have on nodes and edges.
         pausable: it moves something; it is paused with the vehicle.
@@ -178,7 +172,6 @@ class OptionalParameter:
 
     Attributes:
         name: full name, e.g. `order.edges.maxSpeed`.
-        description: further information.
     """
 
     name: str
@@ -214,17 +207,9 @@ class Factsheet:
     """Properties and capabilities of a vehicle. Lengths are in metres, masses in kilograms.
 
     Attributes:
-        series: name of the model.
-        description: description of the model; may be empty.
-        kinematics: how it can move.
-        vehicle_class: what it is made for.
         max_load: maximum mass of the load.
-        length: length of the vehicle.
-        width: width of the vehicle.
-        height: height of the vehicle.
         limits: limits that the robot does not report.
         outline: corners of the outline in the vehicle's frame.
-        actions: actions that it can perform.
         optional_parameters: optional fields that it obeys.
         versions: versions of its software, by name.
     """

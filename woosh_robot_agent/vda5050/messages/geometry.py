@@ -117,9 +117,6 @@ _MAX_OFFSET = 1.0
 def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
     """Return the rest of a path from the position of the vehicle, simplified.
 
-    Args:
-        path: points of the path.
-        here: position of the vehicle.
 
     Returns:
         At least two points, the first of which is the position; empty if there is no path ahead.

@@ -51,7 +51,6 @@ class Action:
     """An action of a node, of an edge or of an instantActions message.
 
     Attributes:
-        id: unique id.
         type: name of the action, e.g. `pick`.
         blocking: what may happen while it runs.
         parameters: values by key.
@@ -81,7 +80,6 @@ class NodePosition:
     Attributes:
         x: position in the map frame, in metres.
         y: position in the map frame, in metres.
-        map_id: id of the map.
         theta: heading that the vehicle must have on the node, in radians; None for any.
         deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
             for the normal tolerance of the robot.
@@ -112,7 +110,6 @@ class Node:
         sequence_id: position among the nodes and edges of the order.
         released: True if the node belongs to the base, False if to the horizon.
         position: position; None if the order has none.
-        actions: actions to perform on the node.
         description: further information; may be empty.
         mark: number of the mark by which the robot drives to the node; empty if it drives to the
             position.
@@ -141,9 +138,7 @@ class Trajectory:
     """A curve as a NURBS.
 
     Attributes:
-        degree: degree of the curve.
         knots: knot vector, from 0 to 1.
-        points: control points.
     """
 
     degree: int
@@ -156,14 +151,10 @@ class Edge:
     """An edge of an order.
 
     Attributes:
-        id: id of the edge.
         sequence_id: position among the nodes and edges of the order.
-        start_node_id: id of the node at its start.
-        end_node_id: id of the node at its end.
         released: True if the edge belongs to the base, False if to the horizon.
         max_speed: maximum speed on the edge, in m/s; None without a limit.
         trajectory: curve to drive along; None if the robot plans its path.
-        actions: actions to perform on the edge.
         description: further information; may be empty.
         unsupported: names of the fields that are set although the robot cannot obey them.
     """
@@ -185,10 +176,6 @@ class Order:
     """An order or an update of an order.
 
     Attributes:
-        id: id of the order.
-        update_id: number of the update.
-        nodes: nodes in the order of traversal.
-        edges: edges between them.
         unsupported: names of the fields that are set although the robot cannot obey them.
     """
 

@@ -166,8 +166,6 @@ def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -
     """Return a received edge.
 
     Args:
-        version: version of the standard.
-        edge: the edge.
         nodes: ids of the nodes of the order, by their sequence ids.
     """
     trajectory = edge.get("trajectory")

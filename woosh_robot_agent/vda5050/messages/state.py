@@ -73,9 +73,6 @@ class VehicleError:
     """An error in the state of a vehicle.
 
     Attributes:
-        type: type of the error.
-        level: severity.
-        description: what happened.
         hint: what to do about it; may be empty.
         references: what the error is about: keys such as `orderId`, and values.
     """
@@ -88,11 +85,7 @@ class VehicleError:
 
 
 class RejectedError(Exception):
-    """An order or an action is rejected.
-
-    Attributes:
-        error: the error to report.
-    """
+    """An order or an action is rejected."""
 
     def __init__(self, error: VehicleError) -> None:
         super().__init__(error.description)
@@ -177,9 +170,6 @@ class ActionState:
     """The state of an action.
 
     Attributes:
-        id: id of the action.
-        type: name of the action.
-        status: its status.
         result: result or reason of a failure; may be empty.
         description: further information from the order; may be empty.
         instant: it was requested by an instantActions message.
@@ -201,7 +191,6 @@ class Position:
         x: position in the map frame, in metres.
         y: position in the map frame, in metres.
         theta: heading, in radians.
-        map_id: id of the map.
         initialised: the vehicle knows its position.
     """
 
@@ -231,7 +220,6 @@ class Battery:
 
     Attributes:
         charge: charge, in percent.
-        charging: the battery is being charged.
         health: health, in percent; None if the robot does not report it.
     """
 
@@ -245,7 +233,6 @@ class Map:
     """A map on the vehicle.
 
     Attributes:
-        id: id of the map.
         version: version of its data; may be empty.
         enabled: the vehicle uses it now.
     """
@@ -263,11 +250,8 @@ class OrderStatus:
         order_id: id of the current or last order; empty without any.
         update_id: number of its last update.
         last_node_id: id of the last node that was reached; empty without any.
-        last_node_sequence_id: its sequence id.
         nodes: nodes still to be reached, the horizon included.
         edges: edges still to be left, the horizon included.
-        actions: states of the actions.
-        paused: the vehicle is paused.
         new_base_request: the vehicle is about to reach the end of the base.
         distance_since_last_node: distance driven since the last node, in metres; None if unknown.
     """
@@ -290,15 +274,12 @@ class RobotStatus:
 
     Attributes:
         driving: the robot drives or turns.
-        mode: operating mode.
-        battery: state of the battery.
         emergency_stop: an emergency stop is active, which must be acknowledged at the vehicle.
         field_violation: an obstacle is in the protective field.
         position: position; None if the robot did not report one.
         velocity: velocity; None if the robot did not report one.
         loaded: the robot carries a load; None if it does not detect loads.
         maps: maps on the robot; None if unknown.
-        errors: errors of the robot.
         blocked: the robot stands before an obstacle.
         path: points of the path that the robot follows, in metres; empty without one.
     """
@@ -322,8 +303,6 @@ class VehicleState:
     """The complete state of a vehicle.
 
     Attributes:
-        order: progress of the order.
-        robot: state of the robot.
         errors: errors about orders and actions, and those of the robot.
     """
 

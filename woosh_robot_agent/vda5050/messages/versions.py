@@ -50,7 +50,6 @@ class Identity:
     """Identity of a vehicle, in topics and headers.
 
     Attributes:
-        manufacturer: manufacturer of the vehicle.
         serial_number: serial number; unique for the manufacturer.
     """
 

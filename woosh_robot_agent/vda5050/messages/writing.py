@@ -101,7 +101,6 @@ def visualization_message(version: Version, robot: RobotStatus, state_id: int) -
     """Return a `visualization` message.
 
     Args:
-        version: version of the standard.
         robot: state of the robot.
         state_id: header id of the last state.
     """

@@ -37,7 +37,6 @@ class ActionMemory:
     """State of the actions of an order.
 
     Attributes:
-        states: states of all actions.
         triggered: triggered actions that have not started.
         running: actions that have started and not ended.
         of_edge: actions of the edge that the vehicle is on.
@@ -61,7 +60,6 @@ class Memory:
         edges: edges still to be left.
         on_edge: the vehicle is on the first of the edges.
         leg_length: number of nodes of the current leg that are still to be reached; 0 without one.
-        actions: the actions.
         canceling: True while the order is being cancelled.
         cancelled: True if the order was cancelled.
         holds: names of the holds that keep the vehicle from driving.

@@ -42,12 +42,10 @@ class InstantActions:
     """Instant actions since the last order.
 
     Args:
-        types: the actions of the vehicle.
         order: the current order; it does not drive while an instant action forbids it.
 
     Attributes:
         commands: commands that start actions; the owner takes them.
-        errors: errors of actions that failed.
         last_motion: id of the last instant action that moves something; empty without one.
     """
 

@@ -22,7 +22,6 @@ class Leg:
     """A part of an order that the robot drives without a stop.
 
     Attributes:
-        edges: edges in the order of traversal.
         nodes: the node at the end of each edge.
     """
 
@@ -80,7 +79,6 @@ def changes_way(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
 
     Args:
         before: the edge to the node.
-        node: the node.
         edge: the edge after the node.
         following: the node at its end.
     """
@@ -170,7 +168,6 @@ class Perform:
     """Perform an action, and report its progress with `action_changed`.
 
     Attributes:
-        action: the action.
         at_once: do not wait for other actions, nor for a standstill.
     """
 

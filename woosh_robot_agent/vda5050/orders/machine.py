@@ -161,7 +161,6 @@ class OrderMachine:
         """Take an order or an update.
 
         Args:
-            order: the order.
             check: raises a RejectedError if the vehicle cannot perform the order.
 
         Raises:
@@ -217,7 +216,6 @@ class OrderMachine:
         """Take a new position, and find the nodes of the leg that the vehicle has passed.
 
         Args:
-            position: the position.
             by_itself: an action may have moved the vehicle.
             confirmed: the robot has confirmed, over the current link, that it drives the leg.
         """

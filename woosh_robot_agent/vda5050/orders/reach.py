@@ -151,7 +151,6 @@ class Route:
         """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
         Args:
-            position: the position.
             by_itself: an action may have moved the vehicle.
             confirmed: the robot has confirmed, over the current link, that it drives the leg.
             passes: passed nodes count.
@@ -199,7 +198,6 @@ class Route:
         later nodes.
 
         Args:
-            here: the position.
             edges: the edge to each of the nodes.
             nodes: the nodes that are passed without a stop, in their order.
         """
@@ -311,9 +309,7 @@ def is_reached(node: NodePosition, before: Position | None, now: Position) -> bo
     """Return True if the vehicle has passed a node on its way from one position to the next.
 
     Args:
-        node: position of the node.
         before: last position of the vehicle; None if there was none.
-        now: position of the vehicle.
     """
     if node.map_id != now.map_id:
         return False

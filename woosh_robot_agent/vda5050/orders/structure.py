@@ -114,7 +114,6 @@ def judge(
     """Decide what to do with an order. A new one also needs `check_start`.
 
     Args:
-        order: the order that arrived.
         current: the last order or update that the vehicle took; None if there was none.
         busy: True if the vehicle executes the current order, or waits for an update of it.
         cancelled: True if the current order was cancelled.
@@ -180,7 +179,6 @@ def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
     """Check that a new order begins where the vehicle stands.
 
     Args:
-        order: the order that arrived.
         in_reach: returns True if the vehicle stands on a node or within its permitted deviation.
 
     Raises:
@@ -208,9 +206,7 @@ def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
     gets that of the mark.
 
     Args:
-        order: the order.
         map_id: id of the map for nodes without a position.
-        find: finds marks.
     """
     return replace(order, nodes=tuple(_with_mark(node, map_id, find) for node in order.nodes))
 

@@ -105,9 +105,6 @@ class RobotCalls:
     """Executes the robot's own actions, one of each kind at a time.
 
     A start is never repeated. If its answer is lost, the reports of the robot decide.
-
-    Args:
-        link: the link; used in its event loop only.
     """
 
     def __init__(self, link: RobotLink) -> None:

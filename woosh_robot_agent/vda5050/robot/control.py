@@ -28,7 +28,6 @@ class Controller:
     a link. Nothing replaces a cancellation.
 
     Args:
-        link: the link.
         name: name of the task or the action, for the log.
         send: sends a command.
         answered: called after the answer to a command, or None if there is none.

@@ -49,9 +49,6 @@ class RobotFacts:
     """The last reports of the robot. Used in the event loop of the link.
 
     The state is computed on demand. After a new pose, only position and velocity are updated.
-
-    Args:
-        link: the link.
     """
 
     def __init__(self, link: RobotLink) -> None:

@@ -119,9 +119,7 @@ class RobotLink:
         on_moved: called with each report of a pose.
 
     Attributes:
-        chassis: the client, for subscriptions.
         gate: sends what moves the robot, and tells what drives it.
-        timing: how long to wait for the robot.
         changed: tells the vehicle that something may have changed.
         moved: tells the vehicle that a pose was reported.
         conditions: conditions of the vehicle that its actions wait for.

@@ -26,7 +26,6 @@ class StoredMap:
     """A map on the robot.
 
     Attributes:
-        scene: name of its scene.
         name: name of the map, unique in its scene; the standard's mapId.
         version: version of the map, as a string; empty if the robot does not report it.
     """
@@ -38,9 +37,6 @@ class StoredMap:
 
 class MapLibrary:
     """The maps on the robot. They are read at each connection, and when the map changes.
-
-    Args:
-        link: the link; used in its event loop only.
 
     Attributes:
         downloading: held while a map is downloaded.
@@ -71,7 +67,6 @@ class MapLibrary:
         """Return the maps with a name and version.
 
         Args:
-            name: name of the map.
             version: version of the map; None for any. A map of unknown version matches all.
         """
         return [
@@ -123,11 +118,7 @@ class MapLibrary:
 
 
 class RobotMarks:
-    """The marks of the robot's scene. Used in the event loop of the link.
-
-    Args:
-        link: the link.
-    """
+    """The marks of the robot's scene. Used in the event loop of the link."""
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link

@@ -25,7 +25,6 @@ class SpeedLimiter:
     The robot takes a limit only while it navigates, so a limit is sent once it reports that.
 
     Args:
-        link: the link.
         on_refused: called with the reason if the robot does not take a limit.
     """
 

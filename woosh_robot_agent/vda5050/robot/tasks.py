@@ -40,7 +40,6 @@ def leg_task(leg: Leg, position: Position | None) -> ExecTask:
     """Return the task that drives a leg, without its id.
 
     Args:
-        leg: the leg.
         position: position of the robot, from which the heading at a node without one follows; None
             if unknown.
     """
@@ -123,7 +122,6 @@ class RobotTask:
     A start is never repeated. If the outcome of a task is unknown, the robot is asked.
 
     Args:
-        link: the link.
         on_end: called when the task has ended, with the reason why it failed; empty if it did not.
         on_paused: called when the robot has paused or resumed the task.
 
@@ -319,11 +317,7 @@ class RobotTask:
 
 
 class ActionTasks:
-    """Executes the tasks of actions, one at a time.
-
-    Args:
-        link: the link.
-    """
+    """Executes the tasks of actions, one at a time."""
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
