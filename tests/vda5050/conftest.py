@@ -12,15 +12,19 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
+from tests.vda5050.master import Master
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
+from woosh_robot_agent.vda5050.messages.versions import V2_1
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.session import VehicleConfig
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
 """Starts a vehicle at the broker; the keyword arguments are fields of `VehicleConfig`."""
+Online = Callable[..., AbstractAsyncContextManager[Master]]
+"""Starts a vehicle, and returns its master when it is online."""
 AT_ONCE = Limits(min_state_interval=0.0)
 """Every change is published."""
 
@@ -81,5 +85,19 @@ def vehicle(chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> 
             yield started
         finally:
             await started.close()
+
+    return start
+
+
+@pytest.fixture
+def online(vehicle: VehicleStarter, broker: Mosquitto) -> Online:
+    """Function that starts a vehicle, and returns its master control when it is online."""
+
+    @asynccontextmanager
+    async def start(**options: Any) -> Any:
+        version = options.get("version", V2_1)
+        async with Master(broker.port, version=version.number) as master, vehicle(**options):
+            await master.online()
+            yield master
 
     return start

@@ -10,9 +10,19 @@ import pytest
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.chassis_events import commands, references, result_of, statuses
-from tests.vda5050.conftest import AT_ONCE, VehicleStarter
-from tests.vda5050.master import Master, Message, action, error_types, node, status_of
+from tests.vda5050.chassis_events import commands, statuses
+from tests.vda5050.conftest import AT_ONCE, Online, VehicleStarter
+from tests.vda5050.master import (
+    START,
+    Master,
+    Message,
+    action,
+    error_types,
+    node,
+    references,
+    result_of,
+    status_of,
+)
 from tests.vda5050.test_faults_chassis import ORDER, drive
 from tests.vda5050.test_faults_restart import idle, left_by_a_kill, other_client
 from woosh_robot_agent.link import LinkConfig
@@ -28,22 +38,20 @@ from woosh_robot_agent.vda5050.robot.link import Timing
 from woosh_robot_agent.vda5050.session import VehicleConfig
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
-START = (4.23276472, -6.6727581)
 SLOW_STEP = {"distance": 1.0, "speed": 0.02}
 """A step of 2.5 s of real time."""
 
 
 @aio
 async def test_a_drive_is_paused_and_resumed(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+    online: Online, chassis: SimulatorThread, recorder: Recorder
 ) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+    async with online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
 
         master.instant(action("startPause", "p1"))
-        paused = await master.wait_state(lambda state: status_of(state, "p1") == "FINISHED")
+        paused = await master.status("p1", "FINISHED")
         assert paused["paused"]
         assert paused["nodeStates"]
         standing = await master.wait_state(lambda state: not state["driving"])
@@ -51,11 +59,11 @@ async def test_a_drive_is_paused_and_resumed(
         assert chassis.state.velocity.speed == 0.0
 
         master.instant(action("startPause", "p2"))  # idempotent
-        await master.wait_state(lambda state: status_of(state, "p2") == "FINISHED")
+        await master.status("p2", "FINISHED")
         master.instant(action("stopPause", "s1"))
-        resumed = await master.wait_state(lambda state: status_of(state, "s1") == "FINISHED")
+        resumed = await master.status("s1", "FINISHED")
         assert not resumed["paused"]
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
     assert commands(chassis) == ["drive", "pause", "continue"]
     for name in ("p1", "s1"):  # a state may have been published before they began
         assert statuses(recorder, name)[-2:] == ["RUNNING", "FINISHED"]
@@ -63,40 +71,38 @@ async def test_a_drive_is_paused_and_resumed(
 
 @aio
 async def test_a_pause_before_an_order_holds_it_back(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         master.instant(action("startPause", "p"))
         await master.wait_state(lambda state: state["paused"])
         step = action("step", "step", distance=0.2)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
-        held = await master.wait_state(lambda state: state["orderId"] == "order")
+        held = await master.accepted("order")
         master.instant(action("stateRequest", "s"))
-        held = await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+        held = await master.status("s", "FINISHED")
         assert held["paused"]
         assert status_of(held, "step") == "WAITING"
         assert commands(chassis) == []
         master.instant(action("stopPause", "r"))
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
     assert commands(chassis) == ["step_control execute", "drive"]
 
 
 @aio
 async def test_a_pause_also_pauses_what_the_robot_moves(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+    online: Online, chassis: SimulatorThread, recorder: Recorder
 ) -> None:
     """In version 2.1, a paused action is reported as running."""
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+    async with online(limits=AT_ONCE) as master:
         master.instant(action("step", "step", **SLOW_STEP))
         await eventually(lambda: chassis.state.velocity.speed > 0.0)
         master.instant(action("startPause", "p"))
-        paused = await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        paused = await master.status("p", "FINISHED")
         assert paused["paused"]
         where = chassis.state.odometer
         master.instant(action("stopPause", "r"))
-        ended = await master.wait_state(lambda state: status_of(state, "step") == "FINISHED")
+        ended = await master.status("step", "FINISHED")
         assert status_of(ended, "r") == "FINISHED"
         assert chassis.state.odometer > where
     assert commands(chassis) == [f"step_control {each}" for each in ("execute", "pause", "resume")]
@@ -105,26 +111,24 @@ async def test_a_pause_also_pauses_what_the_robot_moves(
 
 @aio
 async def test_stop_pause_also_ends_a_pause_from_elsewhere(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
         chassis.call(lambda simulator: simulator.chassis.tasks.pause("a button", ordered=True))
         await master.wait_state(lambda state: state["paused"])
         master.instant(action("stopPause", "s"))
-        await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.status("s", "FINISHED")
+        await master.reached("b")
     assert commands(chassis) == ["drive", "continue"]
 
 
 @aio
 async def test_cancel_order_stops_the_drive_and_ends_the_actions(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+    online: Online, chassis: SimulatorThread, recorder: Recorder
 ) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+    async with online(limits=AT_ONCE) as master:
         lift = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
         later = action("pick", "pick", stationType="floor", loadType="EPAL")
         master.order(
@@ -134,18 +138,18 @@ async def test_cancel_order_stops_the_drive_and_ends_the_actions(
             lambda state: state["driving"] and status_of(state, "lift") == "RUNNING"
         )
         master.instant(action("cancelOrder", "wrong", orderId="another"))
-        refused = await master.wait_state(lambda state: status_of(state, "wrong") == "FAILED")
+        refused = await master.status("wrong", "FAILED")
         assert "another" in result_of(refused, "wrong")
 
         master.instant(action("cancelOrder", "c", orderId="order"))
-        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        ended = await master.status("c", "FINISHED")
         assert ended["nodeStates"] == ended["edgeStates"] == []
         assert status_of(ended, "lift") == status_of(ended, "pick") == "FAILED"
         assert not (await master.wait_state(lambda state: not state["driving"]))["paused"]
         assert chassis.state.column < 0.2
 
         master.instant(action("cancelOrder", "again"))
-        refused = await master.wait_state(lambda state: status_of(state, "again") == "FAILED")
+        refused = await master.status("again", "FAILED")
         errors = [each for each in refused["errors"] if each["errorType"] == "noOrderToCancel"]
         assert references(errors[-1])["actionId"] == "again"
     sent = commands(chassis)
@@ -176,7 +180,7 @@ async def test_a_pause_is_finished_when_the_robot_stands(
     async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
         await at_full_speed(master, chassis)
         master.instant(action("startPause", "p"))
-        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        await master.status("p", "FINISHED")
         assert chassis.state.velocity.speed == 0.0
     state = at_the_end(master, "p")
     assert (state["paused"], state["driving"]) == (True, False)
@@ -184,15 +188,14 @@ async def test_a_pause_is_finished_when_the_robot_stands(
 
 @aio
 async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+    async with online(limits=AT_ONCE) as master:
         set_speed(chassis, 1.0)
         master.instant(action("step", "step", distance=2.0, speed=0.5))
         await eventually(lambda: chassis.state.velocity.speed > 0.3)
         master.instant(action("startPause", "p"))
-        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        await master.status("p", "FINISHED")
     state = at_the_end(master, "p")
     assert (state["paused"], state["driving"]) == (True, False)
 
@@ -204,7 +207,7 @@ async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_sa
     async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
         await at_full_speed(master, chassis)
         master.instant(action("cancelOrder", "c"), action("cancelOrder", "too"))
-        await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        await master.status("c", "FINISHED")
         assert chassis.state.velocity.speed == 0.0
     state = at_the_end(master, "c")
     assert state["nodeStates"] == state["edgeStates"] == []
@@ -234,7 +237,7 @@ async def test_a_robot_that_does_not_report_its_standstill_is_asked(
         chassis.intercept(without_standstill)
         asked = chassis.counts[full_name(PoseSpeed)]
         master.instant(action("cancelOrder", "c"))
-        await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        await master.status("c", "FINISHED")
         assert chassis.counts[full_name(PoseSpeed)] > asked
     assert not at_the_end(master, "c")["driving"]
 
@@ -255,7 +258,7 @@ async def test_a_blocking_instant_action_begins_when_the_robot_stands(
         chassis.intercept(note_speed)
         await at_full_speed(master, chassis)
         master.instant(action("liftTo", "lift", blocking="HARD", height=0.1))
-        await master.wait_state(lambda state: status_of(state, "lift") == "FINISHED")
+        await master.status("lift", "FINISHED")
     assert speeds == [0.0]
 
 
@@ -276,7 +279,7 @@ async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_resta
         await idle(chassis)
         master.received.clear()
         async with vehicle(state_folder=left):
-            ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+            ended = await master.status("c", "FINISHED")
             assert (ended["nodeStates"], ended["errors"]) == ([], [])
 
 
@@ -288,7 +291,7 @@ async def test_a_stop_pause_also_counts_after_a_repeated_start_pause(
         await at_full_speed(master, chassis)
         pause = action("startPause", "p")
         master.instant(pause, pause, action("stopPause", "q"))
-        state = await master.wait_state(lambda state: status_of(state, "q") == "FINISHED")
+        state = await master.status("q", "FINISHED")
         assert not state["paused"]
         await idle(chassis)
         assert not any(
@@ -308,14 +311,14 @@ async def test_a_pause_survives_a_restart(
             master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
             await eventually(lambda: chassis.state.velocity.speed > 0.0)
             master.instant(action("startPause", "p"))
-            await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+            await master.status("p", "FINISHED")
         master.received.clear()
         async with vehicle(state_folder=tmp_path):
             await master.online()
             await master.wait_state(lambda state: state["paused"])
             master.instant(action("stopPause", "s"))
-            await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
-            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            await master.status("s", "FINISHED")
+            await master.reached("b")
     assert commands(chassis) == ["drive", "pause", "continue"]
 
 
@@ -328,7 +331,7 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
         await drive(master, chassis)
         chassis.refuse(ORDER, "not now")
         master.instant(action("startPause", "p"))
-        failed = await master.wait_state(lambda state: status_of(state, "p") == "FAILED")
+        failed = await master.status("p", "FAILED")
         assert failed["driving"]
         assert not failed["paused"]
         assert error_types(failed) == ["actionError"]
@@ -339,7 +342,7 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
         assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
         master.instant(action("stopPause", "s"))
         set_speed(chassis, 20.0)
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
     sent = commands(chassis)
     assert sent[0] == "drive"
     assert set(sent[1:-1]) == {"pause"}
@@ -366,15 +369,15 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
         master.instant(action("startPause", "p1"))
-        await master.wait_state(lambda state: status_of(state, "p1") == "FINISHED")
+        await master.status("p1", "FINISHED")
         master.instant(action("stopPause", "s1"))
         await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
         master.instant(action("startPause", "p2"))
-        await master.wait_state(lambda state: status_of(state, "p2") == "FINISHED")
+        await master.status("p2", "FINISHED")
         assert commands(chassis)[3:4] == ["pause"]
         await eventually(lambda: chassis.state.velocity.speed == 0.0)
         master.instant(action("stopPause", "s2"))
-        resumed = await master.wait_state(lambda state: status_of(state, "s2") == "FINISHED")
+        resumed = await master.status("s2", "FINISHED")
         assert not resumed["paused"]
     await vehicle.close()
     assert commands(chassis)[-1] == "continue"
@@ -387,7 +390,7 @@ async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(
     async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
         await drive(master, chassis)
         master.instant(action("startPause", "p"))
-        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        await master.status("p", "FINISHED")
         assert (await gate.request(ActionOrder(order=action_pb2.kContinue))).ok
         await eventually(lambda: commands(chassis) == ["drive", "pause", "continue", "pause"])
         await master.wait_state(lambda state: state["paused"] and not state["driving"])
@@ -422,16 +425,16 @@ async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action
         async with vehicle(state_folder=tmp_path / "state"):
             await drive(master, chassis)
             master.instant(lift)
-            await master.wait_state(lambda state: status_of(state, "lift") == "RUNNING")
+            await master.status("lift", "RUNNING")
             left = left_by_a_kill(tmp_path / "state")
         master.received.clear()
         async with vehicle(state_folder=left):
-            state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+            state = await master.error("interruptedError")
             assert status_of(state, "lift") == "FAILED"
             assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
             set_speed(chassis, 20.0)
             master.instant(action("cancelOrder", "c"))
-            ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+            ended = await master.status("c", "FINISHED")
             assert (ended["nodeStates"], ended["lastNodeId"]) == ([], "a")
     sent = commands(chassis)
     assert sent == ["drive", "pause", "lift_control3 execute", "cancel"]
@@ -439,17 +442,16 @@ async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action
 
 @aio
 async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         set_speed(chassis, 1.0)
         master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: chassis.state.velocity.speed > 0.0)
         off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        await master.error("robotConnectionError")
         master.instant(action("startPause", "p"))
-        state = await master.wait_state(lambda state: status_of(state, "p") == "RUNNING")
+        state = await master.status("p", "RUNNING")
         assert not state["paused"]
         off.clear()
         await master.wait_state(lambda state: state["paused"])
@@ -458,10 +460,9 @@ async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(
 
 @aio
 async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle(timing=Timing(repeat_after=0.5)):
-        await master.online()
+    async with online(timing=Timing(repeat_after=0.5)) as master:
         set_speed(chassis, 1.0)
         step = action("step", "step", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[step])])
@@ -471,7 +472,7 @@ async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(
         await eventually(lambda: commands(chassis).count("step_control cancel") >= 2)
         assert status_of(master.state, "c") == "RUNNING"
         chassis.clear_faults()
-        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        ended = await master.status("c", "FINISHED")
         assert status_of(ended, "step") == "FAILED"
         assert chassis.state.velocity.speed == 0.0
     assert chassis.state.pose.x < START[0] + 0.5

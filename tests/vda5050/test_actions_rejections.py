@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.chassis_events import commands, references, result_of
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, Message, action, edge, error_types, node, status_of
+from tests.vda5050.chassis_events import commands
+from tests.vda5050.conftest import Online
+from tests.vda5050.master import (
+    START,
+    Message,
+    action,
+    edge,
+    error_types,
+    node,
+    references,
+    result_of,
+    status_of,
+)
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.actions.runner import action_types
 from woosh_robot_agent.vda5050.messages.factsheet import Scope, objection
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.versions import V2_1, V3_0
 
-START = (4.23276472, -6.6727581)
 POSE = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "wooshmap", "lastNodeId": "a"}
 MAP = {"mapId": "m", "mapVersion": "1", "mapDownloadLink": "http://localhost/m.zip"}
 HASH = "mapHash"
@@ -72,10 +78,9 @@ def valid(given: Message) -> bool:
 
 @aio
 async def test_orders_with_wrong_actions_are_rejected(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         for number, (wrong, reason, parameter) in enumerate(WRONG):
             if not valid(wrong):
                 continue
@@ -108,14 +113,11 @@ async def test_orders_with_wrong_actions_are_rejected(
 
 
 @aio
-async def test_wrong_instant_actions_fail(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_wrong_instant_actions_fail(online: Online, chassis: SimulatorThread) -> None:
+    async with online() as master:
         master.instant(*(wrong for wrong, _, _ in WRONG_INSTANT))
         last = WRONG_INSTANT[-1][0]["actionId"]
-        state = await master.wait_state(lambda state: status_of(state, last) == "FAILED")
+        state = await master.status(last, "FAILED")
         assert error_types(state) == ["instantActionError"] * len(WRONG_INSTANT)
         for error, (wrong, reason, parameter) in zip(state["errors"], WRONG_INSTANT, strict=True):
             assert status_of(state, wrong["actionId"]) == "FAILED"
@@ -123,17 +125,14 @@ async def test_wrong_instant_actions_fail(
             assert references(error)["actionId"] == wrong["actionId"]
             assert references(error).get("actionParameter", "") == parameter
         master.order([node("a", 0, *START)])
-        state = await master.wait_state(lambda state: state["orderId"] == "order")
+        state = await master.accepted("order")
         assert state["errors"] == state["actionStates"] == []
     assert commands(chassis) == []
 
 
 @aio
-async def test_the_factsheet_lists_exactly_the_supported_actions(
-    vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_the_factsheet_lists_exactly_the_supported_actions(online: Online) -> None:
+    async with online() as master:
         listed = master.last("factsheet")["protocolFeatures"]["agvActions"]
         found = {
             each["actionType"]: {Scope(scope) for scope in each["actionScopes"]} for each in listed
@@ -148,7 +147,7 @@ async def test_the_factsheet_lists_exactly_the_supported_actions(
         assert [each["isOptional"] for each in step["actionParameters"]] == [False, True, True]
         count = len(master.received["factsheet"])
         master.instant(action("factsheetRequest", "f"))
-        await master.wait_state(lambda state: status_of(state, "f") == "FINISHED")
+        await master.status("f", "FINISHED")
         await eventually(lambda: len(master.received["factsheet"]) > count)
 
 

@@ -6,8 +6,6 @@ import asyncio
 import gc
 import json
 import logging
-import ssl
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -15,10 +13,9 @@ import pytest
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.conftest import Online, VehicleStarter
 from tests.vda5050.connector_process import ConnectorProcess
-from tests.vda5050.master import Master, action, error_types, node, status_of
-from tests.vda5050.test_first_order import START
+from tests.vda5050.master import START, Master, action, error_types, node
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -57,7 +54,7 @@ async def test_what_is_released_is_finished_without_the_broker(
             master.order(nodes)
             await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
             set_speed(chassis, 0.1)
-            await master.wait_state(lambda state: state["orderId"] == "order")
+            await master.accepted("order")
             before = master.state["headerId"]
         broker.stop()
         set_speed(chassis, 20.0)
@@ -65,7 +62,7 @@ async def test_what_is_released_is_finished_without_the_broker(
         broker.start()
         async with Master(broker.port) as master:
             await master.online()
-            state = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            state = await master.reached("b")
             assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
             assert state["errors"] == []
             assert state["headerId"] > before
@@ -73,7 +70,7 @@ async def test_what_is_released_is_finished_without_the_broker(
             assert chassis.counts[EXEC] == 1
             master.order(nodes)  # a master control that repeats what was not acknowledged
             master.order([second, third | {"released": True}], update=1)
-            await master.wait_state(lambda state: state["lastNodeId"] == "c")
+            await master.reached("c")
     assert chassis.counts[EXEC] == 2
 
 
@@ -91,16 +88,6 @@ async def test_the_last_will_follows_the_message_that_the_vehicle_is_online(
     assert broken["headerId"] == online["headerId"] + 1
     async with Master(broker.port) as late:
         await eventually(lambda: late.last("connection") == broken)
-
-
-@aio
-async def test_each_connection_has_header_ids_of_its_own(
-    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
-) -> None:
-    async with vehicle():
-        await eventually(lambda: recorder.sent("connection"))
-    await eventually(lambda: len(recorder.sent("connection")) == 2)
-    assert [each["headerId"] for each in recorder.sent("connection")] == [0, 1]
 
 
 @aio
@@ -172,81 +159,16 @@ async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None
 
 
 @aio
-async def test_a_wrong_password_is_said_once(
-    chassis: SimulatorThread, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    passwords = tmp_path / "passwords"
-    subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "robot", "right"], check=True)
-    broker = Mosquitto(tmp_path, f"password_file {passwords}", anonymous=False)
-    broker.start()
-    vehicle = vehicle_at(chassis, BrokerConfig("127.0.0.1", broker.port, None, "robot", "wrong"))
-    vehicle.start()
-    try:
-        await eventually(lambda: broker.refusals() >= 2)
-        (said,) = [each for each in caplog.records if each.levelno == logging.WARNING]
-        assert "check the user name and the password" in said.message
-    finally:
-        await vehicle.close()
-    caplog.clear()
-    vehicle = vehicle_at(
-        chassis, BrokerConfig.from_url(f"mqtt://robot:right@127.0.0.1:{broker.port}")
-    )
-    caplog.set_level(logging.INFO)
-    vehicle.start()
-    try:
-        await eventually(lambda: "connected to the broker" in caplog.text)
-    finally:
-        await vehicle.close()
-        broker.stop()
-
-
-@aio
-async def test_a_certificate_that_is_not_trusted_is_said_once(
-    chassis: SimulatorThread, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
-    subprocess.run(
-        [
-            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
-            *("-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"),
-            *("-keyout", key, "-out", certificate),
-        ],
-        check=True,
-        capture_output=True,
-    )
-    key.chmod(0o644)  # mosquitto drops its privileges
-    broker = Mosquitto(tmp_path, f"certfile {certificate}\nkeyfile {key}")
-    broker.start()
-    caplog.set_level(logging.INFO)
-    vehicle = vehicle_at(chassis, BrokerConfig.from_url(f"mqtts://127.0.0.1:{broker.port}"))
-    vehicle.start()
-    try:
-        await eventually(lambda: "certificate of the broker's authority" in caplog.text)
-    finally:
-        await vehicle.close()
-    assert "connected to the broker" not in caplog.text
-    trusted = ssl.create_default_context(cafile=str(certificate))
-    vehicle = vehicle_at(chassis, BrokerConfig("127.0.0.1", broker.port, trusted))
-    vehicle.start()
-    try:
-        await eventually(lambda: "connected to the broker" in caplog.text)
-    finally:
-        await vehicle.close()
-        broker.stop()
-
-
-@aio
 async def test_two_connectors_of_a_robot_are_detected(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, vehicle: VehicleStarter, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle(gone_after=5.0):
-        await master.online()
+    async with online(gone_after=5.0) as master:
         async with vehicle(gone_after=5.0):
-            await master.wait_state(lambda state: "secondConnectorError" in error_types(state))
+            await master.error("secondConnectorError")
             master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
-            await master.wait_state(lambda state: state["orderId"] == "order")
+            await master.accepted("order")
             master.instant(action("speak", "words", text="alone"))
-            await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
+            await master.status("words", "WAITING")
             assert chassis.counts[EXEC] == 0
             assert chassis.state.spoken == ()
         await master.wait_state(

@@ -15,10 +15,18 @@ import pytest
 
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
-from tests.vda5050.chassis_events import commands, references
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, Message, action, error_types, node, status_of
-from tests.vda5050.test_first_order import START
+from tests.vda5050.chassis_events import commands
+from tests.vda5050.conftest import Online, VehicleStarter
+from tests.vda5050.master import (
+    START,
+    Master,
+    Message,
+    action,
+    error_types,
+    node,
+    references,
+    status_of,
+)
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050 import mqtt
 from woosh_robot_agent.vda5050.messages.reading import read_order
@@ -81,10 +89,9 @@ RUBBISH = {
 
 @aio
 async def test_rubbish_is_rejected_and_does_no_harm(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         for index, (name, payload) in enumerate(RUBBISH.items()):
             for topic in ("order", "instantActions"):
                 master.send_raw(topic, payload)
@@ -113,10 +120,9 @@ def test_another_encoding_is_named_and_a_byte_order_mark_is_ignored() -> None:
 
 @aio
 async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_other(
-    vehicle: VehicleStarter, broker: Mosquitto
+    online: Online,
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         master.order([node("far", 0, START[0] + 3.0, START[1])])
         await master.wait_state(lambda state: error_types(state) == ["noRouteError"])
         master.send_raw("instantActions", b"{")
@@ -124,24 +130,23 @@ async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_othe
             lambda state: error_types(state) == ["noRouteError", "validationError"]
         )
         master.instant(action("stateRequest", "1"))
-        state = await master.wait_state(lambda state: status_of(state, "1") == "FINISHED")
+        state = await master.status("1", "FINISHED")
         assert error_types(state) == ["noRouteError"]
 
 
 @aio
 async def test_duplicates_and_old_updates_change_nothing(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
     _, second, third = nodes = [
         node("a", 0, *START),
         node("b", 2, 5.5, -6.8, theta=0.0),
         node("c", 4, 6.5, -7.0, theta=0.0),
     ]
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         for _ in range(5):
             master.order(nodes[:2])
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
         for _ in range(3):
             master.order([second, third], update=1)
             master.order(nodes[:2])
@@ -152,7 +157,7 @@ async def test_duplicates_and_old_updates_change_nothing(
         assert state["orderUpdateId"] == 1
         for _ in range(3):
             master.instant(action("cancelOrder", "same"))
-        state = await master.wait_state(lambda state: status_of(state, "same") == "FAILED")
+        state = await master.status("same", "FAILED")
         assert error_types(state).count("noOrderToCancel") == 1
     assert chassis.counts[EXEC] == 2
 
@@ -181,16 +186,15 @@ async def test_retained_messages_of_the_master_control_are_ignored(
 
 @aio
 async def test_a_flood_of_messages_does_not_stop_the_vehicle(
-    vehicle: VehicleStarter, broker: Mosquitto, caplog: pytest.LogCaptureFixture
+    online: Online, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         master.order([node("a", 0, *START), node("b", 2, 7.0, -7.0)])
-        await master.wait_state(lambda state: state["orderId"] == "order")
+        await master.accepted("order")
         for number in range(500):
             master.send_raw("order", order(orderId=f"flood {number}"))
             master.instant(action("stateRequest", str(number)), action("unknown", f"x{number}"))
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
 
         numbers = itertools.count()
 
@@ -216,16 +220,16 @@ async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart
         async with vehicle(state_folder=tmp_path):
             await master.online()
             master.instant(words)
-            await master.wait_state(lambda state: status_of(state, "words") == "FINISHED")
+            await master.status("words", "FINISHED")
             master.order([node("a", 0, *START)])
-            await master.wait_state(lambda state: state["orderId"] == "order")
+            await master.accepted("order")
             master.instant(words)
             await master.wait_state(lambda state: error_types(state) == ["instantActionError"])
         master.received.clear()
         async with vehicle(state_folder=tmp_path):
             await master.online()
             master.instant(words, action("stateRequest", "last"))
-            await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
+            await master.status("last", "FINISHED")
     assert chassis.state.spoken == ("once",)
 
 
@@ -265,27 +269,25 @@ async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
 
 @aio
 async def test_a_pause_counts_even_if_the_former_one_with_its_id_has_not_ended(
-    vehicle: VehicleStarter, broker: Mosquitto
+    online: Online,
 ) -> None:
     pause, resume = action("startPause", "pause"), action("stopPause", "resume")
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         master.instant(pause, resume, pause)
         state = await master.wait_state(lambda state: state["paused"])
         assert "instantActionError" not in error_types(state)
-        await master.wait_state(lambda state: status_of(state, "pause") == "FINISHED")
+        await master.status("pause", "FINISHED")
         master.instant(resume)
         await master.wait_state(lambda state: not state["paused"])
 
 
 @aio
 async def test_an_id_that_is_used_again_is_reported_if_nothing_is_done(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         master.instant(action("liftTo", "lift", height=0.1))
-        await master.wait_state(lambda state: status_of(state, "lift") == "FINISHED")
+        await master.status("lift", "FINISHED")
         master.instant(action("liftTo", "lift", height=0.2))
         state = await master.wait_state(lambda state: state["errors"])
         (error,) = state["errors"]
@@ -295,7 +297,7 @@ async def test_an_id_that_is_used_again_is_reported_if_nothing_is_done(
         assert status_of(state, "lift") == "FINISHED"
 
         master.instant(action("liftTo", "slow", height=1.0, speed=0.001))
-        await master.wait_state(lambda state: status_of(state, "slow") == "RUNNING")
+        await master.status("slow", "RUNNING")
         for _ in range(3):
             master.instant(action("startPause", "slow"))
         state = await master.wait_state(lambda state: len(state["errors"]) == 2)
@@ -308,24 +310,23 @@ async def test_an_id_that_is_used_again_is_reported_if_nothing_is_done(
 
 @aio
 async def test_an_action_of_an_order_and_an_instant_action_cannot_have_the_same_id(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with online() as master:
         first = node("a", 0, *START, actions=[action("speak", "one", text="order")])
         master.order([first, node("b", 2, 6.0, -7.0, released=False)])
-        await master.wait_state(lambda state: status_of(state, "one") == "FINISHED")
+        await master.status("one", "FINISHED")
         master.instant(action("speak", "one", text="instant"))
-        state = await master.wait_state(lambda state: "instantActionError" in error_types(state))
+        state = await master.error("instantActionError")
         assert "has this id" in state["errors"][-1]["errorDescription"]
 
         master.instant(action("speak", "two", text="instant"))
-        await master.wait_state(lambda state: status_of(state, "two") == "FINISHED")
+        await master.status("two", "FINISHED")
         second = node("b", 2, 6.0, -7.0, actions=[action("speak", "two", text="order")])
         master.order([first, second], update=1)
-        await master.wait_state(lambda state: "validationError" in error_types(state))
+        await master.error("validationError")
         master.order([first, second | {"actions": []}], update=1)
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
     assert chassis.state.spoken == ("order", "instant")
 
 

@@ -16,10 +16,9 @@ import pytest
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.conftest import Online, VehicleStarter
 from tests.vda5050.connector_process import ConnectorProcess
-from tests.vda5050.master import Master, action, error_types, node, status_of
-from tests.vda5050.test_first_order import START
+from tests.vda5050.master import START, Master, action, node
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
@@ -105,11 +104,11 @@ async def test_the_order_goes_on_after_kill_9(
         await eventually(lambda: master.last("connection")["connectionState"] == "CONNECTIONBROKEN")
         master.received.clear()
         with ConnectorProcess(chassis, broker.url, tmp_path) as connector:
-            state = await master.wait_state(lambda state: state["orderId"] == "order")
+            state = await master.accepted("order")
             assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c"]
             assert chassis.counts[EXEC] == 1
             set_speed(chassis, FAST)
-            ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+            ended = await master.reached("c")
             assert ended["errors"] == ended["nodeStates"] == []
             assert connector.stop() == 0
         assert chassis.counts[EXEC] == 2
@@ -140,7 +139,7 @@ async def test_a_second_kill_while_it_restores_loses_nothing(
             master.order(nodes())
             await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
             master.instant(action("startPause", "pause"))
-            await master.wait_state(lambda state: status_of(state, "pause") == "FINISHED")
+            await master.status("pause", "FINISHED")
             left = left_by_a_kill(tmp_path / "state")
             before = saved(left)
         master.received.clear()
@@ -162,7 +161,7 @@ async def test_the_order_goes_on_when_the_robot_has_arrived_meanwhile(
         set_speed(chassis, FAST)
         await idle(chassis)
         async with vehicle(state_folder=left):
-            ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+            ended = await master.reached("c")
             assert ended["errors"] == []
     assert chassis.counts[EXEC] == 2
 
@@ -179,7 +178,7 @@ async def test_a_task_that_was_cancelled_meanwhile_is_not_repeated(
         set_speed(chassis, FAST)
         await idle(chassis)
         async with vehicle(state_folder=left):
-            state = await master.wait_state(lambda state: "drivingError" in error_types(state))
+            state = await master.error("drivingError")
             assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c"]
             assert chassis.counts[EXEC] == 1
 
@@ -193,7 +192,7 @@ async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(
         async with vehicle(state_folder=tmp_path):
             await master.online()
             master.order([first, second, third | {"released": False}])
-            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            await master.reached("b")
         async with other_client(chassis) as gate:
             assert (await gate.request(task_to(5.0, -6.7))).ok
             await eventually(lambda: abs(chassis.state.pose.x - 5.0) < 0.1)
@@ -201,7 +200,7 @@ async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(
         async with vehicle(state_folder=tmp_path):
             await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
             master.order([second, third], update=1)
-            state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+            state = await master.error("interruptedError")
             assert state["orderUpdateId"] == 1
             assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
             assert chassis.counts[EXEC] == 2
@@ -219,7 +218,7 @@ async def test_a_task_whose_start_was_not_answered_is_found_again(
             await eventually(lambda: chassis.counts[EXEC])
             left = left_by_a_kill(tmp_path / "state")
         async with vehicle(state_folder=left):
-            ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            ended = await master.reached("b")
             assert ended["errors"] == []
     assert chassis.counts[EXEC] == 1
 
@@ -251,7 +250,7 @@ async def test_a_task_that_was_never_sent_is_not_driven(
                 await eventually(left.exists)
         chassis.clear_faults()
         async with vehicle(state_folder=left):
-            await master.wait_state(lambda state: "drivingError" in error_types(state))
+            await master.error("drivingError")
     assert chassis.counts[EXEC] == 1
 
 
@@ -269,7 +268,7 @@ async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
                 await eventually(lambda: master.state)
                 if not kills:
                     master.order(nodes())
-                    await master.wait_state(lambda state: state["orderId"] == "order")
+                    await master.accepted("order")
                 assert master.state["errors"] == []
                 further = chassis.state.odometer + chance.uniform(0.0, 0.3)
                 await eventually(
@@ -290,7 +289,7 @@ async def test_a_finished_order_is_not_driven_again(
         async with vehicle(state_folder=tmp_path):
             await master.online()
             master.order(nodes()[:2])
-            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            await master.reached("b")
         async with vehicle(state_folder=tmp_path):
             await master.online()
             count = len(master.received["state"])
@@ -312,7 +311,7 @@ async def test_a_damaged_file_is_reported_and_put_aside(
     file = tmp_path / FILE
     file.write_bytes(content)
     async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
-        state = await master.wait_state(lambda state: "stateFileError" in error_types(state))
+        state = await master.error("stateFileError")
         assert state["orderId"] == ""
         assert file.with_suffix(".damaged").read_bytes() == content
         master.order([node("a", 0, *START)])
@@ -322,14 +321,9 @@ async def test_a_damaged_file_is_reported_and_put_aside(
 
 @aio
 async def test_a_second_connector_on_the_same_machine_stays_offline(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    recorder: Recorder,
-    tmp_path: Path,
+    online: Online, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder, tmp_path: Path
 ) -> None:
-    async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
-        await master.online()
+    async with online(state_folder=tmp_path) as master:
         with ConnectorProcess(chassis, broker.url, tmp_path) as second:
             await eventually(lambda: any("another connector uses" in each for each in second.lines))
             assert second.stop() == 0
@@ -339,17 +333,13 @@ async def test_a_second_connector_on_the_same_machine_stays_offline(
 
 @aio
 async def test_a_file_that_cannot_be_written_is_an_error_of_the_state(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    online: Online, tmp_path: Path
 ) -> None:
     file = tmp_path / FILE
-    async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
-        await master.online()
+    async with online(state_folder=tmp_path) as master:
         file.with_suffix(".new").mkdir()  # nothing can be written there any more
         master.order([node("a", 0, *START)])
-        await master.wait_state(lambda state: "stateFileError" in error_types(state))
+        await master.error("stateFileError")
         assert not file.exists()  # an old record could repeat what was done
         file.with_suffix(".new").rmdir()
         master.order([node("a", 0, *START)], order_id="next")

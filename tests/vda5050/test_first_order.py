@@ -6,28 +6,23 @@ import pytest
 
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, node
+from tests.vda5050.conftest import Online, VehicleStarter
+from tests.vda5050.master import START, Master, node
 from woosh_robot_agent.simulator import SimulatorThread
-
-START = (4.23276472, -6.6727581)
-"""Where the simulated robot stands at first."""
 
 
 @aio
-async def test_an_order_of_two_nodes_is_driven(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_an_order_of_two_nodes_is_driven(online: Online, chassis: SimulatorThread) -> None:
+    async with online() as master:
         assert master.state["orderId"] == ""
         assert master.state["operatingMode"] == "AUTOMATIC"
+        assert "distanceSinceLastNode" not in master.state
         assert master.state["agvPosition"]["x"] == pytest.approx(START[0])
 
         master.order([node("a", 0, *START), node("b", 2, 7.0, -7.0, theta=0.5)])
-        accepted = await master.wait_state(lambda state: state["orderId"] == "order")
+        accepted = await master.accepted("order")
         assert accepted["lastNodeId"] == "a"
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
         ended = await master.wait_state(lambda state: not state["driving"])
 
         assert ended["nodeStates"] == ended["edgeStates"] == ended["errors"] == []
@@ -47,6 +42,7 @@ async def test_the_connection_is_reported_and_the_factsheet_kept(
     await eventually(lambda: len(recorder.sent("connection")) == 2)
     first, last = recorder.sent("connection")
     assert (first["connectionState"], last["connectionState"]) == ("ONLINE", "OFFLINE")
+    assert (first["headerId"], last["headerId"]) == (0, 1)  # the one of the last will is free again
     async with Master(broker.port) as late:
         await eventually(lambda: late.last("factsheet"))
         assert late.last("connection")["connectionState"] == "OFFLINE"

@@ -174,16 +174,6 @@ def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
     assert robot.last == passed
 
 
-def test_a_robot_that_was_restarted_on_a_later_node_has_passed_none() -> None:
-    robot = Robot()
-    robot.give(path("abcd"))
-    robot.move(0.5)
-    robot.machine.lose_track()
-    robot.jump(2.0)
-    robot.machine.drive_ended("the robot does not know the task")
-    assert (robot.last, robot.nodes) == ("a", "bcd")
-
-
 def test_a_permitted_deviation_lets_a_node_be_passed_at_a_distance() -> None:
     robot = Robot()
     robot.give(path("abc", b=place(1.0, y=0.5, deviation_xy=0.6)))
@@ -196,6 +186,7 @@ def test_the_end_of_a_leg_is_reached_when_the_drive_ends() -> None:
     robot.give(path("ab"))
     robot.move(0.95, 1.0)
     assert robot.last == "a"
+    assert not robot.machine.status.new_base_request
     robot.arrive()
     assert (robot.last, robot.nodes, robot.edges) == ("b", "", [])
     assert not robot.machine.busy
@@ -306,15 +297,6 @@ def test_a_blocking_action_of_an_edge_ends_before_the_vehicle_drives() -> None:
     assert robot.legs == ["b"]
 
 
-def test_states_of_actions_stay_until_the_next_order() -> None:
-    robot = Robot()
-    robot.give(path("ab", actions={"a": [action("1")], "b": [action("2")]}))
-    robot.finish("1")
-    robot.arrive()
-    robot.finish("2")
-    assert robot.actions == {"1": "FINISHED", "2": "FINISHED"}
-
-
 def test_the_vehicle_stops_at_the_end_of_the_base() -> None:
     robot = Robot()
     robot.give(path("ab", "cd"))
@@ -356,12 +338,6 @@ def test_a_new_base_is_requested_before_its_last_edge_if_that_is_short() -> None
     robot.move(1.9, 2.1)
     assert (robot.last, robot.nodes) == ("c", "defG")
     assert robot.machine.status.new_base_request
-
-
-def test_no_base_is_requested_without_a_horizon() -> None:
-    robot = Robot()
-    robot.give(path("ab"))
-    assert not robot.machine.status.new_base_request
 
 
 def test_the_distance_since_the_last_node_is_that_of_the_way() -> None:
@@ -479,13 +455,6 @@ def test_a_paused_drive_is_resumed() -> None:
     assert robot.poll() == []
     robot.machine.release("key")
     assert robot.poll() == [Control.RESUME]
-
-
-def test_nothing_is_driven_while_the_vehicle_may_not_drive() -> None:
-    robot = Robot()
-    robot.machine.receive(path("ab"))
-    assert robot.poll(may_drive=False) == []
-    assert robot.poll() != []
 
 
 def test_the_vehicle_waits_until_it_is_on_the_map_of_the_next_node() -> None:

@@ -192,6 +192,7 @@ async def test_a_broker_with_a_certificate_of_somebody_else_is_not_trusted(
         async with Running(chassis, config):
             await eventually(lambda: refusals(caplog))
         assert "certificate verify failed" in refusals(caplog)[0]
+        assert "certificate of the broker's authority" in refusals(caplog)[0]
     assert recorder.messages == []
 
 

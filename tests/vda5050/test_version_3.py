@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import aio
 from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.conftest import Online
+from tests.vda5050.connector_process import ConnectorProcess
 from tests.vda5050.fields import HEADER, message_fields, schema_fields
-from tests.vda5050.master import Master, Message, action, error_types, node, plain_edges
+from tests.vda5050.master import (
+    START,
+    Master,
+    Message,
+    action,
+    error_types,
+    node,
+    plain_edges,
+    references,
+)
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
-from tests.vda5050.test_first_order import START
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.geometry import path_ahead
 from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order
@@ -348,16 +354,11 @@ def test_a_zone_set_is_refused() -> None:
 # A vehicle
 
 
-def _master(broker: Mosquitto) -> Master:
-    return Master(broker.port, version="3.0.0")
-
-
 @aio
 async def test_an_order_of_three_nodes_is_driven(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
+    online: Online, chassis: SimulatorThread, recorder: Recorder
 ) -> None:
-    async with _master(broker) as master, vehicle(version=V3):
-        await master.online()
+    async with online(version=V3) as master:
         assert master.state["version"] == "3.0.0"
         assert master.state["operatingMode"] == "AUTOMATIC"
         assert master.state["powerSupply"]["charging"] is False
@@ -370,10 +371,10 @@ async def test_an_order_of_three_nodes_is_driven(
             node("c", 4, 7.0, -7.0, theta=0.5, allowedDeviationTheta=0.0),
         ]
         master.order(nodes, _edges(nodes))
-        accepted = await master.wait_state(lambda state: state["orderId"] == "order")
+        accepted = await master.accepted("order")
         assert accepted["lastNodeId"] == "a"
         await master.wait_state(lambda state: "plannedPath" in state, "a planned path")
-        await master.wait_state(lambda state: state["lastNodeId"] == "c")
+        await master.reached("c")
         ended = await master.wait_state(lambda state: not state["driving"])
 
         assert ended["nodeStates"] == ended["edgeStates"] == ended["errors"] == []
@@ -385,75 +386,41 @@ async def test_an_order_of_three_nodes_is_driven(
     seen = {each["referenceStateHeaderId"] for each in recorder.sent("visualization")}
     assert seen
     assert seen <= sent
-
-
-@aio
-async def test_the_connection_is_reported_and_the_factsheet_kept(
-    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
-) -> None:
-    async with _master(broker) as master:
-        async with vehicle(version=V3):
-            await master.online()
-        await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
     assert {name.split("/")[1] for name, _ in recorder.messages} == {"v3"}
-    async with _master(broker) as late:
-        await eventually(lambda: late.last("factsheet"))
-        assert late.last("connection")["connectionState"] == "OFFLINE"
-        factsheet = late.last("factsheet")
-    assert factsheet["typeSpecification"]["supportedZones"] == []
-    names = {each["actionType"] for each in factsheet["protocolFeatures"]["mobileRobotActions"]}
-    assert names >= {"cancelOrder", "factsheetRequest", "stateRequest"}
 
 
 @aio
-async def test_rejections_have_the_predefined_errors(
-    vehicle: VehicleStarter, broker: Mosquitto
-) -> None:
-    async with _master(broker) as master, vehicle(version=V3):
-        await master.online()
+async def test_rejections_have_the_predefined_errors(online: Online) -> None:
+    async with online(version=V3) as master:
         nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
-
-        async def rejected(name: str) -> Message:
-            return await master.wait_state(lambda state: name in error_types(state), name)
-
         master.send_raw("order", b"{}")
-        await rejected("VALIDATION_FAILURE")
+        await master.error("VALIDATION_FAILURE")
         corridor = {"leftWidth": 1.0, "rightWidth": 1.0}
         master.order(nodes, [each | {"corridor": corridor} for each in _edges(nodes)])
-        state = await rejected("UNSUPPORTED_PARAMETER")
+        state = await master.error("UNSUPPORTED_PARAMETER")
         (error,) = state["errors"]
         assert error["errorLevel"] == "CRITICAL"
-        references = {
-            each["referenceKey"]: each["referenceValue"] for each in error["errorReferences"]
-        }
-        assert references["parameter"] == "corridor"
+        assert references(error)["parameter"] == "corridor"
         master.order([node("far", 0, 0.0, 0.0)], [])
-        await rejected("START_NODE_OUT_OF_RANGE")
+        await master.error("START_NODE_OUT_OF_RANGE")
         elsewhere = [node("a", 0, *START), node("b", 2, 6.0, -7.0, map_id="cellar")]
         master.order(elsewhere, _edges(elsewhere))
-        await rejected("UNKNOWN_MAP_ID")
-        master.order([node("far", 0, 0.0, 0.0)], [])
-        await rejected("START_NODE_OUT_OF_RANGE")
-        master.order([node("a", 0, *START, map_id="cellar")], [])
-        await rejected("UNKNOWN_MAP_ID")
+        await master.error("UNKNOWN_MAP_ID")
         master.order([node("a", 0, *START, actions=[action("fly")])], [])
-        await rejected("INVALID_ORDER_ACTION")
+        await master.error("INVALID_ORDER_ACTION")
         master.send("zoneSet", _zone_set())
-        state = await rejected("UNSUPPORTED_PARAMETER")
+        state = await master.error("UNSUPPORTED_PARAMETER")
         assert state["orderId"] == ""
 
         master.order(nodes, _edges(nodes))
         await master.wait_state(lambda state: state["orderId"] == "order" and not state["errors"])
         master.order([node("a", 0, *START)], [], order_id="other")
-        await rejected("OTHER_ORDER_ACTIVE")
+        await master.error("OTHER_ORDER_ACTIVE")
 
 
 @aio
-async def test_instant_actions_stay_in_the_state_after_a_new_order(
-    vehicle: VehicleStarter, broker: Mosquitto
-) -> None:
-    async with _master(broker) as master, vehicle(version=V3):
-        await master.online()
+async def test_instant_actions_stay_in_the_state_after_a_new_order(online: Online) -> None:
+    async with online(version=V3) as master:
         master.instant(action("stateRequest", "ask"), action("fly", "no"))
         state = await master.wait_state(lambda state: len(state["instantActionStates"]) == 2)
         state = await master.wait_state(
@@ -464,7 +431,7 @@ async def test_instant_actions_stay_in_the_state_after_a_new_order(
         assert error_types(state) == ["INVALID_INSTANT_ACTION"]
 
         master.order([node("a", 0, *START)], [])
-        state = await master.wait_state(lambda state: state["orderId"] == "order")
+        state = await master.accepted("order")
         assert [each["actionId"] for each in state["instantActionStates"]] == ["ask", "no"]
         assert state["errors"] == []
 
@@ -473,18 +440,11 @@ async def test_instant_actions_stay_in_the_state_after_a_new_order(
 async def test_the_option_chooses_the_version(
     chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
 ) -> None:
-    arguments = ["--ip", "127.0.0.1", "--port", str(chassis.port), "--broker", broker.url]
-    async with _master(broker) as master:
-        with subprocess.Popen(
-            [sys.executable, "-m", "woosh_robot_agent.vda5050", *arguments, "--version", "3.0"],
-            env=os.environ | {"XDG_STATE_HOME": str(tmp_path)},
-        ) as program:
-            try:
-                await master.online()
-                assert master.state["version"] == "3.0.0"
-            finally:
-                program.terminate()
-    assert program.returncode == 0
+    async with Master(broker.port, version="3.0.0") as master:
+        with ConnectorProcess(chassis, broker.url, tmp_path, "--version", "3.0") as program:
+            await master.online()
+            assert master.state["version"] == "3.0.0"
+            assert program.stop() == 0
 
 
 def test_the_schemas_are_those_of_the_topics() -> None:
@@ -513,10 +473,9 @@ def test_whole_numbers_with_a_decimal_point_are_integers(version: Version) -> No
 
 @aio
 async def test_an_order_is_cleared_when_the_robot_loses_its_position(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with _master(broker) as master, vehicle(version=V3):
-        await master.online()
+    async with online(version=V3) as master:
         nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
         master.order(nodes, _edges(nodes))
         await master.wait_state(lambda state: state["nodeStates"])
