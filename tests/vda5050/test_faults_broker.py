@@ -19,14 +19,14 @@ from tests.vda5050.master import START, Master, action, error_types, node
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
-from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity, Topic
+from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import (
     BrokerConfig,
     MqttConnection,
     Publication,
     refused_topics,
 )
-from woosh_robot_agent.vda5050.reports import HeaderIds, Publisher, Reports
+from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
 from woosh_robot_agent.vda5050.session import OtherConnector, VehicleConfig
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
@@ -178,34 +178,36 @@ async def test_two_connectors_of_a_robot_are_detected(
         assert master.last("connection")["connectionState"] == "ONLINE"
 
 
-def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:
-    publisher = Publisher(V2_1, Identity("Woosh", "1"), "uagv", HeaderIds())
-    broker = MqttConnection(
-        BrokerConfig("127.0.0.1", 1), "1", publisher.last_will, {}, lambda: None
-    )
-    broker.connected = True
-    publisher.mqtt = broker
-    will = publisher.last_will()
-    publisher.publish(Topic.CONNECTION, {"connectionState": "ONLINE"})
+def reports_with(header_ids: HeaderIds) -> tuple[Reports, MqttConnection]:
+    """Messages of a vehicle, and a connection that was not begun."""
+    reports = Reports(V2_1, Limits(), lambda: None, lambda: None, lambda: None)
+    reports.open(Identity("Woosh", "1"), "uagv", header_ids)
+    mqtt = MqttConnection(BrokerConfig("", 1), "1", reports.last_will, {}, lambda: None)
+    reports.use(mqtt)
+    return reports, mqtt
+
+
+@aio
+async def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:
+    reports, mqtt = reports_with(HeaderIds())
+    will = reports.last_will()
+    mqtt.connected = True
+    reports.connected()
     for _ in range(100):
-        publisher.last_will()
-    assert publisher.is_own_connection(will.payload.encode())
-    assert not publisher.is_own_connection(b"{}")
+        reports.last_will()
+    assert reports.is_own_connection(will.payload.encode())
+    assert not reports.is_own_connection(b"{}")
 
 
 @aio
 async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart() -> None:
     saved: dict[str, int] = {}
     ids = HeaderIds(saved, saved.update)
-    publisher = Publisher(V2_1, Identity("Woosh", "1"), "uagv", ids)
-    broker = MqttConnection(BrokerConfig("", 1), "1", publisher.last_will, {}, lambda: None)
-    reports = Reports(Limits(), lambda: None, lambda: None, lambda: None)
-    publisher.mqtt = broker
-    reports.use(publisher)
-    will = json.loads(publisher.last_will().payload)
-    broker.connected = True
+    reports, mqtt = reports_with(ids)
+    will = json.loads(reports.last_will().payload)
+    mqtt.connected = True
     reports.connected()
-    broker.connected = False
+    mqtt.connected = False
     await reports.close(0.0)
     ids.close()
     assert saved["connection"] > will["headerId"]

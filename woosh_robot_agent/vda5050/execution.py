@@ -30,7 +30,7 @@ from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.robot.calls import RobotCalls
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.link import RobotLink
-from woosh_robot_agent.vda5050.robot.maps import MapLibrary, RobotMarks
+from woosh_robot_agent.vda5050.robot.maps import RobotMaps
 from woosh_robot_agent.vda5050.robot.speed import SpeedLimiter
 from woosh_robot_agent.vda5050.robot.tasks import UNSENT, ActionTasks, RobotTask, leg_task
 
@@ -64,8 +64,7 @@ class Execution:
     Attributes:
         types: the actions of the vehicle.
         facts: what the robot reports.
-        marks: marks of the robot's scene.
-        maps: maps on the robot.
+        maps: maps on the robot, and marks of its scene.
         order: the current order.
         instant: the instant actions.
         drive: the task that drives the current leg.
@@ -87,8 +86,7 @@ class Execution:
         self.instant = InstantActions(types, self.order)
         self.drive = RobotTask(link, self._drive_ended, link.changed)
         self.speed = SpeedLimiter(link, self._speed_refused)
-        self.marks = RobotMarks(link)
-        self.maps = MapLibrary(link)
+        self.maps = RobotMaps(link)
         self.calls = RobotCalls(link)
         self.tasks = ActionTasks(link)
         self.active: dict[str, Action] = {}

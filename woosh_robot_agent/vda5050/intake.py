@@ -229,7 +229,9 @@ class Intake:
             if last is not None and received == last.order:
                 return False
             here = execution.facts.position
-            order = with_marks(received, "" if here is None else here.map_id, execution.marks.find)
+            order = with_marks(
+                received, "" if here is None else here.map_id, execution.maps.find_mark
+            )
             is_new = order.id != execution.order.order_id
             verdict = execution.order.receive(order, partial(self._check, is_new=is_new))
         except RejectedError as rejected:

@@ -126,27 +126,69 @@ _OWN_CONNECTIONS = 64
 """Number of own `connection` messages that are remembered."""
 
 
-class Publisher:
-    """Adds headers to the messages of a vehicle, and publishes them on their topics."""
+class Reports:
+    """Adds headers to the messages of a vehicle, and publishes them; without a connection, none.
+
+    Args:
+        version: version of the standard.
+        limits: intervals of the messages.
+        state: returns the state of the vehicle; None while it is unknown.
+        robot: returns the state of the robot; None while it is unknown.
+        factsheet: returns the factsheet; None while it is unknown.
+    """
 
     def __init__(
-        self, version: Version, identity: Identity, interface: str, header_ids: HeaderIds
+        self,
+        version: Version,
+        limits: Limits,
+        state: Callable[[], VehicleState | None],
+        robot: Callable[[], RobotStatus | None],
+        factsheet: Callable[[], Factsheet | None],
     ) -> None:
-        self.version = version
-        self.identity = identity
-        major = version.number.split(".")[0]
-        self._prefix = f"{interface}/v{major}/{identity.manufacturer}/{identity.serial_number}/"
-        self._header_ids = header_ids
+        self._version = version
+        self._state = state
+        self._robot = robot
+        self._factsheet = factsheet
+        self._identity = Identity("", "")
+        self._prefix = ""
+        self._header_ids = HeaderIds()
+        self._mqtt: MqttConnection | None = None
+        """The connection to the broker; None before and after it."""
         self._will_id = -1
         """Header id of the last will of the last connection."""
         self._will = b""
         """The last will of the last attempt to connect."""
         self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
         """The last `connection` messages, with the last wills of the connections."""
-        self.state_id: int | None = None
+        self._state_id: int | None = None
         """Header id of the last state; None if there was none."""
-        self.mqtt: MqttConnection | None = None
-        """The connection to the broker; None before and after it."""
+        self._state_schedule = Schedule(
+            self._publish_state, limits.min_state_interval, limits.state_interval
+        )
+        self._visualization_schedule = Schedule(
+            self._publish_visualization, limits.visualization_interval
+        )
+        self._driving_state_interval = limits.driving_state_interval
+        self._maps_in_state = limits.maps_in_state
+
+    # The vehicle at the broker
+
+    def open(self, identity: Identity, interface: str, header_ids: HeaderIds) -> None:
+        """Give the vehicle its identity.
+
+        Args:
+            identity: manufacturer and serial number.
+            interface: first level of the topics.
+            header_ids: header ids of the messages.
+        """
+        self._identity = identity
+        self._header_ids = header_ids
+        major = self._version.number.split(".")[0]
+        self._prefix = f"{interface}/v{major}/{identity.manufacturer}/{identity.serial_number}/"
+
+    def use(self, mqtt: MqttConnection) -> None:
+        """Publish over this connection from now on."""
+        self._mqtt = mqtt
 
     def topic(self, topic: Topic) -> str:
         """Return the full name of a topic."""
@@ -157,84 +199,33 @@ class Publisher:
 
         Its header id follows that of the first message of the connection, ONLINE.
         """
-        topic = Topic.CONNECTION
-        ids = self._header_ids
-        self.connection_lost()
-        self._will_id = ids.peek(topic.value) + 1
-        content = connection_message(self.version, ConnectionState.BROKEN)
-        will = self._message(topic, content, self._will_id)
+        self._skip_last_will()
+        self._will_id = self._header_ids.peek(Topic.CONNECTION.value) + 1
+        content = connection_message(self._version, ConnectionState.BROKEN)
+        will = self._message(Topic.CONNECTION, content, self._will_id)
         self._will = will.payload.encode()
         return will
 
-    def connection_lost(self) -> None:
-        """Skip the header id of the last will: the broker may have published it."""
-        if self._header_ids.peek(Topic.CONNECTION.value) == self._will_id:
-            self._header_ids.next(Topic.CONNECTION.value)
-
     def is_own_connection(self, payload: bytes) -> bool:
-        """Return True if this publisher has made a `connection` message."""
+        """Return True if this vehicle has made a `connection` message."""
         return payload == self._will or payload in self._connections
 
-    def publish(self, topic: Topic, content: Mapping[str, Any]) -> None:
-        """Publish a message; drop it if there is no connection."""
-        if self.mqtt is None or not self.mqtt.connected:
-            return
-        publication = self._message(topic, content)
-        if topic is Topic.CONNECTION:
-            self._connections += (self._will, publication.payload.encode())
-        self.mqtt.publish(publication)
+    async def close(self, timeout: float) -> None:
+        """Publish OFFLINE, and nothing afterwards.
 
-    def _message(
-        self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
-    ) -> Publication:
-        if header_id is None:
-            header_id = self._header_ids.next(topic.value)
-        head = {
-            "headerId": header_id,
-            "timestamp": timestamp(time.time()),
-            "version": self.version.number,
-            "manufacturer": self.identity.manufacturer,
-            "serialNumber": self.identity.serial_number,
-        }
-        if topic is Topic.STATE:
-            self.state_id = header_id
-        payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
-        return Publication(self.topic(topic), payload, *PUBLISHED[topic])
+        Args:
+            timeout: maximum wait for the broker, in seconds.
+        """
+        self._state_schedule.stop()
+        self._visualization_schedule.stop()
+        if self._mqtt is not None and self._mqtt.connected:
+            self._publish_connection(ConnectionState.OFFLINE)
+            mqtt, self._mqtt = self._mqtt, None
+            await mqtt.flush(timeout)
+        else:
+            self._skip_last_will()
 
-
-class Reports:
-    """Publishes the messages of a vehicle. Without a connection, none is queued.
-
-    Args:
-        limits: intervals of the messages.
-        state: returns the state of the vehicle; None while it is unknown.
-        robot: returns the state of the robot; None while it is unknown.
-        factsheet: returns the factsheet; None while it is unknown.
-    """
-
-    def __init__(
-        self,
-        limits: Limits,
-        state: Callable[[], VehicleState | None],
-        robot: Callable[[], RobotStatus | None],
-        factsheet: Callable[[], Factsheet | None],
-    ) -> None:
-        self._state = state
-        self._robot = robot
-        self._factsheet = factsheet
-        self._publisher: Publisher | None = None
-        self._state_schedule = Schedule(
-            self._publish_state, limits.min_state_interval, limits.state_interval
-        )
-        self._visualization_schedule = Schedule(
-            self._publish_visualization, limits.visualization_interval
-        )
-        self._driving_state_interval = limits.driving_state_interval
-        self._maps_in_state = limits.maps_in_state
-
-    def use(self, publisher: Publisher) -> None:
-        """Publish by this publisher from now on."""
-        self._publisher = publisher
+    # What is published, and when
 
     def changed(self) -> None:
         """Publish the state soon."""
@@ -254,42 +245,50 @@ class Reports:
 
     def publish_factsheet(self) -> None:
         """Publish the factsheet."""
-        publisher, factsheet = self._publisher, self._factsheet()
-        if publisher is not None and factsheet is not None:
-            publisher.publish(Topic.FACTSHEET, factsheet_message(publisher.version, factsheet))
-
-    async def close(self, timeout: float) -> None:
-        """Publish OFFLINE, and nothing afterwards.
-
-        Args:
-            timeout: maximum wait for the broker, in seconds.
-        """
-        self._state_schedule.stop()
-        self._visualization_schedule.stop()
-        publisher = self._publisher
-        if publisher is None or publisher.mqtt is None:
-            return
-        if publisher.mqtt.connected:
-            self._publish_connection(ConnectionState.OFFLINE)
-            mqtt, publisher.mqtt = publisher.mqtt, None
-            await mqtt.flush(timeout)
-        else:
-            publisher.connection_lost()
+        if (factsheet := self._factsheet()) is not None:
+            self._publish(Topic.FACTSHEET, factsheet_message(self._version, factsheet))
 
     def _publish_state(self) -> None:
-        publisher, state = self._publisher, self._state()
-        if publisher is None or state is None:
-            return
-        if not self._maps_in_state:
-            state = replace(state, robot=replace(state.robot, maps=None))
-        publisher.publish(Topic.STATE, state_message(publisher.version, state))
+        if (state := self._state()) is not None:
+            if not self._maps_in_state:
+                state = replace(state, robot=replace(state.robot, maps=None))
+            self._publish(Topic.STATE, state_message(self._version, state))
 
     def _publish_visualization(self) -> None:
-        publisher, robot = self._publisher, self._robot()
-        if publisher is not None and publisher.state_id is not None and robot is not None:
-            message = visualization_message(publisher.version, robot, publisher.state_id)
-            publisher.publish(Topic.VISUALIZATION, message)
+        robot = self._robot()
+        if self._state_id is not None and robot is not None:
+            message = visualization_message(self._version, robot, self._state_id)
+            self._publish(Topic.VISUALIZATION, message)
 
     def _publish_connection(self, state: ConnectionState) -> None:
-        if (publisher := self._publisher) is not None:
-            publisher.publish(Topic.CONNECTION, connection_message(publisher.version, state))
+        self._publish(Topic.CONNECTION, connection_message(self._version, state))
+
+    def _publish(self, topic: Topic, content: Mapping[str, Any]) -> None:
+        if self._mqtt is None or not self._mqtt.connected:
+            return
+        publication = self._message(topic, content)
+        if topic is Topic.CONNECTION:
+            self._connections += (self._will, publication.payload.encode())
+        self._mqtt.publish(publication)
+
+    def _message(
+        self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
+    ) -> Publication:
+        if header_id is None:
+            header_id = self._header_ids.next(topic.value)
+        head = {
+            "headerId": header_id,
+            "timestamp": timestamp(time.time()),
+            "version": self._version.number,
+            "manufacturer": self._identity.manufacturer,
+            "serialNumber": self._identity.serial_number,
+        }
+        if topic is Topic.STATE:
+            self._state_id = header_id
+        payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
+        return Publication(self.topic(topic), payload, *PUBLISHED[topic])
+
+    def _skip_last_will(self) -> None:
+        """Skip the header id of the last will: the broker may have published it."""
+        if self._header_ids.peek(Topic.CONNECTION.value) == self._will_id:
+            self._header_ids.next(Topic.CONNECTION.value)

@@ -20,7 +20,7 @@ from woosh_robot_agent.vda5050.messages.state import (
 )
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity, Topic, Version
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, MqttConnection
-from woosh_robot_agent.vda5050.reports import HeaderIds, Publisher, Reports
+from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
 from woosh_robot_agent.vda5050.robot.link import Timing
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
@@ -118,8 +118,6 @@ def _connection_state(payload: bytes) -> str | None:
 
 _RETRY = 2.0
 """Pause between attempts to open the state file, in seconds."""
-_SAVE_WITHIN = 2.0
-"""Maximum delay before the progress of the order and of instant actions is saved, in seconds."""
 
 
 _FORBIDDEN = frozenset("+#/\0")
@@ -201,10 +199,6 @@ class Session:
         self._header_ids: HeaderIds | None = None
         """None until the state file has been read."""
         self._other: OtherConnector | None = None
-        self._late: asyncio.TimerHandle | None = None
-        """Saves `_record` later; None if it has been saved."""
-        self._record = Record()
-        """Record to save."""
         self._log = LogOnce(_LOG)
         self._task: asyncio.Task[None] | None = None
 
@@ -234,13 +228,8 @@ class Session:
 
         What keeps something from being done twice is on the disk on return, the rest soon.
         """
-        if not self.is_open:
-            return
-        self._record = record
-        if not self._store.can_wait(record):
-            self._save()
-        elif self._late is None:  # each file takes milliseconds, in which nothing else happens
-            self._late = asyncio.get_running_loop().call_later(_SAVE_WITHIN, self._save)
+        if self.is_open:
+            self._store.save(record)
 
     async def close(self, timeout: float) -> None:
         """Publish that the vehicle is offline, and disconnect from the broker.
@@ -254,40 +243,33 @@ class Session:
             await asyncio.gather(self._task, return_exceptions=True)
         if self._other is not None:
             self._other.close()
-        if self._late is not None:
-            self._save()
         if self._header_ids is not None:
             self._header_ids.close()
         self._store.close()
-
-    def _save(self) -> None:
-        if self._late is not None:
-            self._late.cancel()
-            self._late = None
-        self._store.save(self._record)
 
     async def _run(self) -> None:
         record, damage = await self._open()
         config = self._config
         self._header_ids = HeaderIds(record.header_ids, self._store.save_header_ids)
         self._on_opened(record, damage)
-        publisher = Publisher(config.version, self._identity, config.interface, self._header_ids)
+        reports = self._reports
+        reports.open(self._identity, config.interface, self._header_ids)
         self._other = OtherConnector(
-            publisher.is_own_connection, self._other_changed, config.gone_after
+            reports.is_own_connection, self._other_changed, config.gone_after
         )
         handlers = {
-            publisher.topic(topic): self._ignoring_retained(topic, handler)
+            reports.topic(topic): self._ignoring_retained(topic, handler)
             for topic, handler in self._handlers.items()
             if topic in config.version.received
         }
-        publisher.mqtt = mqtt = MqttConnection(
+        mqtt = MqttConnection(
             self._broker,
             client_id=self._name,
-            last_will=publisher.last_will,
-            handlers={**handlers, publisher.topic(Topic.CONNECTION): self._other.received},
+            last_will=reports.last_will,
+            handlers={**handlers, reports.topic(Topic.CONNECTION): self._other.received},
             on_connected=self._connected,
         )
-        self._reports.use(publisher)
+        reports.use(mqtt)
         await mqtt.run()
 
     def _ended(self, task: asyncio.Task[None]) -> None:

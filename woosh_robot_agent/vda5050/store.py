@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
 import json
 import logging
@@ -81,6 +82,8 @@ _FORMAT = 1
 """Version of the file format."""
 _MAX_SIZE = 16 * 2**20
 """Maximum size of a file that is read, in bytes."""
+_SAVE_WITHIN = 2.0
+"""Maximum delay before the progress of the order and of instant actions is saved, in seconds."""
 _MAX_NAME = 200
 """Maximum length of a file's name without its suffix, in characters."""
 
@@ -139,6 +142,10 @@ class Store:
         self._lock: IO[bytes] | None = None
         self._record = Record()
         """The record that was saved last."""
+        self._next = self._record
+        """The record to save."""
+        self._timer: asyncio.TimerHandle | None = None
+        """Saves `_next` later; None if it has been saved."""
         self._log = LogOnce(_LOG)
         self.error: VehicleError | None = None
 
@@ -174,12 +181,41 @@ class Store:
             self.close()
             raise
 
-    def can_wait(self, record: Record) -> bool:
-        """Return True if a record may be saved later, because without it nothing is done twice.
+    def save(self, record: Record) -> None:
+        """Save a record, but keep the saved header ids.
 
-        It may if it differs from the saved one only in the progress of the order and of the instant
-        actions.
+        What keeps something from being done twice is on the disk on return. A record that differs
+        only in the progress of the order and of the instant actions is saved soon: each file takes
+        milliseconds, in which nothing else happens.
+
+        If saving fails, the file is removed, because an old record could make the vehicle repeat
+        what it has done.
         """
+        self._next = record
+        if not self._can_wait(record):
+            self._save_next()
+        elif self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(_SAVE_WITHIN, self._save_next)
+
+    def save_header_ids(self, header_ids: Mapping[str, int]) -> None:
+        """Save the header id of each topic with which to continue after a restart."""
+        self._save(replace(self._record, header_ids=dict(header_ids)))
+
+    def close(self) -> None:
+        """Save what was to be saved soon, and unlock the file for other processes."""
+        if self._timer is not None:
+            self._save_next()
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _save_next(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._save(replace(self._next, header_ids=self._record.header_ids))
+
+    def _can_wait(self, record: Record) -> bool:
         saved, order = self._record, self._record.order
         progress = replace(
             record.order,
@@ -197,24 +233,6 @@ class Store:
             header_ids=saved.header_ids,
         )
         return self.error is None and same == saved
-
-    def save(self, record: Record) -> None:
-        """Save a record, but keep the saved header ids.
-
-        If that fails, the file is removed, because an old record could make the vehicle repeat what
-        it has done.
-        """
-        self._save(replace(record, header_ids=self._record.header_ids))
-
-    def save_header_ids(self, header_ids: Mapping[str, int]) -> None:
-        """Save the header id of each topic with which to continue after a restart."""
-        self._save(replace(self._record, header_ids=dict(header_ids)))
-
-    def close(self) -> None:
-        """Unlock the file for other processes."""
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
 
     def _save(self, record: Record) -> None:
         if record == self._record and self.error is None:

@@ -45,7 +45,11 @@ class Vehicle:
         self._execution = Execution(self._link, config.version, types)
         self._facts = self._execution.facts
         self._reports = Reports(
-            config.limits, self._state, lambda: self._facts.status, self._factsheet
+            config.version,
+            config.limits,
+            self._state,
+            lambda: self._facts.status,
+            self._factsheet,
         )
         self._intake = Intake(self._execution)
         self._runner = ActionRunner(Context(self._execution, self._reports, config.log_folder))

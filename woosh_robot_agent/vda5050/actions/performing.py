@@ -103,7 +103,7 @@ class Run:
             ActionFailedError: it does not, or the map has no such mark.
         """
         here = self.execution.facts.position
-        place = None if here is None else self.execution.marks.find(mark, here.map_id)
+        place = None if here is None else self.execution.maps.find_mark(mark, here.map_id)
         if here is None or place is None:
             raise ActionFailedError(f"the robot knows no mark {mark} on its map")
         distance = math.dist(place.point, here.point)

@@ -180,7 +180,7 @@ class OptionalParameter:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the robot that it does not report, and options of the state.
+    """Figures of the factsheet that the robot does not report, and options of the messages.
 
     Attributes:
         max_speed: maximum speed, in m/s.

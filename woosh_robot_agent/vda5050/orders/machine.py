@@ -68,7 +68,13 @@ class OrderMachine:
     def busy(self) -> bool:
         """True if the vehicle executes an order, or waits for an update of it."""
         route = self._route
-        return bool(route.nodes or route.edges or route.leg or self._actions.are_open)
+        return bool(
+            route.nodes
+            or route.edges
+            or route.leg
+            or self._actions.running
+            or self._actions.triggered
+        )
 
     @property
     def driving(self) -> bool:
@@ -78,7 +84,7 @@ class OrderMachine:
     @property
     def acting(self) -> bool:
         """True while an action of the order runs."""
-        return self._actions.are_running
+        return bool(self._actions.running)
 
     @property
     def errors(self) -> tuple[VehicleError, ...]:
@@ -110,7 +116,7 @@ class OrderMachine:
     @property
     def has_ended(self) -> bool:
         """True once the drive and all actions of a cancelled order have ended."""
-        return self._canceling and not self.driving and not self._actions.are_running
+        return self._canceling and not self.driving and not self._actions.running
 
     @property
     def order_id(self) -> str:
@@ -373,7 +379,7 @@ class OrderMachine:
         """Return True unless the order must wait until the position is known and was checked."""
         route = self._route
         last = route.last_node
-        goes_on = self._actions.are_triggered or (route.edges and route.edges[0].released)
+        goes_on = self._actions.triggered or (route.edges and route.edges[0].released)
         if not route.doubtful or self.driving or not goes_on:
             return True
         if last is not None and last.position is not None:

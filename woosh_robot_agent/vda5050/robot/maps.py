@@ -7,7 +7,7 @@ import logging
 import math
 from dataclasses import dataclass
 
-from woosh_robot_agent.link import LinkError, LinkState
+from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneDataEasy, SceneList
 from woosh_robot_agent.pb.map.mark_pb2 import Pose
@@ -35,8 +35,10 @@ class StoredMap:
     version: str
 
 
-class MapLibrary:
-    """The maps on the robot. They are read at each connection, and when the map changes.
+class RobotMaps:
+    """The maps on the robot, and the marks of its scene. Used in the event loop of the link.
+
+    They are read at each connection, and when the map changes.
 
     Attributes:
         downloading: held while a map is downloaded.
@@ -46,9 +48,17 @@ class MapLibrary:
         self._link = link
         self.downloading = asyncio.Lock()
         self._maps: tuple[StoredMap, ...] | None = None
+        self._scene = ""
+        """Name of the robot's scene."""
+        self._marks: dict[tuple[str, str], NodePosition] = {}
+        """Positions of the marks, by the id of the map and the number of the mark."""
         self._log = LogOnce(_LOG)
-        link.chassis.on_snapshot(lambda info: self._refresh())
-        link.chassis.subscribe_raw(Scene, lambda body: self._refresh())
+        link.chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
+        link.chassis.subscribe(Scene, self._scene_reported)
+
+    def find_mark(self, number: str, map_id: str) -> NodePosition | None:
+        """Return the position of a mark, with its heading; None if the map has no such mark."""
+        return self._marks.get((map_id, number))
 
     def listed(self, info: RobotInfo) -> tuple[Map, ...] | None:
         """Return the maps for the state; None if they are unknown.
@@ -106,70 +116,32 @@ class MapLibrary:
             return {}
         return {each.name: str(each.version) for each in answer.body.maps}
 
-    def _refresh(self) -> None:
-        self._link.work.start(self._read_when_ready(), self)
-
-    async def _read_when_ready(self) -> None:
-        try:
-            await self._link.chassis.wait_ready(_READY_TIMEOUT)  # the snapshot comes shortly before
-            await self.read()
-        except LinkError as error:
-            _LOG.debug("the list of maps was not read: %s", error)  # a reconnect reads it again
-
-
-class RobotMarks:
-    """The marks of the robot's scene. Used in the event loop of the link."""
-
-    def __init__(self, link: RobotLink) -> None:
-        self._link = link
-        self._scene = ("", 0)
-        """Name and version of the robot's scene."""
-        self._marks: dict[tuple[str, str], NodePosition] = {}
-        """Positions of the marks, by the id of the map and the number of the mark."""
-        self._log = LogOnce(_LOG)
-        link.chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
-        link.chassis.on_state(self._link_changed)
-        link.chassis.subscribe(Scene, self._scene_reported)
-
-    def find(self, number: str, map_id: str) -> NodePosition | None:
-        """Return the position of a mark, with its heading; None if the map has no such mark."""
-        return self._marks.get((map_id, number))
-
-    def _link_changed(self, state: LinkState) -> None:
-        if state is LinkState.READY:
-            self._request()
-        else:
-            self._link.work.cancel(self)
-
     def _scene_reported(self, scene: Scene) -> None:
-        before, self._scene = self._scene, (scene.scene_name, scene.version)
-        if self._scene[0] != before[0]:
-            self._marks = {}
-        if self._scene != before and self._link.ready:
-            self._request()
+        if scene.scene_name != self._scene:
+            self._scene, self._marks = scene.scene_name, {}
+        self._link.work.start(self._refresh(), self)
 
-    def _request(self) -> None:
-        self._link.work.cancel(self)
-        if scene := self._scene[0]:
-            self._link.work.start(self._read(scene), self)
-
-    async def _read(self, scene: str) -> None:
+    async def _refresh(self) -> None:
         while True:
             try:
-                answer = await self._link.ask(SceneData(name=scene))
-                break
+                await self._link.chassis.wait_ready(_READY_TIMEOUT)  # comes after the snapshot
+                await self.read()
+                await self._read_marks(self._scene)
             except LinkError as error:
-                self._log.warn(scene, f"the marks of scene {scene} are unknown for now: {error}")
-            await asyncio.sleep(
-                self._link.timing.ask_again_after
-            )  # cancelled when the link is lost
-        self._log.clear()
+                if not self._link.ready:
+                    return  # a reconnect reads it again
+                self._log.warn("maps", f"the maps and marks are unknown for now: {error}")
+            else:
+                return
+            await asyncio.sleep(self._link.timing.ask_again_after)
+
+    async def _read_marks(self, scene: str) -> None:
+        if not scene:
+            return
+        answer = await self._link.ask(SceneData(name=scene))
         if not answer.ok or not isinstance(answer.body, SceneData):
-            _LOG.warning(
-                "the marks of scene %s are unknown, because the robot sent none: %s",
-                scene,
-                answer.msg,
-            )
+            text = f"the marks of scene {scene} are unknown, because the robot sent none"
+            self._log.warn("marks", f"{text}: {answer.msg}")
             return
         self._marks = {
             (area.name or str(area.id), storage.identity.no): place
