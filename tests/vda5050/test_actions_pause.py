@@ -160,7 +160,6 @@ async def test_cancel_order_stops_the_drive_and_ends_the_actions(
 
 async def at_full_speed(master: Master, chassis: SimulatorThread) -> None:
     """Let the robot drive an order in real time; it brakes for a fifth of a second."""
-    await master.online()
     set_speed(chassis, 1.0)
     master.order([node("a", 0, *START), node("b", 2, 9.0, -8.0)])
     await eventually(lambda: chassis.state.velocity.speed > 0.3)
@@ -175,9 +174,9 @@ def at_the_end(master: Master, action_id: str) -> Message:
 
 @aio
 async def test_a_pause_is_finished_when_the_robot_stands(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+    async with online(limits=AT_ONCE) as master:
         await at_full_speed(master, chassis)
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")
@@ -202,9 +201,9 @@ async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(
 
 @aio
 async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_same_state(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+    async with online(limits=AT_ONCE) as master:
         await at_full_speed(master, chassis)
         master.instant(action("cancelOrder", "c"), action("cancelOrder", "too"))
         await master.status("c", "FINISHED")
@@ -225,14 +224,14 @@ async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_sa
 
 @aio
 async def test_a_robot_that_does_not_report_its_standstill_is_asked(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
     def without_standstill(frame: Outgoing) -> list[Outgoing]:
         twist = frame.body.twist if isinstance(frame.body, PoseSpeed) else None
         stands = twist is not None and not (twist.linear or twist.angular)
         return [] if stands and not frame.is_answer else [frame]
 
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+    async with online(limits=AT_ONCE) as master:
         await at_full_speed(master, chassis)
         chassis.intercept(without_standstill)
         asked = chassis.counts[full_name(PoseSpeed)]
@@ -244,7 +243,7 @@ async def test_a_robot_that_does_not_report_its_standstill_is_asked(
 
 @aio
 async def test_a_blocking_instant_action_begins_when_the_robot_stands(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
     speeds: list[float] = []
     simulator = chassis.call(lambda simulator: simulator)
@@ -254,7 +253,7 @@ async def test_a_blocking_instant_action_begins_when_the_robot_stands(
             speeds.append(simulator.state.velocity.speed)
         return [out]
 
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
+    async with online(limits=AT_ONCE) as master:
         chassis.intercept(note_speed)
         await at_full_speed(master, chassis)
         master.instant(action("liftTo", "lift", blocking="HARD", height=0.1))
@@ -284,24 +283,6 @@ async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_resta
 
 
 @aio
-async def test_a_stop_pause_also_counts_after_a_repeated_start_pause(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await at_full_speed(master, chassis)
-        pause = action("startPause", "p")
-        master.instant(pause, pause, action("stopPause", "q"))
-        state = await master.status("q", "FINISHED")
-        assert not state["paused"]
-        await idle(chassis)
-        assert not any(
-            each["paused"]
-            for each in master.received["state"]
-            if each["headerId"] > state["headerId"]
-        )
-
-
-@aio
 async def test_a_pause_survives_a_restart(
     vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
 ) -> None:
@@ -324,10 +305,10 @@ async def test_a_pause_survives_a_restart(
 
 @aio
 async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_obeys(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
     timing = Timing(repeat_after=0.5, pause_within=0.2)
-    async with Master(broker.port) as master, vehicle(timing=timing):
+    async with online(timing=timing) as master:
         await drive(master, chassis)
         chassis.refuse(ORDER, "not now")
         master.instant(action("startPause", "p"))
@@ -385,9 +366,9 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
 
 @aio
 async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
+    async with online() as master, other_client(chassis) as gate:
         await drive(master, chassis)
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")

@@ -45,9 +45,9 @@ async def drive(master: Master, chassis: SimulatorThread) -> None:
 
 @aio
 async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
+    async with online() as master:
         await drive(master, chassis)
         off = chassis.inject("off")
         state = await master.error("robotConnectionError")
@@ -63,9 +63,9 @@ async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(
 
 @aio
 async def test_an_arrival_without_a_link_is_noticed_later(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
+    async with online() as master:
         await drive(master, chassis)
         off = chassis.inject("off")
         await master.error("robotConnectionError")
@@ -197,11 +197,11 @@ async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_kn
 
 @aio
 async def test_a_start_without_an_answer_is_found_out_and_not_repeated(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
     chassis.mute(EXEC)
     timing = Timing(minimum_timeouts={})
-    async with Master(broker.port) as master, vehicle(request_timeout=1.0, timing=timing):
+    async with online(request_timeout=1.0, timing=timing) as master:
         await drive(master, chassis)
         await eventually(lambda: chassis.counts["woosh.robot.TaskProc"])
         set_speed(chassis, 20.0)
@@ -212,9 +212,9 @@ async def test_a_start_without_an_answer_is_found_out_and_not_repeated(
 
 @aio
 async def test_a_cancel_is_repeated_until_the_robot_obeys(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
+    async with online() as master:
         await drive(master, chassis)
         chassis.refuse(ORDER, "Request failed")
         master.instant(action("cancelOrder", "cancel"))
@@ -230,9 +230,9 @@ async def test_a_cancel_is_repeated_until_the_robot_obeys(
 
 @aio
 async def test_a_cancel_without_a_link_is_carried_out_later(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
+    async with online() as master:
         await drive(master, chassis)
         off = chassis.inject("off")
         await master.error("robotConnectionError")

@@ -15,7 +15,6 @@ import pytest
 
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto
-from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import Online, VehicleStarter
 from tests.vda5050.master import (
     START,
@@ -24,14 +23,13 @@ from tests.vda5050.master import (
     action,
     error_types,
     node,
-    references,
     status_of,
 )
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050 import mqtt
 from woosh_robot_agent.vda5050.messages.reading import read_order
 from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
+from woosh_robot_agent.vda5050.mqtt import MAX_RECEIVED, ReceiveQueue
 
 EXEC = "woosh.robot.ExecTask"
 HEADER = {
@@ -267,75 +265,12 @@ async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
             master.received.clear()
 
 
-@aio
-async def test_a_pause_counts_even_if_the_former_one_with_its_id_has_not_ended(
-    online: Online,
-) -> None:
-    pause, resume = action("startPause", "pause"), action("stopPause", "resume")
-    async with online() as master:
-        master.instant(pause, resume, pause)
-        state = await master.wait_state(lambda state: state["paused"])
-        assert "instantActionError" not in error_types(state)
-        await master.status("pause", "FINISHED")
-        master.instant(resume)
-        await master.wait_state(lambda state: not state["paused"])
-
-
-@aio
-async def test_an_id_that_is_used_again_is_reported_if_nothing_is_done(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        master.instant(action("liftTo", "lift", height=0.1))
-        await master.status("lift", "FINISHED")
-        master.instant(action("liftTo", "lift", height=0.2))
-        state = await master.wait_state(lambda state: state["errors"])
-        (error,) = state["errors"]
-        assert error["errorType"] == "instantActionError"
-        assert "liftTo is not performed again" in error["errorDescription"]
-        assert references(error) == {"actionId": "lift", "actionType": "liftTo"}
-        assert status_of(state, "lift") == "FINISHED"
-
-        master.instant(action("liftTo", "slow", height=1.0, speed=0.001))
-        await master.status("slow", "RUNNING")
-        for _ in range(3):
-            master.instant(action("startPause", "slow"))
-        state = await master.wait_state(lambda state: len(state["errors"]) == 2)
-        assert "liftTo with this id has not ended" in state["errors"][1]["errorDescription"]
-        master.instant(action("startPause", "other"))
-        state = await master.wait_state(lambda state: state["paused"])
-        assert len(state["errors"]) == 2
-    assert commands(chassis).count("lift_control3 execute") == 2
-
-
-@aio
-async def test_an_action_of_an_order_and_an_instant_action_cannot_have_the_same_id(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        first = node("a", 0, *START, actions=[action("speak", "one", text="order")])
-        master.order([first, node("b", 2, 6.0, -7.0, released=False)])
-        await master.status("one", "FINISHED")
-        master.instant(action("speak", "one", text="instant"))
-        state = await master.error("instantActionError")
-        assert "has this id" in state["errors"][-1]["errorDescription"]
-
-        master.instant(action("speak", "two", text="instant"))
-        await master.status("two", "FINISHED")
-        second = node("b", 2, 6.0, -7.0, actions=[action("speak", "two", text="order")])
-        master.order([first, second], update=1)
-        await master.error("validationError")
-        master.order([first, second | {"actions": []}], update=1)
-        await master.reached("b")
-    assert chassis.state.spoken == ("order", "instant")
-
-
 def test_a_flood_on_one_topic_leaves_room_for_another() -> None:
-    inbox = mqtt._ReceiveQueue()
-    for number in range(2 * mqtt._MAX_RECEIVED):
+    inbox = ReceiveQueue()
+    for number in range(2 * MAX_RECEIVED):
         inbox.put_nowait(message("order", number))
     inbox.put_nowait(message("instantActions", 0))
     taken = [inbox.get_nowait().topic.value for _ in range(inbox.qsize())]
-    assert taken == [*["order"] * mqtt._MAX_RECEIVED, "instantActions"]
+    assert taken == [*["order"] * MAX_RECEIVED, "instantActions"]
     inbox.put_nowait(message("order", 0))
     assert inbox.qsize() == 1

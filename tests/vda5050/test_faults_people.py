@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.conftest import Online, VehicleStarter
-from tests.vda5050.master import START, Master, action, error_types, node
+from tests.vda5050.conftest import Online
+from tests.vda5050.master import START, action, error_types, node
 from tests.vda5050.test_faults_chassis import EXEC, ORDER, drive
 from tests.vda5050.test_faults_restart import idle, other_client, task_to
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
@@ -16,10 +15,8 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 @aio
-async def test_a_manual_mode_clears_the_order(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
+async def test_a_manual_mode_clears_the_order(online: Online, chassis: SimulatorThread) -> None:
+    async with online() as master:
         await drive(master, chassis)
         chassis.set_key_switch(True)
         set_speed(chassis, 2.0)
@@ -49,9 +46,9 @@ async def test_an_order_in_a_manual_mode_is_rejected(
 
 @aio
 async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
+    async with online() as master:
         await drive(master, chassis)
         chassis.set_emergency_stop(True)
         state = await master.wait_state(lambda state: state["safetyState"]["eStop"] == "MANUAL")
@@ -63,9 +60,9 @@ async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(
 
 @aio
 async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    online: Online, chassis: SimulatorThread
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
+    async with online() as master:
         await drive(master, chassis)
         async with other_client(chassis) as gate:
             assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok

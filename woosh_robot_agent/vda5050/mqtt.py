@@ -33,7 +33,7 @@ _STABLE_AFTER = 5.0
 """Duration after which a connection counts as stable, in seconds."""
 _MAX_OUTBOX = 1000
 """Maximum number of messages that wait to be sent; the oldest ones are dropped."""
-_MAX_RECEIVED = 200
+MAX_RECEIVED = 200
 """Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
 _MAX_RECEIVED_SIZE = 16 * 2**20
 """Maximum size of all messages of one topic that wait to be handled, in bytes; a single one may be
@@ -201,7 +201,7 @@ class MqttConnection:
             keepalive=broker.keepalive,
             tls_context=broker.tls,
             logger=_LIBRARY_LOG,
-            queue_type=_ReceiveQueue,
+            queue_type=ReceiveQueue,
         ) as client:
             granted = await client.subscribe([(topic, 0) for topic in self._handlers])
             if refused := refused_topics(self._handlers, granted):
@@ -297,7 +297,7 @@ class _Client(aiomqtt.Client):
         self._loop.call_soon_threadsafe(watch)
 
 
-class _ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
+class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
     """Received messages that wait to be handled; drops new ones of a topic that has too many.
 
     Each topic has its own limit, so that a flood of orders does not take the place of a pause.
@@ -314,7 +314,7 @@ class _ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
     def put_nowait(self, item: aiomqtt.Message) -> None:
         topic, length = item.topic.value, _length(item)
         size = self._sizes[topic]
-        if self._counts[topic] >= _MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
+        if self._counts[topic] >= MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
             self._log.warn(
                 topic,
                 f"messages on {topic} come faster than they can be handled, and some were dropped",
