@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,6 @@ from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.session import VehicleConfig
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
-VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
-"""Starts a vehicle at the broker; the keyword arguments are fields of `VehicleConfig`."""
-Online = Callable[..., AbstractAsyncContextManager[Master]]
-"""Starts a vehicle, and returns its master when it is online."""
 AT_ONCE = Limits(min_state_interval=0.0)
 """Every change is published."""
 
@@ -66,38 +62,49 @@ def chassis() -> Iterator[SimulatorThread]:
         yield running
 
 
-@pytest.fixture
-def vehicle(chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> VehicleStarter:
-    """Function that starts a vehicle of the simulated chassis."""
+class Site:
+    """A simulated chassis, a broker, and vehicles that connect them.
+
+    Attributes:
+        chassis: the chassis.
+        broker: the broker.
+        recorder: all messages at the broker.
+    """
+
+    def __init__(self, chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> None:
+        self.chassis = chassis
+        self.broker = broker
+        self.recorder = recorder
 
     @asynccontextmanager
-    async def start(request_timeout: float = LinkConfig.request_timeout, **options: Any) -> Any:
+    async def vehicle(
+        self, request_timeout: float = LinkConfig.request_timeout, **options: Any
+    ) -> AsyncIterator[None]:
+        """Start a vehicle; the options are fields of `VehicleConfig`."""
         link = LinkConfig(
             ip="127.0.0.1",
-            port=chassis.port,
+            port=self.chassis.port,
             backoff_max=1.0,
             request_timeout=request_timeout,
         )
-        address = replace(BrokerConfig.from_url(broker.url), backoff_max=1.0)
-        started = Vehicle(VehicleConfig(link, **options), address)
-        started.start()
+        broker = replace(BrokerConfig.from_url(self.broker.url), backoff_max=1.0)
+        vehicle = Vehicle(VehicleConfig(link, **options), broker)
+        vehicle.start()
         try:
-            yield started
+            yield
         finally:
-            await started.close()
-
-    return start
-
-
-@pytest.fixture
-def online(vehicle: VehicleStarter, broker: Mosquitto) -> Online:
-    """Function that starts a vehicle, and returns its master control when it is online."""
+            await vehicle.close()
 
     @asynccontextmanager
-    async def start(**options: Any) -> Any:
-        version = options.get("version", V2_1)
-        async with Master(broker.port, version=version.number) as master, vehicle(**options):
+    async def online(self, **options: Any) -> AsyncIterator[Master]:
+        """Start a vehicle, and return its master control when it is online."""
+        version = options.get("version", V2_1).number
+        async with Master(self.broker.port, version=version) as master, self.vehicle(**options):
             await master.online()
             yield master
 
-    return start
+
+@pytest.fixture
+def site(chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> Site:
+    """A simulated chassis and a broker."""
+    return Site(chassis, broker, recorder)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import pytest
 
 from tests.tools.waiting import aio
-from tests.vda5050.broker import Recorder
 from tests.vda5050.chassis_events import commands, statuses, together
-from tests.vda5050.conftest import AT_ONCE, Online
+from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, edge, node, result_of, status_of
-from woosh_robot_agent.simulator import SimulatorThread
 
 
 def lift(name: str, blocking: str, height: float = 0.1) -> Message:
@@ -22,10 +20,8 @@ def pick(name: str, blocking: str) -> Message:
 
 
 @aio
-async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with online(limits=AT_ONCE) as master:
+async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         passed = [lift("lift", "NONE")]
         nodes = [
             node("a", 0, *START),
@@ -39,16 +35,14 @@ async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(
         await master.wait_state(
             lambda state: state["lastNodeId"] == "c" and status_of(state, "lift") == "FINISHED"
         )
-    assert commands(chassis) == ["drive", "lift_control3 execute"]
-    assert statuses(recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
+    assert commands(site.chassis) == ["drive", "lift_control3 execute"]
+    assert statuses(site.recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
 
 
 @pytest.mark.parametrize("blocking", ["SOFT", "HARD"])
 @aio
-async def test_a_blocking_action_stops_the_robot_on_its_node(
-    online: Online, chassis: SimulatorThread, recorder: Recorder, blocking: str
-) -> None:
-    async with online(limits=AT_ONCE) as master:
+async def test_a_blocking_action_stops_the_robot_on_its_node(site: Site, blocking: str) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         nodes = [
             node("a", 0, *START),
             node("b", 2, 7.0, -7.0, actions=[lift("lift", blocking)]),
@@ -56,56 +50,52 @@ async def test_a_blocking_action_stops_the_robot_on_its_node(
         ]
         master.order(nodes)
         await master.reached("c")
-    assert commands(chassis) == ["drive", "lift_control3 execute", "drive"]
-    assert statuses(recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
-    running = [state for state in recorder.sent("state") if status_of(state, "lift") == "RUNNING"]
+    assert commands(site.chassis) == ["drive", "lift_control3 execute", "drive"]
+    assert statuses(site.recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
+    running = [
+        state for state in site.recorder.sent("state") if status_of(state, "lift") == "RUNNING"
+    ]
     assert {state["lastNodeId"] for state in running} == {"b"}
 
 
 @aio
-async def test_soft_actions_run_together_and_hard_ones_alone(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
+async def test_soft_actions_run_together_and_hard_ones_alone(site: Site) -> None:
     soft = [lift("s1", "SOFT"), pick("s2", "SOFT")]
     hard = [lift("h1", "HARD", 0.0), action("drop", "h2", blocking="HARD")]
-    async with online(limits=AT_ONCE) as master:
+    async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START, actions=[*soft, *hard]), node("b", 2, 7.0, -7.0)])
         await master.reached("b")
-    assert commands(chassis) == [
+    assert commands(site.chassis) == [
         "lift_control3 execute",
         "lift_control execute",
         "lift_control3 execute",
         "lift_control execute",
         "drive",
     ]
-    assert together(recorder, ["s1", "s2"])
+    assert together(site.recorder, ["s1", "s2"])
     for alone in (["h1", "h2"], ["s1", "h1"], ["s2", "h1"]):
-        assert not together(recorder, alone)
+        assert not together(site.recorder, alone)
 
 
 @aio
-async def test_an_instant_action_stops_a_drive_only_if_it_blocks(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with online(limits=AT_ONCE) as master:
+async def test_an_instant_action_stops_a_drive_only_if_it_blocks(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
         master.instant(lift("free", "NONE", 0.02))
         await master.status("free", "FINISHED")
-        assert commands(chassis) == ["drive", "lift_control3 execute"]
+        assert commands(site.chassis) == ["drive", "lift_control3 execute"]
         master.instant(lift("soft", "SOFT"))
         running = await master.status("soft", "RUNNING")
         assert not running["paused"]  # nobody has asked for the pause
         await master.reached("c")
-    assert commands(chassis)[2:] == ["pause", "lift_control3 execute", "continue"]
-    assert statuses(recorder, "soft") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
+    assert commands(site.chassis)[2:] == ["pause", "lift_control3 execute", "continue"]
+    assert statuses(site.recorder, "soft") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
 
 
 @aio
-async def test_a_hard_instant_action_and_those_of_the_order_wait_for_each_other(
-    online: Online, recorder: Recorder
-) -> None:
-    async with online(limits=AT_ONCE) as master:
+async def test_a_hard_instant_action_and_those_of_the_order_wait_for_each_other(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         first, last = lift("first", "NONE"), action("drop", "last", blocking="SOFT")
         master.order([node("a", 0, *START, actions=[first])])
         await master.status("first", "RUNNING")
@@ -115,13 +105,13 @@ async def test_a_hard_instant_action_and_those_of_the_order_wait_for_each_other(
         master.order([node("a", 0, *START, actions=[last])], order_id="second")
         await master.status("last", "WAITING")
         await master.status("last", "FINISHED")
-    assert not together(recorder, ["first", "step"])
-    assert not together(recorder, ["step", "last"])
+    assert not together(site.recorder, ["first", "step"])
+    assert not together(site.recorder, ["step", "last"])
 
 
 @aio
-async def test_control_actions_wait_for_nothing(online: Online, recorder: Recorder) -> None:
-    async with online() as master:
+async def test_control_actions_wait_for_nothing(site: Site) -> None:
+    async with site.online() as master:
         slow = action("step", "step", blocking="HARD", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[slow])])
         await master.status("step", "RUNNING")
@@ -134,10 +124,8 @@ async def test_control_actions_wait_for_nothing(online: Online, recorder: Record
 
 
 @aio
-async def test_an_action_of_an_edge_ends_with_the_edge(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
+    async with site.online() as master:
         a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
         endless = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
         words = action("speak", "words", blocking="NONE", text="caution")
@@ -150,7 +138,7 @@ async def test_an_action_of_an_edge_ends_with_the_edge(
         assert left["driving"]
         assert result_of(ended, "lift")
         assert status_of(ended, "words") == "FINISHED"
-        assert chassis.state.spoken == ("caution",)
+        assert site.chassis.state.spoken == ("caution",)
         await master.reached("c")
-    assert commands(chassis).count("lift_control3 cancel") == 1
-    assert chassis.state.column < 0.2
+    assert commands(site.chassis).count("lift_control3 cancel") == 1
+    assert site.chassis.state.column < 0.2

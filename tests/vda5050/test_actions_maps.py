@@ -12,15 +12,13 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Recorder
 from tests.vda5050.chassis_events import statuses
-from tests.vda5050.conftest import Online
+from tests.vda5050.conftest import Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.actions.map_actions import MapFileError, fetch, unpack
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 
@@ -80,13 +78,11 @@ def maps(state: Message) -> dict[str, tuple[str, str]]:
 
 
 @aio
-async def test_the_position_belongs_to_the_new_map_although_the_robot_stands(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    chassis.intercept(
+async def test_the_position_belongs_to_the_new_map_although_the_robot_stands(site: Site) -> None:
+    site.chassis.intercept(
         lambda out: [] if out.type == full_name(PoseSpeed) and not out.request else [out]
     )
-    async with online() as master:
+    async with site.online() as master:
         await master.wait_state(maps)
         master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
         state = await master.status("e", "FINISHED")
@@ -94,10 +90,8 @@ async def test_the_position_belongs_to_the_new_map_although_the_robot_stands(
 
 
 @aio
-async def test_maps_are_listed_enabled_and_deleted(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
+    async with site.online() as master:
         state = await master.wait_state(maps)
         assert maps(state) == {
             "wooshmap": ("147", "ENABLED"),
@@ -118,7 +112,7 @@ async def test_maps_are_listed_enabled_and_deleted(
         assert state["agvPosition"]["mapId"] == "scenex"
         master.instant(action("enableMap", "again", mapId="scenex", mapVersion="12"))
         await master.status("again", "FINISHED")
-        assert chassis.counts[full_name(SwitchMap)] == 1
+        assert site.chassis.counts[full_name(SwitchMap)] == 1
 
         master.instant(action("deleteMap", "used", mapId="scenex", mapVersion="12"))
         state = await master.status("used", "FAILED")
@@ -131,7 +125,7 @@ async def test_maps_are_listed_enabled_and_deleted(
         assert set(maps(state)) == {"scenex"}
         master.instant(action("deleteMap", "d3", mapId="wooshmap", mapVersion="147"))
         await master.status("d3", "FAILED")
-    deleted = [each.message for each in chassis.received if isinstance(each.message, Delete)]
+    deleted = [each.message for each in site.chassis.received if isinstance(each.message, Delete)]
     assert [(each.scene_name, each.map_name) for each in deleted] == [
         ("scenex", "scenex2"),
         ("wooshmap", ""),
@@ -139,10 +133,8 @@ async def test_maps_are_listed_enabled_and_deleted(
 
 
 @aio
-async def test_a_position_on_another_map_is_initialised(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_a_position_on_another_map_is_initialised(site: Site) -> None:
+    async with site.online() as master:
         pose = {"x": 1.0, "y": 2.0, "theta": 0.5}
         master.instant(action("initPosition", "i", **pose, mapId="scenex2", lastNodeId="lift"))
         state = await master.status("i", "FINISHED")
@@ -163,15 +155,13 @@ async def test_a_position_on_another_map_is_initialised(
         state = await master.status("no", "FAILED")
         assert "no map nowhere" in result_of(state, "no")
         assert error_types(state)[-2:] == ["actionError", "actionError"]
-    assert chassis.counts[full_name(SwitchMap)] == 1
-    assert chassis.counts[full_name(InitRobot)] == 2
+    assert site.chassis.counts[full_name(SwitchMap)] == 1
+    assert site.chassis.counts[full_name(InitRobot)] == 2
 
 
 @aio
-async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(site: Site) -> None:
+    async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
         pose = {"x": 1.0, "y": 2.0, "theta": 0.5, "mapId": "wooshmap"}
@@ -183,16 +173,16 @@ async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(
             lambda state: status_of(state, "i") == status_of(state, "e") == "FAILED"
         )
         await master.reached("c")
-    assert chassis.counts[full_name(InitRobot)] == chassis.counts[full_name(SwitchMap)] == 0
+    assert (
+        site.chassis.counts[full_name(InitRobot)] == site.chassis.counts[full_name(SwitchMap)] == 0
+    )
 
 
 @aio
-async def test_a_map_is_downloaded(
-    online: Online, chassis: SimulatorThread, recorder: Recorder, server: str
-) -> None:
+async def test_a_map_is_downloaded(site: Site, server: str) -> None:
     shed = {"mapId": "shed", "mapVersion": "4", "mapDownloadLink": f"{server}/shed.zip"}
     digest = hashlib.sha256(SHED).hexdigest()
-    async with online(limits=AT_ONCE) as master:
+    async with site.online(limits=AT_ONCE) as master:
         master.instant(action("downloadMap", "hash", **shed, mapHash="0" * 64))
         state = await master.status("hash", "FAILED")
         assert digest in result_of(state, "hash")
@@ -214,8 +204,8 @@ async def test_a_map_is_downloaded(
         state = await master.status("twice", "FAILED")
         assert error_types(state)[-1] == "duplicateMap"
     passed = ["INITIALIZING", "RUNNING", "FINISHED"]
-    await eventually(lambda: statuses(recorder, "good")[-3:] == passed)
-    assert chassis.counts[full_name(Upload)] == 2
+    await eventually(lambda: statuses(site.recorder, "good")[-3:] == passed)
+    assert site.chassis.counts[full_name(Upload)] == 2
 
 
 def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:

@@ -9,9 +9,8 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, statuses
-from tests.vda5050.conftest import AT_ONCE, Online, VehicleStarter
+from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import (
     START,
     Master,
@@ -43,10 +42,8 @@ SLOW_STEP = {"distance": 1.0, "speed": 0.02}
 
 
 @aio
-async def test_a_drive_is_paused_and_resumed(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with online(limits=AT_ONCE) as master:
+async def test_a_drive_is_paused_and_resumed(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
 
@@ -56,7 +53,7 @@ async def test_a_drive_is_paused_and_resumed(
         assert paused["nodeStates"]
         standing = await master.wait_state(lambda state: not state["driving"])
         assert standing["lastNodeId"] == "a"
-        assert chassis.state.velocity.speed == 0.0
+        assert site.chassis.state.velocity.speed == 0.0
 
         master.instant(action("startPause", "p2"))  # idempotent
         await master.status("p2", "FINISHED")
@@ -64,16 +61,14 @@ async def test_a_drive_is_paused_and_resumed(
         resumed = await master.status("s1", "FINISHED")
         assert not resumed["paused"]
         await master.reached("b")
-    assert commands(chassis) == ["drive", "pause", "continue"]
+    assert commands(site.chassis) == ["drive", "pause", "continue"]
     for name in ("p1", "s1"):  # a state may have been published before they began
-        assert statuses(recorder, name)[-2:] == ["RUNNING", "FINISHED"]
+        assert statuses(site.recorder, name)[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
-async def test_a_pause_before_an_order_holds_it_back(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_a_pause_before_an_order_holds_it_back(site: Site) -> None:
+    async with site.online() as master:
         master.instant(action("startPause", "p"))
         await master.wait_state(lambda state: state["paused"])
         step = action("step", "step", distance=0.2)
@@ -83,52 +78,48 @@ async def test_a_pause_before_an_order_holds_it_back(
         held = await master.status("s", "FINISHED")
         assert held["paused"]
         assert status_of(held, "step") == "WAITING"
-        assert commands(chassis) == []
+        assert commands(site.chassis) == []
         master.instant(action("stopPause", "r"))
         await master.reached("b")
-    assert commands(chassis) == ["step_control execute", "drive"]
+    assert commands(site.chassis) == ["step_control execute", "drive"]
 
 
 @aio
-async def test_a_pause_also_pauses_what_the_robot_moves(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
+async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
     """In version 2.1, a paused action is reported as running."""
-    async with online(limits=AT_ONCE) as master:
+    async with site.online(limits=AT_ONCE) as master:
         master.instant(action("step", "step", **SLOW_STEP))
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
         master.instant(action("startPause", "p"))
         paused = await master.status("p", "FINISHED")
         assert paused["paused"]
-        where = chassis.state.odometer
+        where = site.chassis.state.odometer
         master.instant(action("stopPause", "r"))
         ended = await master.status("step", "FINISHED")
         assert status_of(ended, "r") == "FINISHED"
-        assert chassis.state.odometer > where
-    assert commands(chassis) == [f"step_control {each}" for each in ("execute", "pause", "resume")]
-    assert statuses(recorder, "step")[-2:] == ["RUNNING", "FINISHED"]
+        assert site.chassis.state.odometer > where
+    assert commands(site.chassis) == [
+        f"step_control {each}" for each in ("execute", "pause", "resume")
+    ]
+    assert statuses(site.recorder, "step")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
-async def test_stop_pause_also_ends_a_pause_from_elsewhere(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
+    async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
-        chassis.call(lambda simulator: simulator.chassis.tasks.pause("a button", ordered=True))
+        site.chassis.call(lambda simulator: simulator.chassis.tasks.pause("a button", ordered=True))
         await master.wait_state(lambda state: state["paused"])
         master.instant(action("stopPause", "s"))
         await master.status("s", "FINISHED")
         await master.reached("b")
-    assert commands(chassis) == ["drive", "continue"]
+    assert commands(site.chassis) == ["drive", "continue"]
 
 
 @aio
-async def test_cancel_order_stops_the_drive_and_ends_the_actions(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with online(limits=AT_ONCE) as master:
+async def test_cancel_order_stops_the_drive_and_ends_the_actions(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         lift = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
         later = action("pick", "pick", stationType="floor", loadType="EPAL")
         master.order(
@@ -146,16 +137,16 @@ async def test_cancel_order_stops_the_drive_and_ends_the_actions(
         assert ended["nodeStates"] == ended["edgeStates"] == []
         assert status_of(ended, "lift") == status_of(ended, "pick") == "FAILED"
         assert not (await master.wait_state(lambda state: not state["driving"]))["paused"]
-        assert chassis.state.column < 0.2
+        assert site.chassis.state.column < 0.2
 
         master.instant(action("cancelOrder", "again"))
         refused = await master.status("again", "FAILED")
         errors = [each for each in refused["errors"] if each["errorType"] == "noOrderToCancel"]
         assert references(errors[-1])["actionId"] == "again"
-    sent = commands(chassis)
+    sent = commands(site.chassis)
     assert sent[:2] == ["lift_control3 execute", "drive"]
     assert sorted(sent[2:]) == ["cancel", "lift_control3 cancel"]
-    assert statuses(recorder, "c") == ["RUNNING", "FINISHED"]
+    assert statuses(site.recorder, "c") == ["RUNNING", "FINISHED"]
 
 
 async def at_full_speed(master: Master, chassis: SimulatorThread) -> None:
@@ -173,26 +164,22 @@ def at_the_end(master: Master, action_id: str) -> Message:
 
 
 @aio
-async def test_a_pause_is_finished_when_the_robot_stands(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online(limits=AT_ONCE) as master:
-        await at_full_speed(master, chassis)
+async def test_a_pause_is_finished_when_the_robot_stands(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
+        await at_full_speed(master, site.chassis)
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")
-        assert chassis.state.velocity.speed == 0.0
+        assert site.chassis.state.velocity.speed == 0.0
     state = at_the_end(master, "p")
     assert (state["paused"], state["driving"]) == (True, False)
 
 
 @aio
-async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online(limits=AT_ONCE) as master:
-        set_speed(chassis, 1.0)
+async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
+        set_speed(site.chassis, 1.0)
         master.instant(action("step", "step", distance=2.0, speed=0.5))
-        await eventually(lambda: chassis.state.velocity.speed > 0.3)
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.3)
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")
     state = at_the_end(master, "p")
@@ -201,13 +188,13 @@ async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(
 
 @aio
 async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_same_state(
-    online: Online, chassis: SimulatorThread
+    site: Site,
 ) -> None:
-    async with online(limits=AT_ONCE) as master:
-        await at_full_speed(master, chassis)
+    async with site.online(limits=AT_ONCE) as master:
+        await at_full_speed(master, site.chassis)
         master.instant(action("cancelOrder", "c"), action("cancelOrder", "too"))
         await master.status("c", "FINISHED")
-        assert chassis.state.velocity.speed == 0.0
+        assert site.chassis.state.velocity.speed == 0.0
     state = at_the_end(master, "c")
     assert state["nodeStates"] == state["edgeStates"] == []
     assert not state["driving"]
@@ -223,39 +210,35 @@ async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_sa
 
 
 @aio
-async def test_a_robot_that_does_not_report_its_standstill_is_asked(
-    online: Online, chassis: SimulatorThread
-) -> None:
+async def test_a_robot_that_does_not_report_its_standstill_is_asked(site: Site) -> None:
     def without_standstill(frame: Outgoing) -> list[Outgoing]:
         twist = frame.body.twist if isinstance(frame.body, PoseSpeed) else None
         stands = twist is not None and not (twist.linear or twist.angular)
         return [] if stands and not frame.is_answer else [frame]
 
-    async with online(limits=AT_ONCE) as master:
-        await at_full_speed(master, chassis)
-        chassis.intercept(without_standstill)
-        asked = chassis.counts[full_name(PoseSpeed)]
+    async with site.online(limits=AT_ONCE) as master:
+        await at_full_speed(master, site.chassis)
+        site.chassis.intercept(without_standstill)
+        asked = site.chassis.counts[full_name(PoseSpeed)]
         master.instant(action("cancelOrder", "c"))
         await master.status("c", "FINISHED")
-        assert chassis.counts[full_name(PoseSpeed)] > asked
+        assert site.chassis.counts[full_name(PoseSpeed)] > asked
     assert not at_the_end(master, "c")["driving"]
 
 
 @aio
-async def test_a_blocking_instant_action_begins_when_the_robot_stands(
-    online: Online, chassis: SimulatorThread
-) -> None:
+async def test_a_blocking_instant_action_begins_when_the_robot_stands(site: Site) -> None:
     speeds: list[float] = []
-    simulator = chassis.call(lambda simulator: simulator)
+    simulator = site.chassis.call(lambda simulator: simulator)
 
     def note_speed(out: Outgoing) -> list[Outgoing]:
         if out.request == full_name(CallAction):
             speeds.append(simulator.state.velocity.speed)
         return [out]
 
-    async with online(limits=AT_ONCE) as master:
-        chassis.intercept(note_speed)
-        await at_full_speed(master, chassis)
+    async with site.online(limits=AT_ONCE) as master:
+        site.chassis.intercept(note_speed)
+        await at_full_speed(master, site.chassis)
         master.instant(action("liftTo", "lift", blocking="HARD", height=0.1))
         await master.status("lift", "FINISHED")
     assert speeds == [0.0]
@@ -263,68 +246,66 @@ async def test_a_blocking_instant_action_begins_when_the_robot_stands(
 
 @aio
 async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
-    async with Master(broker.port) as master, other_client(chassis) as gate:
-        async with vehicle(state_folder=tmp_path / "state"):
-            await drive(master, chassis)
-            chassis.refuse(ORDER, "not now")
+    async with Master(site.broker.port) as master, other_client(site.chassis) as gate:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await drive(master, site.chassis)
+            site.chassis.refuse(ORDER, "not now")
             master.instant(action("cancelOrder", "c"))
-            await eventually(lambda: chassis.counts[ORDER])
+            await eventually(lambda: site.chassis.counts[ORDER])
             left = left_by_a_kill(tmp_path / "state")
-        chassis.clear_faults()
-        set_speed(chassis, 20.0)
+        site.chassis.clear_faults()
+        set_speed(site.chassis, 20.0)
         assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
-        await idle(chassis)
+        await idle(site.chassis)
         master.received.clear()
-        async with vehicle(state_folder=left):
+        async with site.vehicle(state_folder=left):
             ended = await master.status("c", "FINISHED")
             assert (ended["nodeStates"], ended["errors"]) == ([], [])
 
 
 @aio
-async def test_a_pause_survives_a_restart(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path):
+async def test_a_pause_survives_a_restart(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
-            await eventually(lambda: chassis.state.velocity.speed > 0.0)
+            await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
             master.instant(action("startPause", "p"))
             await master.status("p", "FINISHED")
         master.received.clear()
-        async with vehicle(state_folder=tmp_path):
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             await master.wait_state(lambda state: state["paused"])
             master.instant(action("stopPause", "s"))
             await master.status("s", "FINISHED")
             await master.reached("b")
-    assert commands(chassis) == ["drive", "pause", "continue"]
+    assert commands(site.chassis) == ["drive", "pause", "continue"]
 
 
 @aio
 async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_obeys(
-    online: Online, chassis: SimulatorThread
+    site: Site,
 ) -> None:
     timing = Timing(repeat_after=0.5, pause_within=0.2)
-    async with online(timing=timing) as master:
-        await drive(master, chassis)
-        chassis.refuse(ORDER, "not now")
+    async with site.online(timing=timing) as master:
+        await drive(master, site.chassis)
+        site.chassis.refuse(ORDER, "not now")
         master.instant(action("startPause", "p"))
         failed = await master.status("p", "FAILED")
         assert failed["driving"]
         assert not failed["paused"]
         assert error_types(failed) == ["actionError"]
         assert "stopPause" in result_of(failed, "p")
-        await eventually(lambda: chassis.counts[ORDER] >= 2)
-        chassis.clear_faults()
+        await eventually(lambda: site.chassis.counts[ORDER] >= 2)
+        site.chassis.clear_faults()
         paused = await master.wait_state(lambda state: state["paused"] and not state["driving"])
         assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
         master.instant(action("stopPause", "s"))
-        set_speed(chassis, 20.0)
+        set_speed(site.chassis, 20.0)
         await master.reached("b")
-    sent = commands(chassis)
+    sent = commands(site.chassis)
     assert sent[0] == "drive"
     assert set(sent[1:-1]) == {"pause"}
     assert sent[-1] == "continue"
@@ -339,13 +320,13 @@ def inert_chassis() -> Iterator[SimulatorThread]:
 
 @aio
 async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
-    broker: Mosquitto, inert_chassis: SimulatorThread
+    site: Site, inert_chassis: SimulatorThread
 ) -> None:
     chassis = inert_chassis
     link = LinkConfig(ip="127.0.0.1", port=chassis.port)
-    vehicle = Vehicle(VehicleConfig(link), BrokerConfig.from_url(broker.url))
+    vehicle = Vehicle(VehicleConfig(link), BrokerConfig.from_url(site.broker.url))
     vehicle.start()
-    async with Master(broker.port) as master:
+    async with Master(site.broker.port) as master:
         await master.online()
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
@@ -365,95 +346,87 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
 
 
 @aio
-async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master, other_client(chassis) as gate:
-        await drive(master, chassis)
+async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> None:
+    async with site.online() as master, other_client(site.chassis) as gate:
+        await drive(master, site.chassis)
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")
         assert (await gate.request(ActionOrder(order=action_pb2.kContinue))).ok
-        await eventually(lambda: commands(chassis) == ["drive", "pause", "continue", "pause"])
+        await eventually(lambda: commands(site.chassis) == ["drive", "pause", "continue", "pause"])
         await master.wait_state(lambda state: state["paused"] and not state["driving"])
 
 
 @aio
-async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path / "state"):
-            await drive(master, chassis)
-            chassis.refuse(ORDER, "not now")
+async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await drive(master, site.chassis)
+            site.chassis.refuse(ORDER, "not now")
             master.instant(action("startPause", "p"))
-            await eventually(lambda: chassis.counts[ORDER])
+            await eventually(lambda: site.chassis.counts[ORDER])
             left = left_by_a_kill(tmp_path / "state")
-        chassis.clear_faults()
-        sent = len(commands(chassis))
+        site.chassis.clear_faults()
+        sent = len(commands(site.chassis))
         master.received.clear()
-        async with vehicle(state_folder=left):
-            await eventually(lambda: commands(chassis)[sent:] == ["pause"])
+        async with site.vehicle(state_folder=left):
+            await eventually(lambda: commands(site.chassis)[sent:] == ["pause"])
             paused = await master.wait_state(lambda state: state["paused"])
             assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
 
 
 @aio
 async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action_runs(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     lift = action("liftTo", "lift", blocking="HARD", height=0.3, speed=0.001)
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path / "state"):
-            await drive(master, chassis)
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await drive(master, site.chassis)
             master.instant(lift)
             await master.status("lift", "RUNNING")
             left = left_by_a_kill(tmp_path / "state")
         master.received.clear()
-        async with vehicle(state_folder=left):
+        async with site.vehicle(state_folder=left):
             state = await master.error("interruptedError")
             assert status_of(state, "lift") == "FAILED"
             assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
-            set_speed(chassis, 20.0)
+            set_speed(site.chassis, 20.0)
             master.instant(action("cancelOrder", "c"))
             ended = await master.status("c", "FINISHED")
             assert (ended["nodeStates"], ended["lastNodeId"]) == ([], "a")
-    sent = commands(chassis)
+    sent = commands(site.chassis)
     assert sent == ["drive", "pause", "lift_control3 execute", "cancel"]
 
 
 @aio
-async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        set_speed(chassis, 1.0)
+async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(site: Site) -> None:
+    async with site.online() as master:
+        set_speed(site.chassis, 1.0)
         master.instant(action("step", "step", distance=1.0, speed=0.02))
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        off = chassis.inject("off")
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        off = site.chassis.inject("off")
         await master.error("robotConnectionError")
         master.instant(action("startPause", "p"))
         state = await master.status("p", "RUNNING")
         assert not state["paused"]
         off.clear()
         await master.wait_state(lambda state: state["paused"])
-    assert commands(chassis) == ["step_control execute", "step_control pause"]
+    assert commands(site.chassis) == ["step_control execute", "step_control pause"]
 
 
 @aio
-async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online(timing=Timing(repeat_after=0.5)) as master:
-        set_speed(chassis, 1.0)
+async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(site: Site) -> None:
+    async with site.online(timing=Timing(repeat_after=0.5)) as master:
+        set_speed(site.chassis, 1.0)
         step = action("step", "step", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[step])])
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        chassis.refuse(full_name(CallAction), "not now")
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.refuse(full_name(CallAction), "not now")
         master.instant(action("cancelOrder", "c"))
-        await eventually(lambda: commands(chassis).count("step_control cancel") >= 2)
+        await eventually(lambda: commands(site.chassis).count("step_control cancel") >= 2)
         assert status_of(master.state, "c") == "RUNNING"
-        chassis.clear_faults()
+        site.chassis.clear_faults()
         ended = await master.status("c", "FINISHED")
         assert status_of(ended, "step") == "FAILED"
-        assert chassis.state.velocity.speed == 0.0
-    assert chassis.state.pose.x < START[0] + 0.5
+        assert site.chassis.state.velocity.speed == 0.0
+    assert site.chassis.state.pose.x < START[0] + 0.5

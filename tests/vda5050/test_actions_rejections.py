@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.chassis_events import commands
-from tests.vda5050.conftest import Online
+from tests.vda5050.conftest import Site
 from tests.vda5050.master import START, action, edge, error_types, node, references, result_of
 from tests.vda5050.test_orders_instant import SCOPES
-from woosh_robot_agent.simulator import SimulatorThread
 
 
 @aio
-async def test_orders_with_wrong_actions_are_rejected(
-    online: Online, chassis: SimulatorThread
-) -> None:
+async def test_orders_with_wrong_actions_are_rejected(site: Site) -> None:
     wrong, a, b = action("step", "1", distance=100.0), node("a", 0, *START), node("b", 2, 7.0, -7.0)
-    async with online() as master:
+    async with site.online() as master:
         master.order([a | {"actions": [wrong]}])
         state = await master.error("orderError")
         assert (state["orderId"], state["actionStates"]) == ("", [])
@@ -28,12 +25,12 @@ async def test_orders_with_wrong_actions_are_rejected(
         master.order([a, b], [edge(a, b, actions=[action("pick", "p")])], order_id="edge")
         state = await master.wait_state(lambda state: "only as node action" in str(state["errors"]))
         assert references(state["errors"][0])["edgeId"] == "a-b"
-    assert commands(chassis) == []
+    assert commands(site.chassis) == []
 
 
 @aio
-async def test_wrong_instant_actions_fail(online: Online, chassis: SimulatorThread) -> None:
-    async with online() as master:
+async def test_wrong_instant_actions_fail(site: Site) -> None:
+    async with site.online() as master:
         master.instant(action("finePositioning", "no"), action("step", "far", distance=100.0))
         state = await master.status("far", "FAILED")
         assert error_types(state) == ["instantActionError"] * 2
@@ -44,12 +41,12 @@ async def test_wrong_instant_actions_fail(online: Online, chassis: SimulatorThre
         master.order([node("a", 0, *START)])
         state = await master.accepted()
         assert state["errors"] == state["actionStates"] == []
-    assert commands(chassis) == []
+    assert commands(site.chassis) == []
 
 
 @aio
-async def test_the_factsheet_lists_exactly_the_supported_actions(online: Online) -> None:
-    async with online() as master:
+async def test_the_factsheet_lists_exactly_the_supported_actions(site: Site) -> None:
+    async with site.online() as master:
         listed = master.last("factsheet")["protocolFeatures"]["agvActions"]
         scopes = {name: sorted(scope.value for scope in of) for name, of in SCOPES.items()}
         assert {each["actionType"]: each["actionScopes"] for each in listed} == scopes

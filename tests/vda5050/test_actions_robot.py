@@ -9,24 +9,20 @@ from pathlib import Path
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Recorder
 from tests.vda5050.chassis_events import commands, statuses
-from tests.vda5050.conftest import AT_ONCE, Online
+from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.simulator import SimulatorThread
 
 
 @aio
-async def test_an_order_charges_and_an_instant_action_ends_it(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with online(limits=AT_ONCE) as master:
+async def test_an_order_charges_and_an_instant_action_ends_it(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    async with site.online(limits=AT_ONCE) as master:
         charge = action("startCharging", "charge")
         master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
         charging = await master.status("charge", "FINISHED")
@@ -37,16 +33,14 @@ async def test_an_order_charges_and_an_instant_action_ends_it(
         ended = await master.status("stop", "FINISHED")
         assert not ended["batteryState"]["charging"]
         assert ended["errors"] == []
-    assert commands(chassis) == ["drive", "charge C1", "cancel"]
-    assert statuses(recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
+    assert commands(site.chassis) == ["drive", "charge C1", "cancel"]
+    assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
-async def test_an_order_waits_until_its_charging_task_has_ended(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with online() as master:
+async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    async with site.online() as master:
         charge = action("startCharging", "charge")
         nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
         master.order([*nodes, node("c", 4, *START)])
@@ -57,12 +51,12 @@ async def test_an_order_waits_until_its_charging_task_has_ended(
         master.instant(action("stopCharging", "stop"))
         ended = await master.reached("c")
         assert ended["errors"] == []
-    assert commands(chassis) == ["drive", "charge C1", "cancel", "drive"]
+    assert commands(site.chassis) == ["drive", "charge C1", "cancel", "drive"]
 
 
 @aio
-async def test_charging_without_a_charger_fails(online: Online, chassis: SimulatorThread) -> None:
-    async with online() as master:
+async def test_charging_without_a_charger_fails(site: Site) -> None:
+    async with site.online() as master:
         master.instant(
             action("startCharging", "far"), action("startCharging", "rack", stationName="A1")
         )
@@ -75,50 +69,46 @@ async def test_charging_without_a_charger_fails(online: Online, chassis: Simulat
         assert references(state["errors"][0])["actionId"] == "far"
         master.instant(action("stopCharging", "stop"))
         await master.status("stop", "FINISHED")
-    assert commands(chassis) == []
+    assert commands(site.chassis) == []
 
 
 @aio
-async def test_pick_and_drop_move_the_lift(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with online(limits=AT_ONCE) as master:
+async def test_pick_and_drop_move_the_lift(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         pick = action("pick", "pick", stationType="floor", loadType="EPAL")
         master.order([node("a", 0, *START, actions=[pick])])
         await master.status("pick", "FINISHED")
-        assert chassis.state.jack == pytest.approx(0.06)
+        assert site.chassis.state.jack == pytest.approx(0.06)
         drop = action("drop", "drop")
         master.order([node("a", 0, *START, actions=[drop])], order_id="second")
         await master.status("drop", "FINISHED")
-        assert chassis.state.jack == 0.0
-    assert commands(chassis) == ["lift_control execute", "lift_control execute"]
-    assert statuses(recorder, "pick")[-2:] == ["RUNNING", "FINISHED"]
+        assert site.chassis.state.jack == 0.0
+    assert commands(site.chassis) == ["lift_control execute", "lift_control execute"]
+    assert statuses(site.recorder, "pick")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
-async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(site: Site) -> None:
+    async with site.online() as master:
         pick = action("pick", "pick", stationName="U5")
         drop = action("drop", "drop", stationName="U5")
         first, second = node("a", 0, *START), node("b", 2, 2.0, -7.0, actions=[pick])
         master.order([first, second, node("c", 4, 2.0, -6.0)])
         ended = await master.reached("c")
         assert status_of(ended, "pick") == "FINISHED"
-        assert chassis.state.jack == pytest.approx(0.06)
+        assert site.chassis.state.jack == pytest.approx(0.06)
         master.order([node("c", 0, 2.0, -6.0, actions=[drop])], order_id="second")
         await master.status("drop", "FINISHED")
-        assert chassis.state.jack == 0.0
-    assert commands(chassis) == ["drive", "carry U5", "drive", "carry U5"]
-    tasks = [each.message for each in chassis.received if isinstance(each.message, ExecTask)]
+        assert site.chassis.state.jack == 0.0
+    assert commands(site.chassis) == ["drive", "carry U5", "drive", "carry U5"]
+    tasks = [each.message for each in site.chassis.received if isinstance(each.message, ExecTask)]
     assert [each.direction for each in tasks] == [0, task.kFeeding, 0, task.kCutting]
 
 
 @aio
-async def test_the_robots_own_actions(online: Online, chassis: SimulatorThread) -> None:
-    async with online() as master:
-        before = chassis.state.pose
+async def test_the_robots_own_actions(site: Site) -> None:
+    async with site.online() as master:
+        before = site.chassis.state.pose
         master.instant(
             action("speak", "speak", text="good morning"),
             action("switchFootprint", "footprint", footprint="EXPAND"),
@@ -131,21 +121,21 @@ async def test_the_robots_own_actions(online: Online, chassis: SimulatorThread) 
                 for each in ("speak", "footprint", "lift", "step")
             )
         )
-        after = chassis.state
+        after = site.chassis.state
         assert after.spoken == ("good morning",)
         assert after.column == pytest.approx(0.25)
         assert after.pose.distance(before.point) == pytest.approx(0.4, abs=0.01)
-        assert chassis.call(lambda simulator: simulator.chassis.footprint) == robot_pb2.kExpand
+        assert site.chassis.call(lambda simulator: simulator.chassis.footprint) == robot_pb2.kExpand
         master.instant(action("rotate", "turn", angle=-1.0))
         ended = await master.status("turn", "FINISHED")
         assert result_of(ended, "turn") == "1 of 1 steps done"
-        turned = math.remainder(chassis.state.pose.theta - before.theta, math.tau)
+        turned = math.remainder(site.chassis.state.pose.theta - before.theta, math.tau)
         assert turned == pytest.approx(-1.0, abs=0.01)
 
 
 @aio
-async def test_what_the_robot_refuses_fails_with_its_words(online: Online) -> None:
-    async with online() as master:
+async def test_what_the_robot_refuses_fails_with_its_words(site: Site) -> None:
+    async with site.online() as master:
         too_high = action("liftTo", "lift", height=1.5)
         master.order([node("a", 0, *START, actions=[too_high]), node("b", 2, 7.0, -7.0)])
         state = await master.status("lift", "FAILED")
@@ -155,41 +145,37 @@ async def test_what_the_robot_refuses_fails_with_its_words(online: Online) -> No
 
 
 @aio
-async def test_an_action_survives_a_lost_link_and_is_not_repeated(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_an_action_survives_a_lost_link_and_is_not_repeated(site: Site) -> None:
+    async with site.online() as master:
         master.instant(action("step", "step", distance=0.6, speed=0.02))
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        chassis.drop()
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.drop()
         await master.status("step", "FINISHED")
-    assert commands(chassis) == ["step_control execute"]
+    assert commands(site.chassis) == ["step_control execute"]
 
 
 @aio
-async def test_an_action_whose_end_is_unknown_fails(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    chassis.refuse("woosh.ros.Feedbacks", "unknown request")
-    async with online() as master:
+async def test_an_action_whose_end_is_unknown_fails(site: Site) -> None:
+    site.chassis.refuse("woosh.ros.Feedbacks", "unknown request")
+    async with site.online() as master:
         master.instant(action("step", "step", distance=0.6, speed=0.02))
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        chassis.drop()
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.drop()
         state = await master.status("step", "FAILED")
         assert "does not tell how it ended" in result_of(state, "step")
-    assert chassis.counts[full_name(CallAction)] == 1
+    assert site.chassis.counts[full_name(CallAction)] == 1
 
 
 @aio
 async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unknown(
-    online: Online, chassis: SimulatorThread
+    site: Site,
 ) -> None:
-    chassis.refuse("woosh.ros.Feedbacks", "unknown request")
-    async with online() as master:
+    site.chassis.refuse("woosh.ros.Feedbacks", "unknown request")
+    async with site.online() as master:
         step = action("step", "step", distance=0.6, speed=0.02)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        chassis.drop()
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.drop()
         state = await master.error("interruptedError")
         assert status_of(state, "step") == "FAILED"
         (error,) = [each for each in state["errors"] if each["errorType"] == "interruptedError"]
@@ -197,13 +183,13 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
         assert "does not tell how it ended" in error["errorDescription"]
         master.instant(action("cancelOrder", "cancel"))
         await master.status("cancel", "FINISHED")
-    assert chassis.counts[full_name(ExecTask)] == 0
+    assert site.chassis.counts[full_name(ExecTask)] == 0
 
 
 @aio
-async def test_a_log_report_is_stored(online: Online, tmp_path: Path) -> None:
+async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
     folder = tmp_path / "reports"
-    async with online(log_folder=folder) as master:
+    async with site.online(log_folder=folder) as master:
         master.instant(action("logReport", "log", reason="a test"))
         state = await master.status("log", "FINISHED")
         content = json.loads((folder / result_of(state, "log")).read_text("utf-8"))

@@ -12,12 +12,9 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import Online, VehicleStarter
+from tests.vda5050.conftest import Site
 from tests.vda5050.connector_process import ConnectorProcess
 from tests.vda5050.master import START, Master, action, error_types, node
-from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import (
@@ -27,92 +24,80 @@ from woosh_robot_agent.vda5050.mqtt import (
     refused_topics,
 )
 from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
-from woosh_robot_agent.vda5050.session import OtherConnector, VehicleConfig
-from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.session import OtherConnector
 
 EXEC = "woosh.robot.ExecTask"
 
 
-def vehicle_at(chassis: SimulatorThread, broker: BrokerConfig) -> Vehicle:
-    link = LinkConfig(ip="127.0.0.1", port=chassis.port, backoff_max=1.0)
-    return Vehicle(VehicleConfig(link), broker)
-
-
 @aio
-async def test_what_is_released_is_finished_without_the_broker(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
+async def test_what_is_released_is_finished_without_the_broker(site: Site) -> None:
     _, second, third = nodes = [
         node("a", 0, *START),
         node("b", 2, 6.0, -7.0, theta=0.0),
         node("c", 4, 7.0, -7.0, released=False),
     ]
-    async with vehicle():
-        async with Master(broker.port) as master:
+    async with site.vehicle():
+        async with Master(site.broker.port) as master:
             await master.online()
-            set_speed(chassis, 1.0)
+            set_speed(site.chassis, 1.0)
             master.order(nodes)
-            await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-            set_speed(chassis, 0.1)
+            await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+            set_speed(site.chassis, 0.1)
             await master.accepted("order")
             before = master.state["headerId"]
-        broker.stop()
-        set_speed(chassis, 20.0)
-        await eventually(lambda: abs(chassis.state.pose.x - 6.0) < 0.05)
-        broker.start()
-        async with Master(broker.port) as master:
+        site.broker.stop()
+        set_speed(site.chassis, 20.0)
+        await eventually(lambda: abs(site.chassis.state.pose.x - 6.0) < 0.05)
+        site.broker.start()
+        async with Master(site.broker.port) as master:
             await master.online()
             state = await master.reached("b")
             assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
             assert state["errors"] == []
             assert state["headerId"] > before
             assert master.last("factsheet")
-            assert chassis.counts[EXEC] == 1
+            assert site.chassis.counts[EXEC] == 1
             master.order(nodes)  # a master control that repeats what was not acknowledged
             master.order([second, third | {"released": True}], update=1)
             await master.reached("c")
-    assert chassis.counts[EXEC] == 2
+    assert site.chassis.counts[EXEC] == 2
 
 
 @aio
 async def test_the_last_will_follows_the_message_that_the_vehicle_is_online(
-    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
-    async with Master(broker.port) as master:
-        with ConnectorProcess(chassis, broker.url, tmp_path) as connector:
+    async with Master(site.broker.port) as master:
+        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
             await master.online()
             connector.kill()
-        await eventually(lambda: len(recorder.sent("connection")) == 2)
-    online, broken = recorder.sent("connection")
+        await eventually(lambda: len(site.recorder.sent("connection")) == 2)
+    online, broken = site.recorder.sent("connection")
     assert (online["connectionState"], broken["connectionState"]) == ("ONLINE", "CONNECTIONBROKEN")
     assert broken["headerId"] == online["headerId"] + 1
-    async with Master(broker.port) as late:
+    async with Master(site.broker.port) as late:
         await eventually(lambda: late.last("connection") == broken)
 
 
 @aio
 async def test_a_broker_that_comes_later_is_found(
-    chassis: SimulatorThread, broker: Mosquitto, caplog: pytest.LogCaptureFixture
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
-    broker.stop()
-    vehicle = vehicle_at(chassis, BrokerConfig.from_url(broker.url))
-    vehicle.start()
-    try:
+    site.broker.stop()
+    async with site.vehicle():
         await eventually(lambda: "check that the broker runs" in caplog.text)
-        broker.start()
-        async with Master(broker.port) as master:
+        site.broker.start()
+        async with Master(site.broker.port) as master:
             await master.online()
-    finally:
-        await vehicle.close()
     assert caplog.text.count("check that the broker runs") == 1
 
 
 @aio
 async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
-    broker: Mosquitto, caplog: pytest.LogCaptureFixture
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
     connection = MqttConnection(
-        BrokerConfig.from_url(broker.url),
+        BrokerConfig.from_url(site.broker.url),
         "dying",
         lambda: Publication("will", "gone"),
         {"order": lambda payload, retained: None},
@@ -121,10 +106,10 @@ async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
     running = asyncio.create_task(connection.run())
     for qos in (0, 1):
         await eventually(lambda: connection.connected)
-        broker.stop()  # the event loop sends the message before it notices
+        site.broker.stop()  # the event loop sends the message before it notices
         connection.publish(Publication("state", "x" * 100_000, qos))
         await eventually(lambda: not connection.connected)
-        broker.start()
+        site.broker.start()
     running.cancel()
     await asyncio.wait({running})
     gc.collect()  # tells asyncio of exceptions that nobody has looked at
@@ -159,18 +144,16 @@ async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None
 
 
 @aio
-async def test_two_connectors_of_a_robot_are_detected(
-    online: Online, vehicle: VehicleStarter, chassis: SimulatorThread
-) -> None:
-    async with online(gone_after=5.0) as master:
-        async with vehicle(gone_after=5.0):
+async def test_two_connectors_of_a_robot_are_detected(site: Site) -> None:
+    async with site.online(gone_after=5.0) as master:
+        async with site.vehicle(gone_after=5.0):
             await master.error("secondConnectorError")
             master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
             await master.accepted("order")
             master.instant(action("speak", "words", text="alone"))
             await master.status("words", "WAITING")
-            assert chassis.counts[EXEC] == 0
-            assert chassis.state.spoken == ()
+            assert site.chassis.counts[EXEC] == 0
+            assert site.chassis.state.spoken == ()
         await master.wait_state(
             lambda state: "secondConnectorError" not in error_types(state),
             "the other connector to be gone",

@@ -9,8 +9,7 @@ import pytest
 
 from tests.quick_chassis import quick_config, set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.conftest import Online, VehicleStarter
+from tests.vda5050.conftest import Site
 from tests.vda5050.master import (
     START,
     Master,
@@ -44,45 +43,39 @@ async def drive(master: Master, chassis: SimulatorThread) -> None:
 
 
 @aio
-async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        await drive(master, chassis)
-        off = chassis.inject("off")
+async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        off = site.chassis.inject("off")
         state = await master.error("robotConnectionError")
         assert "velocity" not in state
         assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
         off.clear()
         await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
-        set_speed(chassis, 20.0)
+        set_speed(site.chassis, 20.0)
         ended = await master.reached("b")
         assert ended["errors"] == []
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_an_arrival_without_a_link_is_noticed_later(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        await drive(master, chassis)
-        off = chassis.inject("off")
+async def test_an_arrival_without_a_link_is_noticed_later(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        off = site.chassis.inject("off")
         await master.error("robotConnectionError")
-        set_speed(chassis, 20.0)
-        await eventually(lambda: abs(chassis.state.pose.x - 8.0) < 0.05)
+        set_speed(site.chassis, 20.0)
+        await eventually(lambda: abs(site.chassis.state.pose.x - 8.0) < 0.05)
         off.clear()
         ended = await master.reached("b")
         assert "drivingError" not in error_types(ended)
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_an_order_that_comes_without_a_link_starts_later_and_once(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        off = chassis.inject("off")
+async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Site) -> None:
+    async with site.online() as master:
+        off = site.chassis.inject("off")
         await master.error("robotConnectionError")
         words = action("speak", "words", text="ready")
         master.order([node("a", 0, *START, actions=[words]), node("b", 2, 6.0, -7.0)])
@@ -90,26 +83,24 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(
         off.clear()
         ended = await master.reached("b")
         assert status_of(ended, "words") == "FINISHED"
-    assert chassis.state.spoken == ("ready",)
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.state.spoken == ("ready",)
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(site: Site) -> None:
+    async with site.online() as master:
         first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
         master.order([first, second | {"released": False}])
         await master.accepted("order")
-        off = chassis.inject("off")
+        off = site.chassis.inject("off")
         await master.error("robotConnectionError")
-        chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
+        site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
         off.clear()
         await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
         master.order([first, second], update=1)
         await master.error("interruptedError")
-    assert chassis.counts[EXEC] == 0
+    assert site.chassis.counts[EXEC] == 0
 
 
 def scene_with_start(folder: Path, x: float, y: float) -> Path:
@@ -126,7 +117,7 @@ def scene_with_start(folder: Path, x: float, y: float) -> Path:
 @aio
 @pytest.mark.parametrize("x", [6.0, 7.0], ids=["on a node", "between two nodes"])
 async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
-    online: Online, chassis: SimulatorThread, tmp_path: Path, x: float
+    site: Site, tmp_path: Path, x: float
 ) -> None:
     y = START[1]
     words = {name: action("speak", name, blocking="NONE", text=name) for name in "bc"}
@@ -136,14 +127,14 @@ async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
         node("c", 4, 6.0, y, actions=[words["c"]]),
         node("d", 6, 8.0, y),
     ]
-    async with online() as master:
-        set_speed(chassis, 1.0)
+    async with site.online() as master:
+        set_speed(site.chassis, 1.0)
         master.order(order)
-        await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-        set_speed(chassis, 0.1)
-        port = chassis.port
-        assert chassis.state.pose.x < 4.9
-        chassis.stop()
+        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+        set_speed(site.chassis, 0.1)
+        port = site.chassis.port
+        assert site.chassis.state.pose.x < 4.9
+        site.chassis.stop()
         scene = scene_with_start(tmp_path, x, y)
         with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
             state = await master.error("drivingError")
@@ -156,18 +147,18 @@ async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
 
 @aio
 async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(
-    online: Online, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     words = action("speak", "words", blocking="SOFT", text="ready")
-    async with online() as master:
-        chassis.mute(SPEAK)
+    async with site.online() as master:
+        site.chassis.mute(SPEAK)
         master.order([node("a", 0, *START, actions=[words]), node("b", 2, 8.0, -7.5)])
-        await eventually(lambda: chassis.counts[SPEAK])
+        await eventually(lambda: site.chassis.counts[SPEAK])
         lift = action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001)
         master.instant(lift)
         await master.status("lift", "RUNNING")
-        port = chassis.port
-        chassis.stop()
+        port = site.chassis.port
+        site.chassis.stop()
         scene = scene_with_start(tmp_path, 6.0, START[1])
         with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
             await master.error("interruptedError")
@@ -176,18 +167,18 @@ async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_
 
 @aio
 async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_known_to_drive_on(
-    online: Online, chassis: SimulatorThread
+    site: Site,
 ) -> None:
     y = START[1]
     order = [node("a", 0, *START), node("b", 2, 5.2, y), node("c", 4, 6.0, y), node("d", 6, 9.0, y)]
-    async with online() as master:
-        set_speed(chassis, 1.0)
+    async with site.online() as master:
+        set_speed(site.chassis, 1.0)
         master.order(order)
-        await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-        off = chassis.inject("off")
+        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+        off = site.chassis.inject("off")
         await master.error("robotConnectionError")
-        await eventually(lambda: chassis.state.pose.x > 5.9)
-        set_speed(chassis, 0.01)
+        await eventually(lambda: site.chassis.state.pose.x > 5.9)
+        set_speed(site.chassis, 0.01)
         assert master.state["lastNodeId"] == "a"
         off.clear()
         state = await master.wait_state(lambda state: state["lastNodeId"] != "a")
@@ -196,64 +187,56 @@ async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_kn
 
 
 @aio
-async def test_a_start_without_an_answer_is_found_out_and_not_repeated(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    chassis.mute(EXEC)
+async def test_a_start_without_an_answer_is_found_out_and_not_repeated(site: Site) -> None:
+    site.chassis.mute(EXEC)
     timing = Timing(minimum_timeouts={})
-    async with online(request_timeout=1.0, timing=timing) as master:
-        await drive(master, chassis)
-        await eventually(lambda: chassis.counts["woosh.robot.TaskProc"])
-        set_speed(chassis, 20.0)
+    async with site.online(request_timeout=1.0, timing=timing) as master:
+        await drive(master, site.chassis)
+        await eventually(lambda: site.chassis.counts["woosh.robot.TaskProc"])
+        set_speed(site.chassis, 20.0)
         ended = await master.reached("b")
         assert ended["errors"] == []
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_a_cancel_is_repeated_until_the_robot_obeys(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        await drive(master, chassis)
-        chassis.refuse(ORDER, "Request failed")
+async def test_a_cancel_is_repeated_until_the_robot_obeys(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        site.chassis.refuse(ORDER, "Request failed")
         master.instant(action("cancelOrder", "cancel"))
-        await eventually(lambda: chassis.counts[ORDER] >= 2)
+        await eventually(lambda: site.chassis.counts[ORDER] >= 2)
         assert status_of(master.state, "cancel") == "RUNNING"
-        chassis.clear_faults()
-        set_speed(chassis, 20.0)
+        site.chassis.clear_faults()
+        set_speed(site.chassis, 20.0)
         state = await master.status("cancel", "FINISHED")
         assert state["nodeStates"] == []
         assert state["lastNodeId"] == "a"
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_a_cancel_without_a_link_is_carried_out_later(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        await drive(master, chassis)
-        off = chassis.inject("off")
+async def test_a_cancel_without_a_link_is_carried_out_later(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        off = site.chassis.inject("off")
         await master.error("robotConnectionError")
         master.instant(action("cancelOrder", "cancel"))
         await master.status("cancel", "RUNNING")
         off.clear()
-        await eventually(lambda: chassis.counts[ORDER])
-        set_speed(chassis, 20.0)
+        await eventually(lambda: site.chassis.counts[ORDER])
+        set_speed(site.chassis, 20.0)
         state = await master.status("cancel", "FINISHED")
         assert state["lastNodeId"] == "a"
-    assert chassis.state.pose.x < 7.9
+    assert site.chassis.state.pose.x < 7.9
 
 
 @aio
-async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    set_speed(chassis, 1.0)
-    async with online() as master:
+async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(site: Site) -> None:
+    set_speed(site.chassis, 1.0)
+    async with site.online() as master:
         start, end = node("a", 0, *START), node("b", 2, START[0] + 1.0, START[1])
-        obstacle = chassis.inject("obstacle", x=START[0] + 1.5, y=START[1], radius=0.3)
+        obstacle = site.chassis.inject("obstacle", x=START[0] + 1.5, y=START[1], radius=0.3)
         points = [{"x": START[0] + x, "y": START[1]} for x in (0.0, 1.0)]
         line = {"degree": 1, "knotVector": [0, 0, 1, 1], "controlPoints": points}
         master.order([start, end], [edge(start, end, trajectory=line)])  # not driven round
@@ -286,31 +269,25 @@ def swap(chassis: SimulatorThread) -> Iterator[Callable[[], SimulatorThread]]:
 
 @aio
 async def test_the_order_of_another_robot_is_dropped_after_a_restart(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    swap: Callable[[], SimulatorThread],
-    tmp_path: object,
+    site: Site, swap: Callable[[], SimulatorThread], tmp_path: object
 ) -> None:
-    async with Master(broker.port, serial="forklift") as master:
-        async with vehicle(serial_number="forklift", state_folder=tmp_path):
-            await drive(master, chassis)
+    async with Master(site.broker.port, serial="forklift") as master:
+        async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
+            await drive(master, site.chassis)
         replacement = swap()
-        async with vehicle(serial_number="forklift", state_folder=tmp_path):
+        async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
             state = await master.error("interruptedError")
             assert (state["orderId"], state["nodeStates"]) == ("", [])
     assert replacement.counts[EXEC] == 0
 
 
 @aio
-async def test_marks_that_the_robot_did_not_send_are_requested_again(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    chassis.mute(SCENE_DATA)
+async def test_marks_that_the_robot_did_not_send_are_requested_again(site: Site) -> None:
+    site.chassis.mute(SCENE_DATA)
     timing = Timing(ask_again_after=0.1, minimum_timeouts={})
-    async with online(request_timeout=1.0, timing=timing) as master:
-        await eventually(lambda: chassis.counts[SCENE_DATA] >= 2)
-        chassis.accept(SCENE_DATA)
+    async with site.online(request_timeout=1.0, timing=timing) as master:
+        await eventually(lambda: site.chassis.counts[SCENE_DATA] >= 2)
+        site.chassis.accept(SCENE_DATA)
         nodes = [node("a", 0, *START)]
         nodes.append({"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []})
 

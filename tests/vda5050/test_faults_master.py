@@ -14,8 +14,7 @@ import paho.mqtt.publish as publish
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.conftest import Online, VehicleStarter
+from tests.vda5050.conftest import Site
 from tests.vda5050.master import (
     START,
     Master,
@@ -25,7 +24,6 @@ from tests.vda5050.master import (
     node,
     status_of,
 )
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.reading import read_order
 from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
@@ -86,10 +84,8 @@ RUBBISH = {
 
 
 @aio
-async def test_rubbish_is_rejected_and_does_no_harm(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_rubbish_is_rejected_and_does_no_harm(site: Site) -> None:
+    async with site.online() as master:
         for index, (name, payload) in enumerate(RUBBISH.items()):
             for topic in ("order", "instantActions"):
                 master.send_raw(topic, payload)
@@ -103,7 +99,7 @@ async def test_rubbish_is_rejected_and_does_no_harm(
                 ),
                 f"a good order after {name}",
             )
-    assert chassis.counts[EXEC] == 0
+    assert site.chassis.counts[EXEC] == 0
 
 
 def test_another_encoding_is_named_and_a_byte_order_mark_is_ignored() -> None:
@@ -118,9 +114,9 @@ def test_another_encoding_is_named_and_a_byte_order_mark_is_ignored() -> None:
 
 @aio
 async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_other(
-    online: Online,
+    site: Site,
 ) -> None:
-    async with online() as master:
+    async with site.online() as master:
         master.order([node("far", 0, START[0] + 3.0, START[1])])
         await master.wait_state(lambda state: error_types(state) == ["noRouteError"])
         master.send_raw("instantActions", b"{")
@@ -133,15 +129,13 @@ async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_othe
 
 
 @aio
-async def test_duplicates_and_old_updates_change_nothing(
-    online: Online, chassis: SimulatorThread
-) -> None:
+async def test_duplicates_and_old_updates_change_nothing(site: Site) -> None:
     _, second, third = nodes = [
         node("a", 0, *START),
         node("b", 2, 5.5, -6.8, theta=0.0),
         node("c", 4, 6.5, -7.0, theta=0.0),
     ]
-    async with online() as master:
+    async with site.online() as master:
         for _ in range(5):
             master.order(nodes[:2])
         await master.reached("b")
@@ -157,26 +151,29 @@ async def test_duplicates_and_old_updates_change_nothing(
             master.instant(action("cancelOrder", "same"))
         state = await master.status("same", "FAILED")
         assert error_types(state).count("noOrderToCancel") == 1
-    assert chassis.counts[EXEC] == 2
+    assert site.chassis.counts[EXEC] == 2
 
 
 @aio
 async def test_retained_messages_of_the_master_control_are_ignored(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    caplog: pytest.LogCaptureFixture,
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
     publish.single(
-        "uagv/v2/Woosh/30001/order", order(), retain=True, hostname="127.0.0.1", port=broker.port
+        "uagv/v2/Woosh/30001/order",
+        order(),
+        retain=True,
+        hostname="127.0.0.1",
+        port=site.broker.port,
     )
     with caplog.at_level(logging.WARNING):
-        async with Master(broker.port) as master, vehicle():
+        async with Master(site.broker.port) as master, site.vehicle():
             await master.online()
             await eventually(lambda: "a retained message on order was ignored" in caplog.text)
             assert master.state["orderId"] == ""
             # removed from the broker, as the log asks for
-            publish.single("uagv/v2/Woosh/30001/order", b"", hostname="127.0.0.1", port=broker.port)
+            publish.single(
+                "uagv/v2/Woosh/30001/order", b"", hostname="127.0.0.1", port=site.broker.port
+            )
             master.instant(action("stateRequest", "after it"))
             state = await master.wait_state(lambda state: "after it" in str(state["actionStates"]))
             assert not state["errors"]
@@ -184,9 +181,9 @@ async def test_retained_messages_of_the_master_control_are_ignored(
 
 @aio
 async def test_a_flood_of_messages_does_not_stop_the_vehicle(
-    online: Online, caplog: pytest.LogCaptureFixture
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with online() as master:
+    async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, 7.0, -7.0)])
         await master.accepted("order")
         for number in range(500):
@@ -211,11 +208,11 @@ async def test_a_flood_of_messages_does_not_stop_the_vehicle(
 
 @aio
 async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     words = action("speak", "words", text="once")
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path):
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.instant(words)
             await master.status("words", "FINISHED")
@@ -224,16 +221,16 @@ async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart
             master.instant(words)
             await master.wait_state(lambda state: error_types(state) == ["instantActionError"])
         master.received.clear()
-        async with vehicle(state_folder=tmp_path):
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.instant(words, action("stateRequest", "last"))
             await master.status("last", "FINISHED")
-    assert chassis.state.spoken == ("once",)
+    assert site.chassis.state.spoken == ("once",)
 
 
 @aio
 async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
-    vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     """As vda5050-sdk sends them, whose ids are constant."""
     requests = ["pause", "resume", "cancel-order"]
@@ -242,9 +239,9 @@ async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
     def is_finished(state: Message, name: str, *, paused: bool) -> bool:
         return state["paused"] == paused and status_of(state, name) == "FINISHED"
 
-    async with Master(broker.port) as master:
+    async with Master(site.broker.port) as master:
         for run in range(2):  # the second one after a restart
-            async with vehicle(state_folder=tmp_path):
+            async with site.vehicle(state_folder=tmp_path):
                 await master.online()
                 for number in range(2):  # each order waits for the release of its second node
                     name = f"{run}.{number}"

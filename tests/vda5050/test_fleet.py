@@ -17,7 +17,7 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import Online
+from tests.vda5050.conftest import Site
 from tests.vda5050.master import START, Master, node
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
@@ -145,11 +145,11 @@ async def test_the_state_may_go_out_while_driving(broker: Mosquitto, recorder: R
 
 
 @aio
-async def test_the_maps_may_be_left_out_of_the_state(online: Online, recorder: Recorder) -> None:
-    async with online(limits=Limits(maps_in_state=False)) as master:
+async def test_the_maps_may_be_left_out_of_the_state(site: Site) -> None:
+    async with site.online(limits=Limits(maps_in_state=False)) as master:
         master.order([node("a", 0, *START), node("b", 2, 5.5, -6.5)])
         await master.reached("b")
-    assert all("maps" not in state for state in recorder.sent("state"))
+    assert all("maps" not in state for state in site.recorder.sent("state"))
 
 
 @aio

@@ -11,7 +11,7 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.conftest import Online
+from tests.vda5050.conftest import Site
 from tests.vda5050.master import (
     START,
     Master,
@@ -23,7 +23,6 @@ from tests.vda5050.master import (
     references,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
-from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
 from woosh_robot_agent.simulator import SimulatorThread
 
 X, Y = START
@@ -58,20 +57,18 @@ def requests(chassis: SimulatorThread, kind: type[Any]) -> list[Any]:
 
 
 @aio
-async def test_the_example_of_the_standard_is_extended_while_it_is_driven(
-    online: Online, chassis: SimulatorThread
-) -> None:
+async def test_the_example_of_the_standard_is_extended_while_it_is_driven(site: Site) -> None:
     """The order of figures 4 and 5 and its update, with the loop of six nodes laid on a line."""
-    async with online() as master:
-        usual = chassis.call(lambda sim: sim.speed)
-        set_speed(chassis, 0.05)  # the first state is reported before the robot passes a node
+    async with site.online() as master:
+        usual = site.chassis.call(lambda sim: sim.speed)
+        set_speed(site.chassis, 0.05)  # the first state is reported before the robot passes a node
         master.order(line("fdgbh", released=3), order_id="1234")
         first = await seen(master, lambda state: state["orderId"] == "1234")
         assert first["lastNodeId"] == "f"
         assert ids(first["nodeStates"], "nodeId") == "dgbh"
         assert [each["released"] for each in first["nodeStates"]] == [True, True, False, False]
         assert [each["released"] for each in first["edgeStates"]] == [True, True, False, False]
-        set_speed(chassis, usual)
+        set_speed(site.chassis, usual)
         await master.wait_state(lambda state: state["lastNodeId"] in ("d", "g"))
 
         master.order(line("gbhi", released=3, first=2), order_id="1234", update=1)
@@ -90,8 +87,8 @@ async def test_the_example_of_the_standard_is_extended_while_it_is_driven(
         passed = [a for a, b in pairwise([*visited, ""]) if a != b]
         # the robot may pass two nodes between two reports
         assert passed == [name for name in "fdgbh" if name in passed]
-    assert chassis.state.pose.x == pytest.approx(X + 4 * STEP, abs=0.05)
-    assert len(requests(chassis, ExecTask)) == 2
+    assert site.chassis.state.pose.x == pytest.approx(X + 4 * STEP, abs=0.05)
+    assert len(requests(site.chassis, ExecTask)) == 2
 
 
 def far_order() -> Message:
@@ -166,10 +163,8 @@ REJECTED: dict[str, tuple[Message, str, dict[str, str]]] = {
 
 
 @aio
-async def test_what_the_vehicle_cannot_do_is_rejected_with_references(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_what_the_vehicle_cannot_do_is_rejected_with_references(site: Site) -> None:
+    async with site.online() as master:
         await eventually(lambda: master.last("factsheet"))
         features = master.last("factsheet")["protocolFeatures"]["optionalParameters"]
         supported = {each["parameter"] for each in features}
@@ -195,15 +190,13 @@ async def test_what_the_vehicle_cannot_do_is_rejected_with_references(
         accepted = await master.accepted("good")
         assert accepted["errors"] == []
         await master.reached("b")
-    assert len(requests(chassis, ExecTask)) == 1
+    assert len(requests(site.chassis, ExecTask)) == 1
 
 
 @aio
-async def test_a_robot_that_does_not_know_its_position_takes_no_order(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        chassis.lose_localisation()
+async def test_a_robot_that_does_not_know_its_position_takes_no_order(site: Site) -> None:
+    async with site.online() as master:
+        site.chassis.lose_localisation()
         await master.wait_state(lambda state: not state["agvPosition"]["positionInitialized"])
         master.order([node("a", 0, *START, allowedDeviationXY=50.0)])
         state = await master.error("orderError")
@@ -212,11 +205,9 @@ async def test_a_robot_that_does_not_know_its_position_takes_no_order(
 
 
 @aio
-async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        await asyncio.to_thread(chassis.wait_received, "woosh.map.SceneData")
+async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(site: Site) -> None:
+    async with site.online() as master:
+        await asyncio.to_thread(site.chassis.wait_received, "woosh.map.SceneData")
         mark = {"nodeId": "K10", "sequenceId": 2, "released": True, "actions": []}
 
         async def sent() -> bool:
@@ -227,70 +218,29 @@ async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(
         while not await sent():  # until the marks have arrived
             pass
         await master.reached("K10")
-    (task,) = requests(chassis, ExecTask)
+    (task,) = requests(site.chassis, ExecTask)
     assert task.mark_no == "K10"
-    pose = chassis.state.pose
+    pose = site.chassis.state.pose
     assert (pose.x, pose.y) == pytest.approx((8.0, -4.0), abs=0.05)
 
 
 @aio
-async def test_trajectories_are_driven_as_strict_paths_without_a_stop_between_them(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
-        nodes = [node("a", 0, *START), node("b", 2, X + 1, Y - 1), node("c", 4, X + 3, Y - 1)]
-        arc = {
-            "degree": 2,
-            "knotVector": [0, 0, 0, 1, 1, 1],
-            "controlPoints": [
-                {"x": X, "y": Y},
-                {"x": X, "y": Y - 1, "weight": 0.7071067811865476},
-                {"x": X + 1, "y": Y - 1},
-            ],
-        }
-        straight = curve((X + 1, Y - 1), (X + 3, Y - 1))
-        master.order(
-            nodes,
-            [
-                edge(nodes[0], nodes[1], trajectory=arc),
-                edge(nodes[1], nodes[2], trajectory=straight),
-            ],
-        )
-        state = await master.reached("c")
-        assert state["errors"] == []
-    (task,) = requests(chassis, ExecTask)
-    first, second = task.plan_path.plan_path
-    assert first.optimal == second.optimal == PlanPath.kStrict
-    centre = (X + 1, Y)
-    for pose in first.path.poses:
-        assert (pose.x - centre[0]) ** 2 + (pose.y - centre[1]) ** 2 == pytest.approx(1.0, abs=1e-4)
-    assert len(first.path.poses) > 4
-    assert len(second.path.poses) == 1
-    pose = chassis.state.pose
-    assert (pose.x, pose.y) == pytest.approx((X + 3, Y - 1), abs=0.05)
-
-
-@aio
-async def test_speed_limits_are_sent_on_entering_an_edge(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online() as master:
+async def test_speed_limits_are_sent_on_entering_an_edge(site: Site) -> None:
+    async with site.online() as master:
         nodes = [node("a", 0, *START), node("b", 2, X + 3, Y), node("c", 4, X + 6, Y)]
         master.order(
             nodes, [edge(nodes[0], nodes[1], maxSpeed=0.3), edge(nodes[1], nodes[2], maxSpeed=1.2)]
         )
         await master.reached("c")
-    modes = [each.nav_mode for each in requests(chassis, ChangeNavMode)]
+    modes = [each.nav_mode for each in requests(site.chassis, ChangeNavMode)]
     assert [mode.max_speed for mode in modes] == pytest.approx([0.3, 1.2])
 
 
 @aio
-async def test_a_refused_speed_limit_ends_the_drive(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    chassis.refuse("woosh.robot.ChangeNavMode", "not now")
-    set_speed(chassis, 1.0)
-    async with online() as master:
+async def test_a_refused_speed_limit_ends_the_drive(site: Site) -> None:
+    site.chassis.refuse("woosh.robot.ChangeNavMode", "not now")
+    set_speed(site.chassis, 1.0)
+    async with site.online() as master:
         nodes = [node("a", 0, *START)]
         for number, name in enumerate("bcdefg", start=1):
             nodes.append(node(name, 2 * number, 10.0 if number % 2 else X, -7.5))
@@ -302,4 +252,4 @@ async def test_a_refused_speed_limit_ends_the_drive(
         assert references(error)["orderId"] == "order"
         state = await master.wait_state(lambda state: not state["driving"])
         assert state["nodeStates"]
-    assert len(requests(chassis, ChangeNavMode)) == 1
+    assert len(requests(site.chassis, ChangeNavMode)) == 1

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from tests.tools.waiting import aio
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import Online
+from tests.vda5050.conftest import Site
 from tests.vda5050.connector_process import ConnectorProcess
 from tests.vda5050.fields import schema_fields
 from tests.vda5050.master import (
@@ -26,7 +25,6 @@ from tests.vda5050.master import (
     references,
 )
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.geometry import path_ahead
 from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order
 from woosh_robot_agent.vda5050.messages.reading import defect, read_order, refusal_of_zone_set
@@ -326,10 +324,8 @@ def test_a_zone_set_is_refused() -> None:
 
 
 @aio
-async def test_an_order_of_three_nodes_is_driven(
-    online: Online, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with online(version=V3) as master:
+async def test_an_order_of_three_nodes_is_driven(site: Site) -> None:
+    async with site.online(version=V3) as master:
         assert master.state["version"] == "3.0.0"
         assert master.state["operatingMode"] == "AUTOMATIC"
         assert master.state["powerSupply"]["charging"] is False
@@ -350,19 +346,19 @@ async def test_an_order_of_three_nodes_is_driven(
 
         assert ended["nodeStates"] == ended["edgeStates"] == ended["errors"] == []
         assert "plannedPath" not in ended
-    pose = chassis.state.pose
+    pose = site.chassis.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, -7.0, 0.5), abs=0.05)
 
-    sent = {each["headerId"] for each in recorder.sent("state")}
-    seen = {each["referenceStateHeaderId"] for each in recorder.sent("visualization")}
+    sent = {each["headerId"] for each in site.recorder.sent("state")}
+    seen = {each["referenceStateHeaderId"] for each in site.recorder.sent("visualization")}
     assert seen
     assert seen <= sent
-    assert {name.split("/")[1] for name, _ in recorder.messages} == {"v3"}
+    assert {name.split("/")[1] for name, _ in site.recorder.messages} == {"v3"}
 
 
 @aio
-async def test_rejections_have_the_predefined_errors(online: Online) -> None:
-    async with online(version=V3) as master:
+async def test_rejections_have_the_predefined_errors(site: Site) -> None:
+    async with site.online(version=V3) as master:
         nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
         master.send_raw("order", b"{}")
         await master.error("VALIDATION_FAILURE")
@@ -390,8 +386,8 @@ async def test_rejections_have_the_predefined_errors(online: Online) -> None:
 
 
 @aio
-async def test_instant_actions_stay_in_the_state_after_a_new_order(online: Online) -> None:
-    async with online(version=V3) as master:
+async def test_instant_actions_stay_in_the_state_after_a_new_order(site: Site) -> None:
+    async with site.online(version=V3) as master:
         master.instant(action("stateRequest", "ask"), action("fly", "no"))
         state = await master.wait_state(lambda state: len(state["instantActionStates"]) == 2)
         state = await master.wait_state(
@@ -408,11 +404,11 @@ async def test_instant_actions_stay_in_the_state_after_a_new_order(online: Onlin
 
 
 @aio
-async def test_the_option_chooses_the_version(
-    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
-) -> None:
-    async with Master(broker.port, version="3.0.0") as master:
-        with ConnectorProcess(chassis, broker.url, tmp_path, "--version", "3.0") as program:
+async def test_the_option_chooses_the_version(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port, version="3.0.0") as master:
+        with ConnectorProcess(
+            site.chassis, site.broker.url, tmp_path, "--version", "3.0"
+        ) as program:
             await master.online()
             assert master.state["version"] == "3.0.0"
             assert program.stop() == 0
@@ -443,14 +439,12 @@ def test_whole_numbers_with_a_decimal_point_are_integers(version: Version) -> No
 
 
 @aio
-async def test_an_order_is_cleared_when_the_robot_loses_its_position(
-    online: Online, chassis: SimulatorThread
-) -> None:
-    async with online(version=V3) as master:
+async def test_an_order_is_cleared_when_the_robot_loses_its_position(site: Site) -> None:
+    async with site.online(version=V3) as master:
         nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
         master.order(nodes, _edges(nodes))
         await master.wait_state(lambda state: state["nodeStates"])
-        chassis.call(lambda simulator: setattr(simulator.chassis.readiness, "located", False))
+        site.chassis.call(lambda simulator: setattr(simulator.chassis.readiness, "located", False))
         state = await master.wait_state(lambda state: not state["nodeStates"])
         assert state["orderId"] == "order"
         assert {"INTERRUPTED_ERROR", "LOCALIZATION_ERROR"} <= set(error_types(state))
