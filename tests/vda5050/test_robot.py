@@ -141,4 +141,4 @@ async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
     runner.obey(Perform(speak, at_once=True))
     runner.obey(EndAction(speak))
     await eventually(lambda: execution.order.status.actions[0].status is ActionStatus.FAILED)
-    await link.close()
+    await link.work.close()

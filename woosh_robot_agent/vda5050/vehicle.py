@@ -77,9 +77,10 @@ class Vehicle:
             await self._link.gate.close(_CLOSE_TIMEOUT)
         except LinkError as error:
             _LOG.error("the robot may be moving, press its emergency stop: %s", error)
-        await self._link.close()
+        await self._link.work.close()
         if self._session is not None:
             await self._session.close(_CLOSE_TIMEOUT)
+        await self._link.chassis.close()  # the last state must not say that the link is lost
 
     def _identified(self, info: RobotInfo) -> None:
         """Connect to the broker when the robot has told who it is."""

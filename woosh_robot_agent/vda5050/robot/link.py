@@ -158,9 +158,3 @@ class RobotLink:
     ) -> Answer:
         """Send a request that may move the robot; see `MotionGate.request`."""
         return await self.gate.request(self._requests.address(request), tap=tap)
-
-    async def close(self) -> None:
-        """End the work in the background, and close the link."""
-        self.is_closing = True
-        await self.work.close()
-        await self.chassis.close()
