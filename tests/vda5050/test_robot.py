@@ -22,7 +22,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D, Twist
-from woosh_robot_agent.vda5050.actions.performing import Context
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner, action_types
 from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.order import Action
@@ -134,7 +133,7 @@ async def test_a_cancel_at_the_moment_when_the_condition_holds_is_not_lost(
 async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
     link = RobotLink(LinkConfig(), Timing(), lambda: None, lambda: None)
     execution = Execution(link, V2_1, action_types(V2_1))
-    runner = ActionRunner(Context(execution, cast("Any", None)))
+    runner = ActionRunner(execution, cast("Any", None), None)
     speak = Action("1", "speak", parameters={"text": "never said"})
     execution.order.moved(orders.at(0.0))
     execution.order.receive(orders.path("a", actions={"a": [speak]}))

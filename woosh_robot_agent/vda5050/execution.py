@@ -31,8 +31,13 @@ from woosh_robot_agent.vda5050.robot.calls import RobotCalls
 from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 from woosh_robot_agent.vda5050.robot.maps import RobotMaps
-from woosh_robot_agent.vda5050.robot.speed import SpeedLimiter
-from woosh_robot_agent.vda5050.robot.tasks import UNSENT, ActionTasks, RobotTask, leg_task
+from woosh_robot_agent.vda5050.robot.tasks import (
+    UNSENT,
+    ActionTasks,
+    RobotTask,
+    SpeedLimiter,
+    leg_task,
+)
 
 _LOG = logging.getLogger(__name__)
 PAUSE = "pause"

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.vda5050.execution import Execution
@@ -192,17 +191,6 @@ def _misses(node: Node, point: Point) -> str:
 _LOG = logging.getLogger(__name__)
 
 
-class _Accepted(NamedTuple):
-    """An order that was accepted.
-
-    Attributes:
-        order: the order in it, without the marks of the robot, which may change.
-    """
-
-    payload: bytes
-    order: Order
-
-
 class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
 
@@ -215,18 +203,20 @@ class Intake:
         self._version = execution.version
         self._execution = execution
         self._log = LogOnce(_LOG)
-        self._accepted: _Accepted | None = None
-        """The last order that was accepted; None if there was none."""
+        self._payload = b""
+        """The last message with an order that was accepted."""
+        self._order: Order | None = None
+        """The order in it, without the marks of the robot, which may change; None without one."""
         self.message_error: VehicleError | None = None
 
     def order(self, identity: Identity, payload: bytes) -> bool:
         """Accept or reject an order; return False if the vehicle has it already."""
-        last, execution = self._accepted, self._execution
-        if last is not None and payload == last.payload:
+        execution = self._execution
+        if payload == self._payload:
             return False  # at no cost: a master control may repeat a large order often
         try:
             received = read_order(payload, self._version, identity)
-            if last is not None and received == last.order:
+            if received == self._order:
                 return False
             here = execution.facts.position
             order = with_marks(
@@ -243,7 +233,7 @@ class Intake:
         _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
         self._log.clear()
         execution.order_error = None
-        self._accepted = _Accepted(payload, received)
+        self._payload, self._order = payload, received
         if verdict is Verdict.NEW:
             self.message_error = None
             if self._version.is_3:

@@ -10,7 +10,6 @@ from functools import partial
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.reconnect import RobotIdentity
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.vda5050.actions.performing import Context
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner, action_types
 from woosh_robot_agent.vda5050.execution import PAUSE, Execution
 from woosh_robot_agent.vda5050.intake import Intake
@@ -52,7 +51,7 @@ class Vehicle:
             self._factsheet,
         )
         self._intake = Intake(self._execution)
-        self._runner = ActionRunner(Context(self._execution, self._reports, config.log_folder))
+        self._runner = ActionRunner(self._execution, self._reports, config.log_folder)
         self._robot = RobotIdentity(0, 0)
         """Identity of the robot; zeros until the robot has told it."""
         self._session: Session | None = None

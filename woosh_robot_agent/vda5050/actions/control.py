@@ -91,13 +91,13 @@ async def cancel_order(run: Run) -> None:
 @vehicle_action("stateRequest", INSTANT, "publish the state", repeatable=True)
 async def state_request(run: Run) -> None:
     """Publish the state."""
-    run.context.reports.changed()
+    run.reports.changed()
 
 
 @vehicle_action("factsheetRequest", INSTANT, "publish the factsheet", repeatable=True)
 async def factsheet_request(run: Run) -> None:
     """Publish the factsheet."""
-    run.context.reports.publish_factsheet()
+    run.reports.publish_factsheet()
 
 
 @vehicle_action(
@@ -127,7 +127,7 @@ _PREFIX = "log_report_"
 )
 async def log_report(run: Run) -> str:
     """Store what the robot reports, in a subfolder for each robot, and return the path in it."""
-    info, folder = run.execution.facts.info, run.context.log_folder
+    info, folder = run.execution.facts.info, run.log_folder
     if info is None or folder is None:
         raise ActionFailedError("the robot has not reported its state yet")
     now = datetime.fromtimestamp(time.time(), timezone.utc)

@@ -30,41 +30,27 @@ ALL_BLOCKING = frozenset(BlockingType)
 
 
 @dataclass(frozen=True)
-class Context:
-    """Parts of the vehicle that its actions use.
+class Run:
+    """An action that is being performed.
 
     Attributes:
+        action: the action.
+        report: called with each change of the status between its start and its end.
         execution: the order, and what the robot does.
         reports: messages of the vehicle.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
     """
 
-    execution: Execution
-    reports: Reports
-    log_folder: Path | None = None
-
-
-@dataclass(frozen=True)
-class Run:
-    """An action that is being performed.
-
-    Attributes:
-        report: called with each change of the status between its start and its end.
-    """
-
-    context: Context
     action: Action
     report: Callable[[ActionStatus], None]
-
-    @property
-    def execution(self) -> Execution:
-        """The order, and what the robot does."""
-        return self.context.execution
+    execution: Execution
+    reports: Reports
+    log_folder: Path | None
 
     @property
     def link(self) -> RobotLink:
         """The link to the robot."""
-        return self.context.execution.link
+        return self.execution.link
 
     @property
     def given(self) -> Mapping[str, Any]:

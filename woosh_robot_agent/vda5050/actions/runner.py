@@ -6,16 +6,19 @@ import asyncio
 import logging
 from collections.abc import Mapping
 from itertools import takewhile
+from pathlib import Path
 
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.vda5050.actions import control, map_actions, work
-from woosh_robot_agent.vda5050.actions.performing import Context, Run, VehicleAction
+from woosh_robot_agent.vda5050.actions.performing import Run, VehicleAction
+from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes
 from woosh_robot_agent.vda5050.messages.order import Action
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.messages.versions import Version
 from woosh_robot_agent.vda5050.orders.actions import startable
 from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
+from woosh_robot_agent.vda5050.reports import Reports
 
 ACTIONS: Mapping[str, VehicleAction] = {
     action.type.name: action
@@ -71,9 +74,10 @@ class ActionRunner:
     instant actions wait for each other if their blocking types demand it.
     """
 
-    def __init__(self, context: Context) -> None:
-        self._context = context
-        self._execution = context.execution
+    def __init__(self, execution: Execution, reports: Reports, log_folder: Path | None) -> None:
+        self._execution = execution
+        self._reports = reports
+        self._log_folder = log_folder
         self._waiting: list[Action] = []
         """Actions that have not started, in the order in which they must start."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
@@ -127,10 +131,11 @@ class ActionRunner:
             self._execution.action_changed(action.id, status)
 
         kind = ACTIONS[action.type]
+        run = Run(action, report, self._execution, self._reports, self._log_folder)
         # an action that moves something is RUNNING once the robot has accepted it
         report(ActionStatus.INITIALIZING if kind.type.pausable else ActionStatus.RUNNING)
         try:
-            result = await kind.perform(Run(self._context, action, report))
+            result = await kind.perform(run)
         except asyncio.CancelledError:
             self._ended(action, ActionStatus.FAILED, _ENDED)
             raise
