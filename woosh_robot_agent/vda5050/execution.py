@@ -197,11 +197,10 @@ class Execution:
 
     # Events
 
-    def follow(self) -> bool:
-        """Take the position of the robot; return True if the vehicle has made progress by it."""
-        place, before = self.facts.position, self.order.status
-        if place is None:
-            return False
+    def follow(self) -> None:
+        """Take the position of the robot."""
+        if (place := self.facts.position) is None:
+            return
         self._is_cut = self._is_cut and bool(self.active)
         # after a loss of the link, the robot may have been moved while any other action ran
         is_acting = self.calls.moves_base if self._is_cut else bool(self.active)
@@ -210,12 +209,6 @@ class Execution:
         )
         if self.facts.status is not None and self.facts.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
-        after = self.order.status
-        return (before.last_node_id, before.last_node_sequence_id, before.new_base_request) != (
-            after.last_node_id,
-            after.last_node_sequence_id,
-            after.new_base_request,
-        )
 
     def clear_where_demanded(self) -> None:
         """Clear the order if the robot is in a mode, or a place, in which it cannot have one."""

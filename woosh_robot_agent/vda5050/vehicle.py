@@ -160,8 +160,10 @@ class Vehicle:
 
     def _moved(self) -> None:
         """Take a new pose of the robot."""
-        progress = self._execution.follow()
-        if progress or self._facts.is_driving != self._was_driving:
+        before = self._execution.order.progress
+        self._execution.follow()
+        has_changed = self._execution.order.progress != before
+        if has_changed or self._facts.is_driving != self._was_driving:
             self._was_driving = self._facts.is_driving
             self._changed()  # actions may wait for the standstill
         self._execution.speed.limit(self._execution.order.speed_limit)

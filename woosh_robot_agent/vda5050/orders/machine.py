@@ -139,9 +139,18 @@ class OrderMachine:
             nodes=tuple(route.nodes),
             edges=tuple(route.edges),
             actions=self._actions.states,
-            new_base_request=not self._canceling and needs_base(route.nodes, route.position),
+            new_base_request=self._needs_base,
             distance_since_last_node=None if last is None else route.driven,
         )
+
+    @property
+    def progress(self) -> tuple[Node | None, bool]:
+        """What is published at once when the vehicle has moved: last node, request of a base."""
+        return self._route.last_node, self._needs_base
+
+    @property
+    def _needs_base(self) -> bool:
+        return not self._canceling and needs_base(self._route.nodes, self._route.position)
 
     @property
     def speed_limit(self) -> float | None:
