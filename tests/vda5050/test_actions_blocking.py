@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from tests.tools.waiting import aio
 from tests.vda5050.chassis_events import commands, statuses, together
 from tests.vda5050.conftest import AT_ONCE, Site
@@ -37,25 +35,6 @@ async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(site: S
         )
     assert commands(site.chassis) == ["drive", "lift_control3 execute"]
     assert statuses(site.recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
-
-
-@pytest.mark.parametrize("blocking", ["SOFT", "HARD"])
-@aio
-async def test_a_blocking_action_stops_the_robot_on_its_node(site: Site, blocking: str) -> None:
-    async with site.online(limits=AT_ONCE) as master:
-        nodes = [
-            node("a", 0, *START),
-            node("b", 2, 7.0, -7.0, actions=[lift("lift", blocking)]),
-            node("c", 4, 5.0, -7.5),
-        ]
-        master.order(nodes)
-        await master.reached("c")
-    assert commands(site.chassis) == ["drive", "lift_control3 execute", "drive"]
-    assert statuses(site.recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
-    running = [
-        state for state in site.recorder.sent("state") if status_of(state, "lift") == "RUNNING"
-    ]
-    assert {state["lastNodeId"] for state in running} == {"b"}
 
 
 @aio

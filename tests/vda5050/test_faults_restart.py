@@ -117,7 +117,7 @@ async def test_a_second_kill_while_it_restores_loses_nothing(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[dict[str, Any]] = []
-    replace_file = store._replace
+    replace_file = store.replace_file
 
     def replace_and_note(path: Path, content: bytes) -> None:
         written.append(json.loads(content))
@@ -134,7 +134,7 @@ async def test_a_second_kill_while_it_restores_loses_nothing(
             left = left_by_a_kill(tmp_path / "state")
             before = saved(left)
         master.received.clear()
-        monkeypatch.setattr(store, "_replace", replace_and_note)
+        monkeypatch.setattr(store, "replace_file", replace_and_note)
         async with site.vehicle(state_folder=left):
             await master.wait_state(lambda state: state["orderId"] == "order" and state["paused"])
     assert written
@@ -217,7 +217,7 @@ async def test_a_task_that_was_never_sent_is_not_driven(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, left = tmp_path / "state", tmp_path / "state+"
-    replace_file = store._replace
+    replace_file = store.replace_file
 
     def replace_and_copy(path: Path, content: bytes) -> None:
         """Copy the file as a kill leaves it after the task was saved and before it is sent."""
@@ -228,7 +228,7 @@ async def test_a_task_that_was_never_sent_is_not_driven(
     site.chassis.refuse(EXEC, "no")
     async with Master(site.broker.port) as master:
         with monkeypatch.context() as patched:
-            patched.setattr(store, "_replace", replace_and_copy)
+            patched.setattr(store, "replace_file", replace_and_copy)
             async with site.vehicle(state_folder=folder):
                 await master.online()
                 master.order(nodes()[:2])

@@ -208,10 +208,12 @@ def test_the_path_ahead_leaves_out_what_is_behind_and_what_is_straight() -> None
 # Orders
 
 
-def test_a_trajectory_has_defaults() -> None:
+def test_an_edge_has_a_speed_and_a_trajectory_with_defaults() -> None:
     points = [{"x": 0.0, "y": 0.0}, {"x": 1.0, "y": 0.0}]
-    order = _read(_order(edge={"trajectory": {"controlPoints": points}}))
-    assert order.edges[0].trajectory == LINE
+    given = {"maximumSpeed": 0.4, "trajectory": {"controlPoints": points}}
+    (edge,) = _read(_order(edge=given)).edges
+    assert (edge.start_node_id, edge.end_node_id) == ("a", "b")
+    assert (edge.max_speed, edge.trajectory, edge.unsupported) == (0.4, LINE, ())
     three = {"degree": 1, "controlPoints": [*points, {"x": 2.0, "y": 0.0}]}
     trajectory = _read(_order(edge={"trajectory": three})).edges[0].trajectory
     assert trajectory is not None

@@ -241,7 +241,7 @@ class Store:
         if self._path is None or self._lock is None:
             return
         try:
-            _replace(self._path, to_json(record))
+            replace_file(self._path, to_json(record))
         except OSError as error:
             self._failed(self._path, error)
         else:
@@ -289,7 +289,7 @@ class Store:
         )
 
 
-def _replace(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes) -> None:
     """Write a file atomically: at any moment it has either its old or its new content."""
     new = path.with_suffix(".new")
     with new.open("wb") as file:
