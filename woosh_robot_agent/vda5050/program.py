@@ -131,15 +131,17 @@ def _robot(name: str, parameters: Mapping[str, Any], default: LinkConfig) -> Lis
     return ListedRobot(name, replace(default, **given), str(serial_number))
 
 
-def _chassis(link: LinkConfig) -> tuple[str, int, int]:
-    return link.ip, link.effective_port, link.robot_id
+def _leads_to_same_robot(one: LinkConfig, other: LinkConfig) -> bool:
+    """Return True if two links lead to the same robot, over any transport."""
+    same_port = one.port == other.port or one.effective_port == other.effective_port
+    return same_port and (one.ip, one.robot_id) == (other.ip, other.robot_id)
 
 
 def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
     for other in others:
         if other.name == robot.name:
             raise ValueError("give each robot its own name; two have this one")
-        if _chassis(other.link) == _chassis(robot.link):
+        if _leads_to_same_robot(other.link, robot.link):
             raise ValueError(
                 f"it has the address of robot {other.name}, {robot.link.address}; give each its "
                 "own ip, port or robot_id"
