@@ -65,7 +65,6 @@ _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
 class Execution:
     """Executes the order and the instant actions. Used in the event loop of the link.
 
-
     Attributes:
         types: the actions of the vehicle.
         facts: what the robot reports.

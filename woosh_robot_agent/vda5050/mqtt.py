@@ -405,7 +405,6 @@ def broker_config(
 ) -> BrokerConfig:
     """Return the configuration of the connection to the broker.
 
-
     Raises:
         ValueError: an option is invalid; the text gives the reason.
     """

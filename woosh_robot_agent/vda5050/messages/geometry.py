@@ -117,7 +117,6 @@ _MAX_OFFSET = 1.0
 def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
     """Return the rest of a path from the position of the vehicle, simplified.
 
-
     Returns:
         At least two points, the first of which is the position; empty if there is no path ahead.
     """
