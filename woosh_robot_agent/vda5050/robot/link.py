@@ -41,7 +41,8 @@ class Background:
 
     def start_once(self, work: Callable[[], Coroutine[Any, Any, None]], key: Hashable) -> None:
         """Start a task, unless the one with the same key still runs."""
-        if key not in self._tasks:
+        task = self._tasks.get(key)
+        if task is None or task.done():
             self.start(work(), key)
 
     def cancel(self, key: Hashable) -> None:
