@@ -268,6 +268,26 @@ def swap(chassis: SimulatorThread) -> Iterator[Callable[[], SimulatorThread]]:
 
 
 @aio
+async def test_another_robot_at_the_address_is_refused(
+    site: Site, swap: Callable[[], SimulatorThread]
+) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        replacement = swap()
+        state = await master.wait_state(lambda state: f"robot {NEW}" in str(state["errors"]))
+        (error,) = state["errors"]
+        assert error["errorType"] == "robotConnectionError"
+        assert "robot 30001" in error["errorDescription"]
+        assert "restart" in error["errorDescription"]
+        assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
+        master.instant(action("cancelOrder", "cancel"), action("speak", "words", text="hello"))
+        await master.status("words", "WAITING")
+    assert replacement.counts[EXEC] == replacement.counts[ORDER] == 0
+    assert replacement.state.spoken == ()
+    assert {message["serialNumber"] for message in site.recorder.sent("connection")} == {"30001"}
+
+
+@aio
 async def test_the_order_of_another_robot_is_dropped_after_a_restart(
     site: Site, swap: Callable[[], SimulatorThread], tmp_path: object
 ) -> None:

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from woosh_robot_agent.link import LinkError
-from woosh_robot_agent.link.reconnect import RobotIdentity
+from woosh_robot_agent.link import LinkError, RobotIdentity
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner, action_types
 from woosh_robot_agent.vda5050.execution import PAUSE, Execution
