@@ -108,11 +108,16 @@ class Recorder:
         else:
             self.messages.append((message.topic, message.payload))
 
-    def stop(self) -> None:
-        """Stop when everything published so far has been recorded, if the broker still runs."""
+    def catch_up(self) -> None:
+        """Wait until everything published so far has been recorded, if the broker still runs."""
         if self._client.is_connected():
+            self._ended.clear()
             self._client.publish(_END, b"", 1)
             self._ended.wait(_TIMEOUT)
+
+    def stop(self) -> None:
+        """Stop when everything published so far has been recorded, if the broker still runs."""
+        self.catch_up()
         self._client.disconnect()
         self._client.loop_stop()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -94,6 +95,7 @@ class Site:
             yield
         finally:
             await vehicle.close()
+            await asyncio.to_thread(self.recorder.catch_up)
 
     @asynccontextmanager
     async def online(self, **options: Any) -> AsyncIterator[Master]:

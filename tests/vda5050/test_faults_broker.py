@@ -158,7 +158,7 @@ async def test_two_connectors_of_a_robot_are_detected(site: Site) -> None:
             lambda state: "secondConnectorError" not in error_types(state),
             "the other connector to be gone",
         )
-        assert master.last("connection")["connectionState"] == "ONLINE"
+        await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
 
 
 def reports_with(header_ids: HeaderIds) -> tuple[Reports, MqttConnection]:
