@@ -21,7 +21,7 @@ from pathlib import Path
 
 import yaml
 
-from scripts import sros2_policies
+from scripts import sros2_policies, vda5050_tables
 from scripts.interface_files import InterfaceError, interface_files, superfluous_files
 from woosh_robot_agent import endpoints, parameters
 from woosh_robot_agent.program import exit_on_stdout_error
@@ -70,6 +70,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "simulator-options": lambda: options_table(simulator_parser()),
     "simulator-faults": faults.markdown,
     "simulator-refusals": refusals.markdown,
+    "vda5050-actions": vda5050_tables.actions,
+    "vda5050-errors": vda5050_tables.errors,
+    "vda5050-fields": vda5050_tables.fields,
+    "vda5050-names": vda5050_tables.names,
 }
 """Generated tables: name in the marker, and the function that returns the Markdown."""
 

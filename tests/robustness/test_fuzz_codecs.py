@@ -30,7 +30,8 @@ from woosh_robot_agent.tools.doctor.checks import (
 )
 from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.robot_view import link_report
-from woosh_robot_agent.vda5050.robot.status import Limits, factsheet, robot_status
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
+from woosh_robot_agent.vda5050.robot.status import factsheet, robot_status
 
 SEED = 1
 FEEDBACKS = "woosh.ros.Feedbacks"

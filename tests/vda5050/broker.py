@@ -12,7 +12,7 @@ from typing import Any
 
 import paho.mqtt.client as paho
 
-from woosh_robot_agent.vda5050.messages.parsing import defect
+from woosh_robot_agent.vda5050.messages.reading import defect
 
 VERSIONS = {"v2": "2.1.0", "v3": "3.0.0"}
 _TIMEOUT = 60.0
@@ -108,11 +108,16 @@ class Recorder:
         else:
             self.messages.append((message.topic, message.payload))
 
-    def stop(self) -> None:
-        """Stop when everything published so far has been recorded, if the broker still runs."""
+    def catch_up(self) -> None:
+        """Wait until everything published so far has been recorded, if the broker still runs."""
         if self._client.is_connected():
+            self._ended.clear()
             self._client.publish(_END, b"", 1)
             self._ended.wait(_TIMEOUT)
+
+    def stop(self) -> None:
+        """Stop when everything published so far has been recorded, if the broker still runs."""
+        self.catch_up()
         self._client.disconnect()
         self._client.loop_stop()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 from tests.vda5050.broker import Recorder
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
@@ -56,13 +55,3 @@ def together(recorder: Recorder, action_ids: Iterable[str]) -> bool:
         <= {each["actionId"] for each in state["actionStates"] if each["actionStatus"] == "RUNNING"}
         for state in recorder.sent("state")
     )
-
-
-def result_of(state: dict[str, Any], action_id: str) -> str:
-    """Result of an action in a state."""
-    found = [each for each in state["actionStates"] if each["actionId"] == action_id]
-    return str(found[0].get("resultDescription", "")) if found else ""
-
-
-def references(error: dict[str, Any]) -> dict[str, str]:
-    return {each["referenceKey"]: each["referenceValue"] for each in error["errorReferences"]}

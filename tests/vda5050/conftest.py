@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+import asyncio
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +13,15 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
+from tests.vda5050.master import Master
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
+from woosh_robot_agent.vda5050.messages.versions import V2_1
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
-from woosh_robot_agent.vda5050.robot.status import Limits
+from woosh_robot_agent.vda5050.session import VehicleConfig
 from woosh_robot_agent.vda5050.vehicle import Vehicle
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
-VehicleStarter = Callable[..., AbstractAsyncContextManager[Vehicle]]
-"""Starts a vehicle at the broker; the keyword arguments are fields of `VehicleConfig`."""
 AT_ONCE = Limits(min_state_interval=0.0)
 """Every change is published."""
 
@@ -61,18 +63,50 @@ def chassis() -> Iterator[SimulatorThread]:
         yield running
 
 
-@pytest.fixture
-def vehicle(chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> VehicleStarter:
-    """Function that starts a vehicle of the simulated chassis."""
+class Site:
+    """A simulated chassis, a broker, and vehicles that connect them.
+
+    Attributes:
+        chassis: the chassis.
+        broker: the broker.
+        recorder: all messages at the broker.
+    """
+
+    def __init__(self, chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> None:
+        self.chassis = chassis
+        self.broker = broker
+        self.recorder = recorder
 
     @asynccontextmanager
-    async def start(**options: Any) -> Any:
-        link = LinkConfig(ip="127.0.0.1", port=chassis.port, backoff_max=1.0)
-        started = Vehicle(VehicleConfig(link, **options), BrokerConfig.from_url(broker.url))
-        started.start()
+    async def vehicle(
+        self, request_timeout: float = LinkConfig.request_timeout, **options: Any
+    ) -> AsyncIterator[None]:
+        """Start a vehicle; the options are fields of `VehicleConfig`."""
+        link = LinkConfig(
+            ip="127.0.0.1",
+            port=self.chassis.port,
+            backoff_max=1.0,
+            request_timeout=request_timeout,
+        )
+        broker = replace(BrokerConfig.from_url(self.broker.url), backoff_max=1.0)
+        vehicle = Vehicle(VehicleConfig(link, **options), broker)
+        vehicle.start()
         try:
-            yield started
+            yield
         finally:
-            await started.close()
+            await vehicle.close()
+            await asyncio.to_thread(self.recorder.catch_up)
 
-    return start
+    @asynccontextmanager
+    async def online(self, **options: Any) -> AsyncIterator[Master]:
+        """Start a vehicle, and return its master control when it is online."""
+        version = options.get("version", V2_1).number
+        async with Master(self.broker.port, version=version) as master, self.vehicle(**options):
+            await master.online()
+            yield master
+
+
+@pytest.fixture
+def site(chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> Site:
+    """A simulated chassis and a broker."""
+    return Site(chassis, broker, recorder)

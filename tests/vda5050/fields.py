@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from woosh_robot_agent.vda5050.messages.parsing import SCHEMAS
+from woosh_robot_agent.vda5050.messages.reading import SCHEMAS
 
 HEADER = ("headerId", "timestamp", "version", "manufacturer", "serialNumber")
 

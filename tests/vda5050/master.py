@@ -15,6 +15,8 @@ import gmqtt
 from tests.tools.waiting import eventually
 
 Message = dict[str, Any]
+START = (4.23276472, -6.6727581)
+"""Where a simulated robot stands at first; the hall is free to the east of it."""
 
 
 class Master:
@@ -76,6 +78,24 @@ class Master:
         """Wait until the vehicle is online and has reported its state."""
         await eventually(lambda: self.last("connection").get("connectionState") == "ONLINE")
         await eventually(lambda: self.state)
+
+    async def status(self, action_id: str, status: str) -> Message:
+        """Wait until an action has a status."""
+        return await self.wait_state(
+            lambda state: status_of(state, action_id) == status, f"{action_id} {status}"
+        )
+
+    async def reached(self, node_id: str) -> Message:
+        """Wait until the last node is this one."""
+        return await self.wait_state(lambda state: state["lastNodeId"] == node_id, node_id)
+
+    async def accepted(self, order_id: str = "order") -> Message:
+        """Wait until the vehicle has an order."""
+        return await self.wait_state(lambda state: state["orderId"] == order_id, order_id)
+
+    async def error(self, kind: str) -> Message:
+        """Wait until the state has an error of a type."""
+        return await self.wait_state(lambda state: kind in error_types(state), kind)
 
     def send(self, topic: str, content: Message) -> None:
         """Send a message with a header."""
@@ -172,3 +192,13 @@ def status_of(state: Message, action_id: str) -> str:
 
 def error_types(state: Message) -> list[str]:
     return [each["errorType"] for each in state["errors"]]
+
+
+def result_of(state: Message, action_id: str) -> str:
+    """Result of an action in a state."""
+    found = [each for each in state["actionStates"] if each["actionId"] == action_id]
+    return str(found[0].get("resultDescription", "")) if found else ""
+
+
+def references(error: Message) -> dict[str, str]:
+    return {each["referenceKey"]: each["referenceValue"] for each in error["errorReferences"]}

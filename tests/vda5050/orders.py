@@ -184,5 +184,12 @@ class Robot:
         return {each.id: each.status.value for each in self.machine.status.actions}
 
 
+def given(order: Order) -> Robot:
+    """Return a robot with an order that it has accepted."""
+    robot = Robot()
+    robot.give(order)
+    return robot
+
+
 def references(error: VehicleError) -> dict[str, str]:
-    return {each.key: each.value for each in error.references}
+    return dict(error.references)

@@ -6,6 +6,7 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     Factsheet,
     Kinematics,
+    Limits,
     OptionalParameter,
     ParameterType,
     Scope,
@@ -22,7 +23,6 @@ from woosh_robot_agent.vda5050.messages.state import (
     ActionState,
     ActionStatus,
     Battery,
-    EmergencyStop,
     ErrorType,
     Map,
     OperatingMode,
@@ -41,7 +41,7 @@ ROBOT = RobotStatus(
     driving=True,
     mode=OperatingMode.AUTOMATIC,
     battery=Battery(80.0, charging=False, health=97.0),
-    emergency_stop=EmergencyStop.NONE,
+    emergency_stop=False,
     field_violation=False,
     position=Position(0.1, 0.0, 0.0, "hall", initialised=True),
     velocity=Velocity(0.5, 0.1),
@@ -74,8 +74,7 @@ FACTSHEET = Factsheet(
     length=1.0,
     width=0.7,
     height=0.3,
-    max_speed=1.0,
-    max_acceleration=0.5,
+    limits=Limits(),
     outline=((0.5, 0.3), (-0.5, 0.3), (-0.5, -0.3)),
     actions=(
         ActionType(
@@ -90,8 +89,5 @@ FACTSHEET = Factsheet(
         OptionalParameter("order.edges.maxSpeed", description="at least 0.05 m/s"),
         OptionalParameter("order.edges.rotationAllowed"),
     ),
-    min_state_interval=0.1,
-    state_interval=30.0,
-    visualization_interval=1.0,
     versions=(("robot system", "1.2"),),
 )

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
-
 from tests.tools.waiting import aio
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.chassis_events import commands, result_of, statuses, together
-from tests.vda5050.conftest import AT_ONCE, VehicleStarter
-from tests.vda5050.master import Master, Message, action, edge, node, status_of
-from woosh_robot_agent.simulator import SimulatorThread
-
-START = (4.23276472, -6.6727581)
+from tests.vda5050.chassis_events import commands, statuses, together
+from tests.vda5050.conftest import AT_ONCE, Site
+from tests.vda5050.master import START, Message, action, edge, node, result_of, status_of
 
 
 def lift(name: str, blocking: str, height: float = 0.1) -> Message:
@@ -24,11 +18,8 @@ def pick(name: str, blocking: str) -> Message:
 
 
 @aio
-async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         passed = [lift("lift", "NONE")]
         nodes = [
             node("a", 0, *START),
@@ -42,130 +33,91 @@ async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(
         await master.wait_state(
             lambda state: state["lastNodeId"] == "c" and status_of(state, "lift") == "FINISHED"
         )
-    assert commands(chassis) == ["drive", "lift_control3 execute"]
-    assert statuses(recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
-
-
-@pytest.mark.parametrize("blocking", ["SOFT", "HARD"])
-@aio
-async def test_a_blocking_action_stops_the_robot_on_its_node(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    recorder: Recorder,
-    blocking: str,
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
-        nodes = [
-            node("a", 0, *START),
-            node("b", 2, 7.0, -7.0, actions=[lift("lift", blocking)]),
-            node("c", 4, 5.0, -7.5),
-        ]
-        master.order(nodes)
-        await master.wait_state(lambda state: state["lastNodeId"] == "c")
-    assert commands(chassis) == ["drive", "lift_control3 execute", "drive"]
-    assert statuses(recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
-    running = [state for state in recorder.sent("state") if status_of(state, "lift") == "RUNNING"]
-    assert {state["lastNodeId"] for state in running} == {"b"}
+    assert commands(site.chassis) == ["drive", "lift_control3 execute"]
+    assert statuses(site.recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
 
 
 @aio
-async def test_soft_actions_run_together_and_hard_ones_alone(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
-) -> None:
+async def test_soft_actions_run_together_and_hard_ones_alone(site: Site) -> None:
     soft = [lift("s1", "SOFT"), pick("s2", "SOFT")]
     hard = [lift("h1", "HARD", 0.0), action("drop", "h2", blocking="HARD")]
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+    async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START, actions=[*soft, *hard]), node("b", 2, 7.0, -7.0)])
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert commands(chassis) == [
+        await master.reached("b")
+    assert commands(site.chassis) == [
         "lift_control3 execute",
         "lift_control execute",
         "lift_control3 execute",
         "lift_control execute",
         "drive",
     ]
-    assert together(recorder, ["s1", "s2"])
+    assert together(site.recorder, ["s1", "s2"])
     for alone in (["h1", "h2"], ["s1", "h1"], ["s2", "h1"]):
-        assert not together(recorder, alone)
+        assert not together(site.recorder, alone)
 
 
 @aio
-async def test_an_instant_action_stops_a_drive_only_if_it_blocks(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+async def test_an_instant_action_stops_a_drive_only_if_it_blocks(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
         master.instant(lift("free", "NONE", 0.02))
-        await master.wait_state(lambda state: status_of(state, "free") == "FINISHED")
-        assert commands(chassis) == ["drive", "lift_control3 execute"]
+        await master.status("free", "FINISHED")
+        assert commands(site.chassis) == ["drive", "lift_control3 execute"]
         master.instant(lift("soft", "SOFT"))
-        running = await master.wait_state(lambda state: status_of(state, "soft") == "RUNNING")
+        running = await master.status("soft", "RUNNING")
         assert not running["paused"]  # nobody has asked for the pause
-        await master.wait_state(lambda state: state["lastNodeId"] == "c")
-    assert commands(chassis)[2:] == ["pause", "lift_control3 execute", "continue"]
-    assert statuses(recorder, "soft") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
+        await master.reached("c")
+    assert commands(site.chassis)[2:] == ["pause", "lift_control3 execute", "continue"]
+    assert statuses(site.recorder, "soft") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
 
 
 @aio
-async def test_a_hard_instant_action_and_those_of_the_order_wait_for_each_other(
-    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+async def test_a_hard_instant_action_and_those_of_the_order_wait_for_each_other(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         first, last = lift("first", "NONE"), action("drop", "last", blocking="SOFT")
         master.order([node("a", 0, *START, actions=[first])])
-        await master.wait_state(lambda state: status_of(state, "first") == "RUNNING")
+        await master.status("first", "RUNNING")
         master.instant(action("step", "step", blocking="HARD", distance=0.4, speed=0.02))
-        await master.wait_state(lambda state: status_of(state, "step") == "WAITING")
-        await master.wait_state(lambda state: status_of(state, "step") == "RUNNING")
+        await master.status("step", "WAITING")
+        await master.status("step", "RUNNING")
         master.order([node("a", 0, *START, actions=[last])], order_id="second")
-        await master.wait_state(lambda state: status_of(state, "last") == "WAITING")
-        await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
-    assert not together(recorder, ["first", "step"])
-    assert not together(recorder, ["step", "last"])
+        await master.status("last", "WAITING")
+        await master.status("last", "FINISHED")
+    assert not together(site.recorder, ["first", "step"])
+    assert not together(site.recorder, ["step", "last"])
 
 
 @aio
-async def test_control_actions_wait_for_nothing(
-    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_control_actions_wait_for_nothing(site: Site) -> None:
+    async with site.online() as master:
         slow = action("step", "step", blocking="HARD", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[slow])])
-        await master.wait_state(lambda state: status_of(state, "step") == "RUNNING")
+        await master.status("step", "RUNNING")
         master.instant(action("stateRequest", "s", blocking="HARD"))
-        state = await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+        state = await master.status("s", "FINISHED")
         assert status_of(state, "step") == "RUNNING"
         master.instant(action("cancelOrder", "c", blocking="HARD"))
-        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        ended = await master.status("c", "FINISHED")
         assert status_of(ended, "step") == "FAILED"
 
 
 @aio
-async def test_an_action_of_an_edge_ends_with_the_edge(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
+    async with site.online() as master:
         a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
         endless = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
         words = action("speak", "words", blocking="NONE", text="caution")
         master.order([a, b, c], [edge(a, b, actions=[endless, words]), edge(b, c)])
-        await master.wait_state(lambda state: status_of(state, "lift") == "RUNNING")
-        left = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.status("lift", "RUNNING")
+        left = await master.reached("b")
         ended = await master.wait_state(
             lambda state: status_of(state, "lift") not in ("RUNNING", "INITIALIZING")
         )
         assert left["driving"]
         assert result_of(ended, "lift")
         assert status_of(ended, "words") == "FINISHED"
-        assert chassis.state.spoken == ("caution",)
-        await master.wait_state(lambda state: state["lastNodeId"] == "c")
-    assert commands(chassis).count("lift_control3 cancel") == 1
-    assert chassis.state.column < 0.2
+        assert site.chassis.state.spoken == ("caution",)
+        await master.reached("c")
+    assert commands(site.chassis).count("lift_control3 cancel") == 1
+    assert site.chassis.state.column < 0.2

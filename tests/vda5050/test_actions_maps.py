@@ -12,20 +12,16 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.chassis_events import result_of, statuses
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, Message, action, error_types, node, status_of
+from tests.vda5050.chassis_events import statuses
+from tests.vda5050.conftest import Site
+from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.actions import map_actions
 from woosh_robot_agent.vda5050.actions.map_actions import MapFileError, fetch, unpack
-from woosh_robot_agent.vda5050.robot.status import Limits
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 
-START = (4.23276472, -6.6727581)
 AT_ONCE = Limits(min_state_interval=0.0)
 SCENE = b"""
 name: shed
@@ -82,26 +78,20 @@ def maps(state: Message) -> dict[str, tuple[str, str]]:
 
 
 @aio
-async def test_the_position_belongs_to_the_new_map_although_the_robot_stands(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    chassis.intercept(
+async def test_the_position_belongs_to_the_new_map_although_the_robot_stands(site: Site) -> None:
+    site.chassis.intercept(
         lambda out: [] if out.type == full_name(PoseSpeed) and not out.request else [out]
     )
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with site.online() as master:
         await master.wait_state(maps)
         master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
-        state = await master.wait_state(lambda state: status_of(state, "e") == "FINISHED")
+        state = await master.status("e", "FINISHED")
         assert state["agvPosition"]["mapId"] == "scenex"
 
 
 @aio
-async def test_maps_are_listed_enabled_and_deleted(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
+    async with site.online() as master:
         state = await master.wait_state(maps)
         assert maps(state) == {
             "wooshmap": ("147", "ENABLED"),
@@ -109,11 +99,11 @@ async def test_maps_are_listed_enabled_and_deleted(
             "scenex2": ("3", "DISABLED"),
         }
         master.instant(action("enableMap", "wrong", mapId="scenex", mapVersion="11"))
-        state = await master.wait_state(lambda state: status_of(state, "wrong") == "FAILED")
+        state = await master.status("wrong", "FAILED")
         assert "no version 11 of the map scenex" in result_of(state, "wrong")
 
         master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
-        state = await master.wait_state(lambda state: status_of(state, "e") == "FINISHED")
+        state = await master.status("e", "FINISHED")
         assert {name: status for name, (_, status) in maps(state).items()} == {
             "wooshmap": "DISABLED",
             "scenex": "ENABLED",
@@ -121,21 +111,21 @@ async def test_maps_are_listed_enabled_and_deleted(
         }
         assert state["agvPosition"]["mapId"] == "scenex"
         master.instant(action("enableMap", "again", mapId="scenex", mapVersion="12"))
-        await master.wait_state(lambda state: status_of(state, "again") == "FINISHED")
-        assert chassis.counts[full_name(SwitchMap)] == 1
+        await master.status("again", "FINISHED")
+        assert site.chassis.counts[full_name(SwitchMap)] == 1
 
         master.instant(action("deleteMap", "used", mapId="scenex", mapVersion="12"))
-        state = await master.wait_state(lambda state: status_of(state, "used") == "FAILED")
+        state = await master.status("used", "FAILED")
         assert "uses the map scenex" in result_of(state, "used")
         master.instant(action("deleteMap", "d1", mapId="scenex2", mapVersion="3"))
-        state = await master.wait_state(lambda state: status_of(state, "d1") == "FINISHED")
+        state = await master.status("d1", "FINISHED")
         assert set(maps(state)) == {"wooshmap", "scenex"}
         master.instant(action("deleteMap", "d2", mapId="wooshmap", mapVersion="147"))
-        state = await master.wait_state(lambda state: status_of(state, "d2") == "FINISHED")
+        state = await master.status("d2", "FINISHED")
         assert set(maps(state)) == {"scenex"}
         master.instant(action("deleteMap", "d3", mapId="wooshmap", mapVersion="147"))
-        await master.wait_state(lambda state: status_of(state, "d3") == "FAILED")
-    deleted = [each.message for each in chassis.received if isinstance(each.message, Delete)]
+        await master.status("d3", "FAILED")
+    deleted = [each.message for each in site.chassis.received if isinstance(each.message, Delete)]
     assert [(each.scene_name, each.map_name) for each in deleted] == [
         ("scenex", "scenex2"),
         ("wooshmap", ""),
@@ -143,14 +133,11 @@ async def test_maps_are_listed_enabled_and_deleted(
 
 
 @aio
-async def test_a_position_on_another_map_is_initialised(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_a_position_on_another_map_is_initialised(site: Site) -> None:
+    async with site.online() as master:
         pose = {"x": 1.0, "y": 2.0, "theta": 0.5}
         master.instant(action("initPosition", "i", **pose, mapId="scenex2", lastNodeId="lift"))
-        state = await master.wait_state(lambda state: status_of(state, "i") == "FINISHED")
+        state = await master.status("i", "FINISHED")
         place = state["agvPosition"]
         assert {key: place[key] for key in pose} == pytest.approx(pose)
         assert place["mapId"] == "scenex2"
@@ -159,25 +146,22 @@ async def test_a_position_on_another_map_is_initialised(
         master.order(
             [node("lift", 0, 1.0, 2.0, map_id="scenex2"), node("b", 2, 2.0, 2.0, map_id="scenex2")]
         )
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
 
         master.instant(action("initPosition", "out", **pose | {"x": 500.0}, mapId="scenex2"))
-        state = await master.wait_state(lambda state: status_of(state, "out") == "FAILED")
+        state = await master.status("out", "FAILED")
         assert "outside map" in result_of(state, "out")
         master.instant(action("initPosition", "no", **pose, mapId="nowhere"))
-        state = await master.wait_state(lambda state: status_of(state, "no") == "FAILED")
+        state = await master.status("no", "FAILED")
         assert "no map nowhere" in result_of(state, "no")
         assert error_types(state)[-2:] == ["actionError", "actionError"]
-    assert chassis.counts[full_name(SwitchMap)] == 1
-    assert chassis.counts[full_name(InitRobot)] == 2
+    assert site.chassis.counts[full_name(SwitchMap)] == 1
+    assert site.chassis.counts[full_name(InitRobot)] == 2
 
 
 @aio
-async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(site: Site) -> None:
+    async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
         pose = {"x": 1.0, "y": 2.0, "theta": 0.5, "mapId": "wooshmap"}
@@ -188,45 +172,40 @@ async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(
         await master.wait_state(
             lambda state: status_of(state, "i") == status_of(state, "e") == "FAILED"
         )
-        await master.wait_state(lambda state: state["lastNodeId"] == "c")
-    assert chassis.counts[full_name(InitRobot)] == chassis.counts[full_name(SwitchMap)] == 0
+        await master.reached("c")
+    assert (
+        site.chassis.counts[full_name(InitRobot)] == site.chassis.counts[full_name(SwitchMap)] == 0
+    )
 
 
 @aio
-async def test_a_map_is_downloaded(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    recorder: Recorder,
-    server: str,
-) -> None:
+async def test_a_map_is_downloaded(site: Site, server: str) -> None:
     shed = {"mapId": "shed", "mapVersion": "4", "mapDownloadLink": f"{server}/shed.zip"}
     digest = hashlib.sha256(SHED).hexdigest()
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+    async with site.online(limits=AT_ONCE) as master:
         master.instant(action("downloadMap", "hash", **shed, mapHash="0" * 64))
-        state = await master.wait_state(lambda state: status_of(state, "hash") == "FAILED")
+        state = await master.status("hash", "FAILED")
         assert digest in result_of(state, "hash")
         master.instant(action("downloadMap", "version", **shed | {"mapVersion": "5"}))
-        state = await master.wait_state(lambda state: status_of(state, "version") == "FAILED")
+        state = await master.status("version", "FAILED")
         assert "has version 4 of the map, not version 5" in result_of(state, "version")
         assert "shed" not in maps(state)
         master.instant(action("downloadMap", "lost", **shed | {"mapDownloadLink": f"{server}/x"}))
-        state = await master.wait_state(lambda state: status_of(state, "lost") == "FAILED")
+        state = await master.status("lost", "FAILED")
         assert "404" in result_of(state, "lost")
 
         master.instant(
             action("downloadMap", "good", **shed, mapHash=digest),
             action("downloadMap", "twice", **shed),  # waits for the end of the other
         )
-        state = await master.wait_state(lambda state: status_of(state, "good") == "FINISHED")
+        state = await master.status("good", "FINISHED")
         assert maps(state)["shed"] == ("4", "DISABLED")
         assert maps(state)["wooshmap"] == ("147", "ENABLED")
-        state = await master.wait_state(lambda state: status_of(state, "twice") == "FAILED")
+        state = await master.status("twice", "FAILED")
         assert error_types(state)[-1] == "duplicateMap"
     passed = ["INITIALIZING", "RUNNING", "FINISHED"]
-    await eventually(lambda: statuses(recorder, "good")[-3:] == passed)
-    assert chassis.counts[full_name(Upload)] == 2
+    await eventually(lambda: statuses(site.recorder, "good")[-3:] == passed)
+    assert site.chassis.counts[full_name(Upload)] == 2
 
 
 def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
@@ -235,10 +214,9 @@ def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
     assert fetch(f"{server}/shed.zip", hashlib.md5(SHED).hexdigest().upper()) == SHED
 
 
-def test_a_download_does_not_take_for_ever(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(map_actions, "_MAX_DURATION", 0.0)
+def test_a_download_does_not_take_for_ever(server: str) -> None:
     with pytest.raises(MapFileError, match="takes too long"):
-        fetch(f"{server}/shed.zip")
+        fetch(f"{server}/shed.zip", max_duration=0.0)
 
 
 def test_only_usable_zip_files_are_unpacked() -> None:

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.chassis_events import commands, references, result_of, statuses
-from tests.vda5050.conftest import AT_ONCE, VehicleStarter
-from tests.vda5050.master import Master, Message, action, error_types, node, status_of
+from tests.vda5050.chassis_events import commands, statuses
+from tests.vda5050.conftest import AT_ONCE, Site
+from tests.vda5050.master import (
+    START,
+    Master,
+    Message,
+    action,
+    error_types,
+    node,
+    references,
+    result_of,
+    status_of,
+)
 from tests.vda5050.test_faults_chassis import ORDER, drive
 from tests.vda5050.test_faults_restart import idle, left_by_a_kill, other_client
 from woosh_robot_agent.link import LinkConfig
@@ -24,119 +32,94 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
-from woosh_robot_agent.vda5050 import driving
-from woosh_robot_agent.vda5050.actions import robot_calls, standard
-from woosh_robot_agent.vda5050.messages.state import ActionStatus
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
+from woosh_robot_agent.vda5050.robot.link import Timing
+from woosh_robot_agent.vda5050.session import VehicleConfig
 from woosh_robot_agent.vda5050.vehicle import Vehicle
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
-START = (4.23276472, -6.6727581)
 SLOW_STEP = {"distance": 1.0, "speed": 0.02}
 """A step of 2.5 s of real time."""
 
 
 @aio
-async def test_a_drive_is_paused_and_resumed(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+async def test_a_drive_is_paused_and_resumed(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
 
         master.instant(action("startPause", "p1"))
-        paused = await master.wait_state(lambda state: status_of(state, "p1") == "FINISHED")
+        paused = await master.status("p1", "FINISHED")
         assert paused["paused"]
         assert paused["nodeStates"]
         standing = await master.wait_state(lambda state: not state["driving"])
         assert standing["lastNodeId"] == "a"
-        assert chassis.state.velocity.speed == 0.0
+        assert site.chassis.state.velocity.speed == 0.0
 
         master.instant(action("startPause", "p2"))  # idempotent
-        await master.wait_state(lambda state: status_of(state, "p2") == "FINISHED")
+        await master.status("p2", "FINISHED")
         master.instant(action("stopPause", "s1"))
-        resumed = await master.wait_state(lambda state: status_of(state, "s1") == "FINISHED")
+        resumed = await master.status("s1", "FINISHED")
         assert not resumed["paused"]
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert commands(chassis) == ["drive", "pause", "continue"]
+        await master.reached("b")
+    assert commands(site.chassis) == ["drive", "pause", "continue"]
     for name in ("p1", "s1"):  # a state may have been published before they began
-        assert statuses(recorder, name)[-2:] == ["RUNNING", "FINISHED"]
+        assert statuses(site.recorder, name)[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
-async def test_a_pause_before_an_order_holds_it_back(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_a_pause_before_an_order_holds_it_back(site: Site) -> None:
+    async with site.online() as master:
         master.instant(action("startPause", "p"))
         await master.wait_state(lambda state: state["paused"])
         step = action("step", "step", distance=0.2)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
-        held = await master.wait_state(lambda state: state["orderId"] == "order")
+        held = await master.accepted("order")
         master.instant(action("stateRequest", "s"))
-        held = await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
+        held = await master.status("s", "FINISHED")
         assert held["paused"]
         assert status_of(held, "step") == "WAITING"
-        assert commands(chassis) == []
+        assert commands(site.chassis) == []
         master.instant(action("stopPause", "r"))
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert commands(chassis) == ["step_control execute", "drive"]
+        await master.reached("b")
+    assert commands(site.chassis) == ["step_control execute", "drive"]
 
 
 @aio
-async def test_a_pause_also_pauses_what_the_robot_moves(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle() as started:
-        seen: list[ActionStatus] = []
-        original = started.action_changed
-
-        def watch(action_id: str, status: ActionStatus, result: str) -> None:
-            if action_id == "step":
-                seen.append(status)
-            original(action_id, status, result)
-
-        started.action_changed = watch
-        await master.online()
+async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
+    """In version 2.1, a paused action is reported as running."""
+    async with site.online(limits=AT_ONCE) as master:
         master.instant(action("step", "step", **SLOW_STEP))
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
         master.instant(action("startPause", "p"))
-        paused = await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        paused = await master.status("p", "FINISHED")
         assert paused["paused"]
-        where = chassis.state.odometer
+        where = site.chassis.state.odometer
         master.instant(action("stopPause", "r"))
-        ended = await master.wait_state(lambda state: status_of(state, "step") == "FINISHED")
+        ended = await master.status("step", "FINISHED")
         assert status_of(ended, "r") == "FINISHED"
-        assert chassis.state.odometer > where
-    assert commands(chassis) == [f"step_control {each}" for each in ("execute", "pause", "resume")]
-    running, pause = ActionStatus.RUNNING, ActionStatus.PAUSED
-    assert seen[-4:] == [running, pause, running, ActionStatus.FINISHED]
+        assert site.chassis.state.odometer > where
+    assert commands(site.chassis) == [
+        f"step_control {each}" for each in ("execute", "pause", "resume")
+    ]
+    assert statuses(site.recorder, "step")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
-async def test_stop_pause_also_ends_a_pause_from_elsewhere(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
+    async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
-        chassis.call(lambda simulator: simulator.chassis.tasks.pause("a button", ordered=True))
+        site.chassis.call(lambda simulator: simulator.chassis.tasks.pause("a button", ordered=True))
         await master.wait_state(lambda state: state["paused"])
         master.instant(action("stopPause", "s"))
-        await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert commands(chassis) == ["drive", "continue"]
+        await master.status("s", "FINISHED")
+        await master.reached("b")
+    assert commands(site.chassis) == ["drive", "continue"]
 
 
 @aio
-async def test_cancel_order_stops_the_drive_and_ends_the_actions(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+async def test_cancel_order_stops_the_drive_and_ends_the_actions(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         lift = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
         later = action("pick", "pick", stationType="floor", loadType="EPAL")
         master.order(
@@ -146,29 +129,28 @@ async def test_cancel_order_stops_the_drive_and_ends_the_actions(
             lambda state: state["driving"] and status_of(state, "lift") == "RUNNING"
         )
         master.instant(action("cancelOrder", "wrong", orderId="another"))
-        refused = await master.wait_state(lambda state: status_of(state, "wrong") == "FAILED")
+        refused = await master.status("wrong", "FAILED")
         assert "another" in result_of(refused, "wrong")
 
         master.instant(action("cancelOrder", "c", orderId="order"))
-        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        ended = await master.status("c", "FINISHED")
         assert ended["nodeStates"] == ended["edgeStates"] == []
         assert status_of(ended, "lift") == status_of(ended, "pick") == "FAILED"
         assert not (await master.wait_state(lambda state: not state["driving"]))["paused"]
-        assert chassis.state.column < 0.2
+        assert site.chassis.state.column < 0.2
 
         master.instant(action("cancelOrder", "again"))
-        refused = await master.wait_state(lambda state: status_of(state, "again") == "FAILED")
+        refused = await master.status("again", "FAILED")
         errors = [each for each in refused["errors"] if each["errorType"] == "noOrderToCancel"]
         assert references(errors[-1])["actionId"] == "again"
-    sent = commands(chassis)
+    sent = commands(site.chassis)
     assert sent[:2] == ["lift_control3 execute", "drive"]
     assert sorted(sent[2:]) == ["cancel", "lift_control3 cancel"]
-    assert statuses(recorder, "c") == ["RUNNING", "FINISHED"]
+    assert statuses(site.recorder, "c") == ["RUNNING", "FINISHED"]
 
 
 async def at_full_speed(master: Master, chassis: SimulatorThread) -> None:
     """Let the robot drive an order in real time; it brakes for a fifth of a second."""
-    await master.online()
     set_speed(chassis, 1.0)
     master.order([node("a", 0, *START), node("b", 2, 9.0, -8.0)])
     await eventually(lambda: chassis.state.velocity.speed > 0.3)
@@ -182,42 +164,37 @@ def at_the_end(master: Master, action_id: str) -> Message:
 
 
 @aio
-async def test_a_pause_is_finished_when_the_robot_stands(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await at_full_speed(master, chassis)
+async def test_a_pause_is_finished_when_the_robot_stands(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
+        await at_full_speed(master, site.chassis)
         master.instant(action("startPause", "p"))
-        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
-        assert chassis.state.velocity.speed == 0.0
+        await master.status("p", "FINISHED")
+        assert site.chassis.state.velocity.speed == 0.0
     state = at_the_end(master, "p")
     assert (state["paused"], state["driving"]) == (True, False)
 
 
 @aio
-async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
-        set_speed(chassis, 1.0)
+async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
+        set_speed(site.chassis, 1.0)
         master.instant(action("step", "step", distance=2.0, speed=0.5))
-        await eventually(lambda: chassis.state.velocity.speed > 0.3)
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.3)
         master.instant(action("startPause", "p"))
-        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        await master.status("p", "FINISHED")
     state = at_the_end(master, "p")
     assert (state["paused"], state["driving"]) == (True, False)
 
 
 @aio
 async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_same_state(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    site: Site,
 ) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await at_full_speed(master, chassis)
+    async with site.online(limits=AT_ONCE) as master:
+        await at_full_speed(master, site.chassis)
         master.instant(action("cancelOrder", "c"), action("cancelOrder", "too"))
-        await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
-        assert chassis.state.velocity.speed == 0.0
+        await master.status("c", "FINISHED")
+        assert site.chassis.state.velocity.speed == 0.0
     state = at_the_end(master, "c")
     assert state["nodeStates"] == state["edgeStates"] == []
     assert not state["driving"]
@@ -233,129 +210,102 @@ async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_sa
 
 
 @aio
-async def test_a_robot_that_does_not_report_its_standstill_is_asked(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
+async def test_a_robot_that_does_not_report_its_standstill_is_asked(site: Site) -> None:
     def without_standstill(frame: Outgoing) -> list[Outgoing]:
         twist = frame.body.twist if isinstance(frame.body, PoseSpeed) else None
         stands = twist is not None and not (twist.linear or twist.angular)
         return [] if stands and not frame.is_answer else [frame]
 
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await at_full_speed(master, chassis)
-        chassis.intercept(without_standstill)
-        asked = chassis.counts[full_name(PoseSpeed)]
+    async with site.online(limits=AT_ONCE) as master:
+        await at_full_speed(master, site.chassis)
+        site.chassis.intercept(without_standstill)
+        asked = site.chassis.counts[full_name(PoseSpeed)]
         master.instant(action("cancelOrder", "c"))
-        await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
-        assert chassis.counts[full_name(PoseSpeed)] > asked
+        await master.status("c", "FINISHED")
+        assert site.chassis.counts[full_name(PoseSpeed)] > asked
     assert not at_the_end(master, "c")["driving"]
 
 
 @aio
-async def test_a_blocking_instant_action_begins_when_the_robot_stands(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
+async def test_a_blocking_instant_action_begins_when_the_robot_stands(site: Site) -> None:
     speeds: list[float] = []
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE) as started:
-        perform = started._calls.perform
+    simulator = site.chassis.call(lambda simulator: simulator)
 
-        async def watch(command: Any, report: Any) -> str:
-            speeds.append(chassis.state.velocity.speed)
-            return await perform(command, report)
+    def note_speed(out: Outgoing) -> list[Outgoing]:
+        if out.request == full_name(CallAction):
+            speeds.append(simulator.state.velocity.speed)
+        return [out]
 
-        started._calls.perform = watch
-        await at_full_speed(master, chassis)
+    async with site.online(limits=AT_ONCE) as master:
+        site.chassis.intercept(note_speed)
+        await at_full_speed(master, site.chassis)
         master.instant(action("liftTo", "lift", blocking="HARD", height=0.1))
-        await master.wait_state(lambda state: status_of(state, "lift") == "FINISHED")
+        await master.status("lift", "FINISHED")
     assert speeds == [0.0]
 
 
 @aio
 async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
-    async with Master(broker.port) as master, other_client(chassis) as gate:
-        async with vehicle(state_folder=tmp_path / "state"):
-            await drive(master, chassis)
-            chassis.refuse(ORDER, "not now")
+    async with Master(site.broker.port) as master, other_client(site.chassis) as gate:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await drive(master, site.chassis)
+            site.chassis.refuse(ORDER, "not now")
             master.instant(action("cancelOrder", "c"))
-            await eventually(lambda: chassis.counts[ORDER])
+            await eventually(lambda: site.chassis.counts[ORDER])
             left = left_by_a_kill(tmp_path / "state")
-        chassis.clear_faults()
-        set_speed(chassis, 20.0)
+        site.chassis.clear_faults()
+        set_speed(site.chassis, 20.0)
         assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
-        await idle(chassis)
+        await idle(site.chassis)
         master.received.clear()
-        async with vehicle(state_folder=left):
-            ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        async with site.vehicle(state_folder=left):
+            ended = await master.status("c", "FINISHED")
             assert (ended["nodeStates"], ended["errors"]) == ([], [])
 
 
 @aio
-async def test_a_stop_pause_also_counts_after_a_repeated_start_pause(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await at_full_speed(master, chassis)
-        pause = action("startPause", "p")
-        master.instant(pause, pause, action("stopPause", "q"))
-        state = await master.wait_state(lambda state: status_of(state, "q") == "FINISHED")
-        assert not state["paused"]
-        await idle(chassis)
-        assert not any(
-            each["paused"]
-            for each in master.received["state"]
-            if each["headerId"] > state["headerId"]
-        )
-
-
-@aio
-async def test_a_pause_survives_a_restart(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path):
+async def test_a_pause_survives_a_restart(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
-            await eventually(lambda: chassis.state.velocity.speed > 0.0)
+            await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
             master.instant(action("startPause", "p"))
-            await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+            await master.status("p", "FINISHED")
         master.received.clear()
-        async with vehicle(state_folder=tmp_path):
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             await master.wait_state(lambda state: state["paused"])
             master.instant(action("stopPause", "s"))
-            await master.wait_state(lambda state: status_of(state, "s") == "FINISHED")
-            await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert commands(chassis) == ["drive", "pause", "continue"]
+            await master.status("s", "FINISHED")
+            await master.reached("b")
+    assert commands(site.chassis) == ["drive", "pause", "continue"]
 
 
 @aio
 async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_obeys(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    monkeypatch: pytest.MonkeyPatch,
+    site: Site,
 ) -> None:
-    monkeypatch.setattr(standard, "TIMEOUT", 0.2)
-    monkeypatch.setattr(driving, "_REPEAT_AFTER", 0.5)
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        chassis.refuse(ORDER, "not now")
+    timing = Timing(repeat_after=0.5, pause_within=0.2)
+    async with site.online(timing=timing) as master:
+        await drive(master, site.chassis)
+        site.chassis.refuse(ORDER, "not now")
         master.instant(action("startPause", "p"))
-        failed = await master.wait_state(lambda state: status_of(state, "p") == "FAILED")
+        failed = await master.status("p", "FAILED")
         assert failed["driving"]
         assert not failed["paused"]
         assert error_types(failed) == ["actionError"]
         assert "stopPause" in result_of(failed, "p")
-        await eventually(lambda: chassis.counts[ORDER] >= 2)
-        chassis.clear_faults()
+        await eventually(lambda: site.chassis.counts[ORDER] >= 2)
+        site.chassis.clear_faults()
         paused = await master.wait_state(lambda state: state["paused"] and not state["driving"])
         assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
         master.instant(action("stopPause", "s"))
-        set_speed(chassis, 20.0)
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    sent = commands(chassis)
+        set_speed(site.chassis, 20.0)
+        await master.reached("b")
+    sent = commands(site.chassis)
     assert sent[0] == "drive"
     assert set(sent[1:-1]) == {"pause"}
     assert sent[-1] == "continue"
@@ -370,127 +320,113 @@ def inert_chassis() -> Iterator[SimulatorThread]:
 
 @aio
 async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
-    broker: Mosquitto, inert_chassis: SimulatorThread
+    site: Site, inert_chassis: SimulatorThread
 ) -> None:
     chassis = inert_chassis
     link = LinkConfig(ip="127.0.0.1", port=chassis.port)
-    vehicle = Vehicle(VehicleConfig(link), BrokerConfig.from_url(broker.url))
+    vehicle = Vehicle(VehicleConfig(link), BrokerConfig.from_url(site.broker.url))
     vehicle.start()
-    async with Master(broker.port) as master:
+    async with Master(site.broker.port) as master:
         await master.online()
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
         master.instant(action("startPause", "p1"))
-        await master.wait_state(lambda state: status_of(state, "p1") == "FINISHED")
+        await master.status("p1", "FINISHED")
         master.instant(action("stopPause", "s1"))
         await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
         master.instant(action("startPause", "p2"))
-        await master.wait_state(lambda state: status_of(state, "p2") == "FINISHED")
+        await master.status("p2", "FINISHED")
         assert commands(chassis)[3:4] == ["pause"]
         await eventually(lambda: chassis.state.velocity.speed == 0.0)
         master.instant(action("stopPause", "s2"))
-        resumed = await master.wait_state(lambda state: status_of(state, "s2") == "FINISHED")
+        resumed = await master.status("s2", "FINISHED")
         assert not resumed["paused"]
     await vehicle.close()
     assert commands(chassis)[-1] == "continue"
 
 
 @aio
-async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
-        await drive(master, chassis)
+async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> None:
+    async with site.online() as master, other_client(site.chassis) as gate:
+        await drive(master, site.chassis)
         master.instant(action("startPause", "p"))
-        await master.wait_state(lambda state: status_of(state, "p") == "FINISHED")
+        await master.status("p", "FINISHED")
         assert (await gate.request(ActionOrder(order=action_pb2.kContinue))).ok
-        await eventually(lambda: commands(chassis) == ["drive", "pause", "continue", "pause"])
+        await eventually(lambda: commands(site.chassis) == ["drive", "pause", "continue", "pause"])
         await master.wait_state(lambda state: state["paused"] and not state["driving"])
 
 
 @aio
-async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path / "state"):
-            await drive(master, chassis)
-            chassis.refuse(ORDER, "not now")
+async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await drive(master, site.chassis)
+            site.chassis.refuse(ORDER, "not now")
             master.instant(action("startPause", "p"))
-            await eventually(lambda: chassis.counts[ORDER])
+            await eventually(lambda: site.chassis.counts[ORDER])
             left = left_by_a_kill(tmp_path / "state")
-        chassis.clear_faults()
-        sent = len(commands(chassis))
+        site.chassis.clear_faults()
+        sent = len(commands(site.chassis))
         master.received.clear()
-        async with vehicle(state_folder=left):
-            await eventually(lambda: commands(chassis)[sent:] == ["pause"])
+        async with site.vehicle(state_folder=left):
+            await eventually(lambda: commands(site.chassis)[sent:] == ["pause"])
             paused = await master.wait_state(lambda state: state["paused"])
             assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
 
 
 @aio
 async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action_runs(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     lift = action("liftTo", "lift", blocking="HARD", height=0.3, speed=0.001)
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path / "state"):
-            await drive(master, chassis)
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await drive(master, site.chassis)
             master.instant(lift)
-            await master.wait_state(lambda state: status_of(state, "lift") == "RUNNING")
+            await master.status("lift", "RUNNING")
             left = left_by_a_kill(tmp_path / "state")
         master.received.clear()
-        async with vehicle(state_folder=left):
-            state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+        async with site.vehicle(state_folder=left):
+            state = await master.error("interruptedError")
             assert status_of(state, "lift") == "FAILED"
             assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
-            set_speed(chassis, 20.0)
+            set_speed(site.chassis, 20.0)
             master.instant(action("cancelOrder", "c"))
-            ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+            ended = await master.status("c", "FINISHED")
             assert (ended["nodeStates"], ended["lastNodeId"]) == ([], "a")
-    sent = commands(chassis)
+    sent = commands(site.chassis)
     assert sent == ["drive", "pause", "lift_control3 execute", "cancel"]
 
 
 @aio
-async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        set_speed(chassis, 1.0)
+async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(site: Site) -> None:
+    async with site.online() as master:
+        set_speed(site.chassis, 1.0)
         master.instant(action("step", "step", distance=1.0, speed=0.02))
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        off = site.chassis.inject("off")
+        await master.error("robotConnectionError")
         master.instant(action("startPause", "p"))
-        state = await master.wait_state(lambda state: status_of(state, "p") == "RUNNING")
+        state = await master.status("p", "RUNNING")
         assert not state["paused"]
         off.clear()
         await master.wait_state(lambda state: state["paused"])
-    assert commands(chassis) == ["step_control execute", "step_control pause"]
+    assert commands(site.chassis) == ["step_control execute", "step_control pause"]
 
 
 @aio
-async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(robot_calls, "_REPEAT_AFTER", 0.5)
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        set_speed(chassis, 1.0)
+async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(site: Site) -> None:
+    async with site.online(timing=Timing(repeat_after=0.5)) as master:
+        set_speed(site.chassis, 1.0)
         step = action("step", "step", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[step])])
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        chassis.refuse(full_name(CallAction), "not now")
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.refuse(full_name(CallAction), "not now")
         master.instant(action("cancelOrder", "c"))
-        await eventually(lambda: commands(chassis).count("step_control cancel") >= 2)
+        await eventually(lambda: commands(site.chassis).count("step_control cancel") >= 2)
         assert status_of(master.state, "c") == "RUNNING"
-        chassis.clear_faults()
-        ended = await master.wait_state(lambda state: status_of(state, "c") == "FINISHED")
+        site.chassis.clear_faults()
+        ended = await master.status("c", "FINISHED")
         assert status_of(ended, "step") == "FAILED"
-        assert chassis.state.velocity.speed == 0.0
-    assert chassis.state.pose.x < START[0] + 0.5
+        assert site.chassis.state.velocity.speed == 0.0
+    assert site.chassis.state.pose.x < START[0] + 0.5

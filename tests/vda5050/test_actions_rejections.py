@@ -1,171 +1,59 @@
-"""Actions that the vehicle cannot perform, and the list of those that it can."""
+"""Actions that the vehicle cannot perform, and the list of those that it can, on the wire."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, cast
-
-import pytest
-
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.chassis_events import commands, references, result_of
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, Message, action, edge, error_types, node, status_of
-from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.messages.factsheet import Scope
-from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
-
-START = (4.23276472, -6.6727581)
-POSE = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "wooshmap", "lastNodeId": "a"}
-MAP = {"mapId": "m", "mapVersion": "1", "mapDownloadLink": "http://localhost/m.zip"}
-HASH = "mapHash"
-WRONG = [
-    (action("finePositioning"), "no action finePositioning", ""),
-    (action("startPause"), "not possible as node action", ""),
-    (action("step"), "needs the parameter distance", "distance"),
-    (action("step", distance="1"), "must be a finite number", "distance"),
-    (action("step", distance=True), "must be a finite number", "distance"),
-    (action("step", distance=100.0), "within -10 to 10", "distance"),
-    (action("step", distance=1.0, lateral="yes"), "must be true or false", "lateral"),
-    (action("step", blocking="NONE", distance=1.0), "needs blockingType HARD or SOFT", ""),
-    (action("rotate", angle=7.0), "within -6.28319 to 6.28319", "angle"),
-    (action("liftTo", height=-0.1), "within 0 to 2", "height"),
-    (action("liftTo", height=99.0), "within 0 to 2", "height"),
-    (action("liftTo", height=0.1, speed=0.0), "at least 0.001", "speed"),
-    (action("speak", text=""), "must be a text", "text"),
-    (action("speak", text=1), "must be a text", "text"),
-    (action("switchFootprint", footprint="HUGE"), "one of ORIGINAL", "footprint"),
-    (action("pick", side="left"), "has no parameter side", "side"),
-    (action("initPosition", **POSE | {"theta": None}), "must be a finite number", "theta"),
-]
-"""Wrong actions on a node, a part of the reason, and the parameter that is named."""
-WRONG_INSTANT = [
-    (action("finePositioning"), "no action finePositioning", ""),
-    (action("pick"), "not possible as instant action, only as node action", ""),
-    (action("step", distance=100.0), "within -10 to 10", "distance"),
-    (action("liftTo", height=99.0), "within 0 to 2", "height"),
-    (action("stateRequest", all=True), "has no parameter all", "all"),
-    (action("downloadMap", **MAP | {"mapDownloadLink": "file:///m"}), "URL", "mapDownloadLink"),
-    (action("downloadMap", **MAP | {HASH: "123"}), "hash of sha256, sha1, md5", HASH),
-    (action("logReport", reason="none"), "no action logReport", ""),
-]
-EVERYWHERE = {Scope.INSTANT, Scope.NODE, Scope.EDGE}
-SCOPES: dict[str, set[Scope]] = {
-    **{key: {Scope.INSTANT} for key in ("startPause", "stopPause", "cancelOrder")},
-    **{key: {Scope.INSTANT} for key in ("stateRequest", "factsheetRequest")},
-    **{key: {Scope.INSTANT} for key in ("downloadMap", "deleteMap")},
-    **{key: {Scope.INSTANT, Scope.NODE} for key in ("startCharging", "stopCharging")},
-    **{key: {Scope.INSTANT, Scope.NODE} for key in ("initPosition", "enableMap")},
-    **{key: {Scope.INSTANT, Scope.NODE} for key in ("step", "rotate", "switchFootprint")},
-    **{key: {Scope.NODE} for key in ("pick", "drop")},
-    **dict.fromkeys(("liftTo", "speak"), EVERYWHERE),
-}
-"""All actions in version 2.1, and where they may be requested."""
-
-
-def valid(given: Message) -> bool:
-    """Return True unless an action has a value that its schema does not permit."""
-    return all(each["value"] is not None for each in given["actionParameters"])
+from tests.vda5050.chassis_events import commands
+from tests.vda5050.conftest import Site
+from tests.vda5050.master import START, action, edge, error_types, node, references, result_of
+from tests.vda5050.test_orders_instant import SCOPES
 
 
 @aio
-async def test_orders_with_wrong_actions_are_rejected(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        for number, (wrong, reason, parameter) in enumerate(WRONG):
-            if not valid(wrong):
-                continue
-            wanted = str(number)
-            master.order([node("a", 0, *START, actions=[wrong])], order_id=wanted)
+async def test_orders_with_wrong_actions_are_rejected(site: Site) -> None:
+    wrong, a, b = action("step", "1", distance=100.0), node("a", 0, *START), node("b", 2, 7.0, -7.0)
+    async with site.online() as master:
+        master.order([a | {"actions": [wrong]}])
+        state = await master.error("orderError")
+        assert (state["orderId"], state["actionStates"]) == ("", [])
+        (error,) = state["errors"]
+        assert error["errorLevel"] == "WARNING"
+        assert "within -10 to 10" in error["errorDescription"]
+        names = {"actionId": "1", "actionType": "step", "actionParameter": "distance"}
+        assert references(error).items() >= (names | {"nodeId": "a"}).items()
 
-            def is_rejected(state: Message, wanted: str = wanted) -> bool:
-                return any(references(each).get("orderId") == wanted for each in state["errors"])
-
-            state = await master.wait_state(is_rejected, wanted)
-            assert state["orderId"] == ""
-            assert state["actionStates"] == []
-            (error,) = state["errors"]
-            assert error["errorType"] == "orderError"
-            assert error["errorLevel"] == "WARNING"
-            assert reason in error["errorDescription"]
-            named = references(error)
-            assert named["actionId"] == wrong["actionId"]
-            assert named["nodeId"] == "a"
-            assert named.get("actionParameter", "") == parameter
-
-        a, b = node("a", 0, *START), node("b", 2, 7.0, -7.0)
         master.order([a, b], [edge(a, b, actions=[action("pick", "p")])], order_id="edge")
-        state = await master.wait_state(
-            lambda state: any("edgeId" in references(each) for each in state["errors"])
-        )
-        assert "only as node action" in state["errors"][0]["errorDescription"]
+        state = await master.wait_state(lambda state: "only as node action" in str(state["errors"]))
         assert references(state["errors"][0])["edgeId"] == "a-b"
-    assert commands(chassis) == []
+    assert commands(site.chassis) == []
 
 
 @aio
-async def test_wrong_instant_actions_fail(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        master.instant(*(wrong for wrong, _, _ in WRONG_INSTANT))
-        last = WRONG_INSTANT[-1][0]["actionId"]
-        state = await master.wait_state(lambda state: status_of(state, last) == "FAILED")
-        assert error_types(state) == ["instantActionError"] * len(WRONG_INSTANT)
-        for error, (wrong, reason, parameter) in zip(state["errors"], WRONG_INSTANT, strict=True):
-            assert status_of(state, wrong["actionId"]) == "FAILED"
-            assert reason in result_of(state, wrong["actionId"])
-            assert references(error)["actionId"] == wrong["actionId"]
-            assert references(error).get("actionParameter", "") == parameter
+async def test_wrong_instant_actions_fail(site: Site) -> None:
+    async with site.online() as master:
+        master.instant(action("finePositioning", "no"), action("step", "far", distance=100.0))
+        state = await master.status("far", "FAILED")
+        assert error_types(state) == ["instantActionError"] * 2
+        assert "no action finePositioning" in result_of(state, "no")
+        assert "within -10 to 10" in result_of(state, "far")
+        names = {"actionId": "far", "actionType": "step", "actionParameter": "distance"}
+        assert references(state["errors"][1]) == names
         master.order([node("a", 0, *START)])
-        state = await master.wait_state(lambda state: state["orderId"] == "order")
+        state = await master.accepted()
         assert state["errors"] == state["actionStates"] == []
-    assert commands(chassis) == []
+    assert commands(site.chassis) == []
 
 
 @aio
-async def test_the_factsheet_lists_exactly_the_supported_actions(
-    vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_the_factsheet_lists_exactly_the_supported_actions(site: Site) -> None:
+    async with site.online() as master:
         listed = master.last("factsheet")["protocolFeatures"]["agvActions"]
-        found = {
-            each["actionType"]: {Scope(scope) for scope in each["actionScopes"]} for each in listed
-        }
-        assert found == SCOPES
+        scopes = {name: sorted(scope.value for scope in of) for name, of in SCOPES.items()}
+        assert {each["actionType"]: each["actionScopes"] for each in listed} == scopes
         (step,) = (each for each in listed if each["actionType"] == "step")
-        assert [each["key"] for each in step["actionParameters"]] == [
-            "distance",
-            "speed",
-            "lateral",
-        ]
-        assert [each["isOptional"] for each in step["actionParameters"]] == [False, True, True]
+        parameters = {each["key"]: each["isOptional"] for each in step["actionParameters"]}
+        assert parameters == {"distance": False, "speed": True, "lateral": True}
         count = len(master.received["factsheet"])
         master.instant(action("factsheetRequest", "f"))
-        await master.wait_state(lambda state: status_of(state, "f") == "FINISHED")
+        await master.status("f", "FINISHED")
         await eventually(lambda: len(master.received["factsheet"]) > count)
-
-
-@pytest.mark.parametrize("name", [*SCOPES, "clearInstantActions", "finePositioning"])
-def test_each_scope_is_checked(name: str) -> None:
-    registry = Registry(cast("Any", None), "2.1.0")
-    for scope in Scope:
-        given = Action("id", name, BlockingType.HARD)
-        objection = registry.objection(given, scope)
-        refuses = objection is not None and (
-            "not possible as" in objection.reason or "has no action" in objection.reason
-        )
-        assert refuses == (scope not in SCOPES.get(name, set()))
-
-
-def test_version_3_has_further_names() -> None:
-    second = {each.name for each in Registry(cast("Any", None), "2.1.0").types}
-    third = {each.name for each in Registry(cast("Any", None), "3.0.0").types}
-    assert second - third == {"initPosition"}
-    assert third - second == {"initializePosition", "clearInstantActions"}

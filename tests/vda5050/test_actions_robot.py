@@ -9,67 +9,54 @@ from pathlib import Path
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.chassis_events import commands, references, result_of, statuses
-from tests.vda5050.conftest import AT_ONCE, VehicleStarter
-from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.chassis_events import commands, statuses
+from tests.vda5050.conftest import AT_ONCE, Site
+from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.simulator import SimulatorThread
-
-START = (4.23276472, -6.6727581)
 
 
 @aio
-async def test_an_order_charges_and_an_instant_action_ends_it(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+async def test_an_order_charges_and_an_instant_action_ends_it(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    async with site.online(limits=AT_ONCE) as master:
         charge = action("startCharging", "charge")
         master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
-        charging = await master.wait_state(lambda state: status_of(state, "charge") == "FINISHED")
+        charging = await master.status("charge", "FINISHED")
         assert charging["batteryState"]["charging"]
         master.instant(action("startCharging", "again"))  # idempotent
-        await master.wait_state(lambda state: status_of(state, "again") == "FINISHED")
+        await master.status("again", "FINISHED")
         master.instant(action("stopCharging", "stop"))
-        ended = await master.wait_state(lambda state: status_of(state, "stop") == "FINISHED")
+        ended = await master.status("stop", "FINISHED")
         assert not ended["batteryState"]["charging"]
         assert ended["errors"] == []
-    assert commands(chassis) == ["drive", "charge C1", "cancel"]
-    assert statuses(recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
+    assert commands(site.chassis) == ["drive", "charge C1", "cancel"]
+    assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
-async def test_an_order_waits_until_its_charging_task_has_ended(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    async with site.online() as master:
         charge = action("startCharging", "charge")
         nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
         master.order([*nodes, node("c", 4, *START)])
-        waiting = await master.wait_state(lambda state: "robotBusyError" in error_types(state))
+        waiting = await master.error("robotBusyError")
         assert status_of(waiting, "charge") == "FINISHED"
         assert error_types(waiting) == ["robotBusyError"]
         assert "stopCharging" in waiting["errors"][0]["errorHint"]
         master.instant(action("stopCharging", "stop"))
-        ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+        ended = await master.reached("c")
         assert ended["errors"] == []
-    assert commands(chassis) == ["drive", "charge C1", "cancel", "drive"]
+    assert commands(site.chassis) == ["drive", "charge C1", "cancel", "drive"]
 
 
 @aio
-async def test_charging_without_a_charger_fails(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_charging_without_a_charger_fails(site: Site) -> None:
+    async with site.online() as master:
         master.instant(
             action("startCharging", "far"), action("startCharging", "rack", stationName="A1")
         )
@@ -81,56 +68,47 @@ async def test_charging_without_a_charger_fails(
         assert error_types(state) == ["actionError", "actionError"]
         assert references(state["errors"][0])["actionId"] == "far"
         master.instant(action("stopCharging", "stop"))
-        await master.wait_state(lambda state: status_of(state, "stop") == "FINISHED")
-    assert commands(chassis) == []
+        await master.status("stop", "FINISHED")
+    assert commands(site.chassis) == []
 
 
 @aio
-async def test_pick_and_drop_move_the_lift(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
+async def test_pick_and_drop_move_the_lift(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
         pick = action("pick", "pick", stationType="floor", loadType="EPAL")
         master.order([node("a", 0, *START, actions=[pick])])
-        await master.wait_state(lambda state: status_of(state, "pick") == "FINISHED")
-        assert chassis.state.jack == pytest.approx(0.06)
+        await master.status("pick", "FINISHED")
+        assert site.chassis.state.jack == pytest.approx(0.06)
         drop = action("drop", "drop")
         master.order([node("a", 0, *START, actions=[drop])], order_id="second")
-        await master.wait_state(lambda state: status_of(state, "drop") == "FINISHED")
-        assert chassis.state.jack == 0.0
-    assert commands(chassis) == ["lift_control execute", "lift_control execute"]
-    assert statuses(recorder, "pick")[-2:] == ["RUNNING", "FINISHED"]
+        await master.status("drop", "FINISHED")
+        assert site.chassis.state.jack == 0.0
+    assert commands(site.chassis) == ["lift_control execute", "lift_control execute"]
+    assert statuses(site.recorder, "pick")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
-async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(site: Site) -> None:
+    async with site.online() as master:
         pick = action("pick", "pick", stationName="U5")
         drop = action("drop", "drop", stationName="U5")
         first, second = node("a", 0, *START), node("b", 2, 2.0, -7.0, actions=[pick])
         master.order([first, second, node("c", 4, 2.0, -6.0)])
-        ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+        ended = await master.reached("c")
         assert status_of(ended, "pick") == "FINISHED"
-        assert chassis.state.jack == pytest.approx(0.06)
+        assert site.chassis.state.jack == pytest.approx(0.06)
         master.order([node("c", 0, 2.0, -6.0, actions=[drop])], order_id="second")
-        await master.wait_state(lambda state: status_of(state, "drop") == "FINISHED")
-        assert chassis.state.jack == 0.0
-    assert commands(chassis) == ["drive", "carry U5", "drive", "carry U5"]
-    tasks = [each.message for each in chassis.received if isinstance(each.message, ExecTask)]
+        await master.status("drop", "FINISHED")
+        assert site.chassis.state.jack == 0.0
+    assert commands(site.chassis) == ["drive", "carry U5", "drive", "carry U5"]
+    tasks = [each.message for each in site.chassis.received if isinstance(each.message, ExecTask)]
     assert [each.direction for each in tasks] == [0, task.kFeeding, 0, task.kCutting]
 
 
 @aio
-async def test_the_robots_own_actions(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        before = chassis.state.pose
+async def test_the_robots_own_actions(site: Site) -> None:
+    async with site.online() as master:
+        before = site.chassis.state.pose
         master.instant(
             action("speak", "speak", text="good morning"),
             action("switchFootprint", "footprint", footprint="EXPAND"),
@@ -143,90 +121,77 @@ async def test_the_robots_own_actions(
                 for each in ("speak", "footprint", "lift", "step")
             )
         )
-        after = chassis.state
+        after = site.chassis.state
         assert after.spoken == ("good morning",)
         assert after.column == pytest.approx(0.25)
         assert after.pose.distance(before.point) == pytest.approx(0.4, abs=0.01)
-        assert chassis.call(lambda simulator: simulator.chassis.footprint) == robot_pb2.kExpand
+        assert site.chassis.call(lambda simulator: simulator.chassis.footprint) == robot_pb2.kExpand
         master.instant(action("rotate", "turn", angle=-1.0))
-        ended = await master.wait_state(lambda state: status_of(state, "turn") == "FINISHED")
+        ended = await master.status("turn", "FINISHED")
         assert result_of(ended, "turn") == "1 of 1 steps done"
-        turned = math.remainder(chassis.state.pose.theta - before.theta, math.tau)
+        turned = math.remainder(site.chassis.state.pose.theta - before.theta, math.tau)
         assert turned == pytest.approx(-1.0, abs=0.01)
 
 
 @aio
-async def test_what_the_robot_refuses_fails_with_its_words(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_what_the_robot_refuses_fails_with_its_words(site: Site) -> None:
+    async with site.online() as master:
         too_high = action("liftTo", "lift", height=1.5)
         master.order([node("a", 0, *START, actions=[too_high]), node("b", 2, 7.0, -7.0)])
-        state = await master.wait_state(lambda state: status_of(state, "lift") == "FAILED")
+        state = await master.status("lift", "FAILED")
         assert "not within 0 to 1 m" in result_of(state, "lift")
         assert "actionError" in error_types(state)
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
 
 
 @aio
-async def test_an_action_survives_a_lost_link_and_is_not_repeated(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_an_action_survives_a_lost_link_and_is_not_repeated(site: Site) -> None:
+    async with site.online() as master:
         master.instant(action("step", "step", distance=0.6, speed=0.02))
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        chassis.drop()
-        await master.wait_state(lambda state: status_of(state, "step") == "FINISHED")
-    assert commands(chassis) == ["step_control execute"]
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.drop()
+        await master.status("step", "FINISHED")
+    assert commands(site.chassis) == ["step_control execute"]
 
 
 @aio
-async def test_an_action_whose_end_is_unknown_fails(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    chassis.refuse("woosh.ros.Feedbacks", "unknown request")
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_an_action_whose_end_is_unknown_fails(site: Site) -> None:
+    site.chassis.refuse("woosh.ros.Feedbacks", "unknown request")
+    async with site.online() as master:
         master.instant(action("step", "step", distance=0.6, speed=0.02))
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        chassis.drop()
-        state = await master.wait_state(lambda state: status_of(state, "step") == "FAILED")
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.drop()
+        state = await master.status("step", "FAILED")
         assert "does not tell how it ended" in result_of(state, "step")
-    assert chassis.counts[full_name(CallAction)] == 1
+    assert site.chassis.counts[full_name(CallAction)] == 1
 
 
 @aio
 async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unknown(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    site: Site,
 ) -> None:
-    chassis.refuse("woosh.ros.Feedbacks", "unknown request")
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    site.chassis.refuse("woosh.ros.Feedbacks", "unknown request")
+    async with site.online() as master:
         step = action("step", "step", distance=0.6, speed=0.02)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
-        await eventually(lambda: chassis.state.velocity.speed > 0.0)
-        chassis.drop()
-        state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.drop()
+        state = await master.error("interruptedError")
         assert status_of(state, "step") == "FAILED"
         (error,) = [each for each in state["errors"] if each["errorType"] == "interruptedError"]
         assert error["errorLevel"] == "FATAL"
         assert "does not tell how it ended" in error["errorDescription"]
         master.instant(action("cancelOrder", "cancel"))
-        await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
-    assert chassis.counts[full_name(ExecTask)] == 0
+        await master.status("cancel", "FINISHED")
+    assert site.chassis.counts[full_name(ExecTask)] == 0
 
 
 @aio
-async def test_a_log_report_is_stored(
-    vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path
-) -> None:
+async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
     folder = tmp_path / "reports"
-    async with Master(broker.port) as master, vehicle(log_folder=folder):
-        await master.online()
+    async with site.online(log_folder=folder) as master:
         master.instant(action("logReport", "log", reason="a test"))
-        state = await master.wait_state(lambda state: status_of(state, "log") == "FINISHED")
+        state = await master.status("log", "FINISHED")
         content = json.loads((folder / result_of(state, "log")).read_text("utf-8"))
         assert content["reason"] == "a test"
         assert content["robot"]["robot_id"] == 30001
@@ -234,5 +199,5 @@ async def test_a_log_report_is_stored(
         folder.rename(tmp_path / "moved")
         folder.write_text("no folder")
         master.instant(action("logReport", "full", reason="a test"))
-        state = await master.wait_state(lambda state: status_of(state, "full") == "FAILED")
+        state = await master.status("full", "FAILED")
         assert "cannot be stored" in result_of(state, "full")

@@ -6,129 +6,98 @@ import asyncio
 import gc
 import json
 import logging
-import ssl
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.conftest import Site
 from tests.vda5050.connector_process import ConnectorProcess
-from tests.vda5050.master import Master, action, error_types, node, status_of
-from tests.vda5050.test_first_order import START
-from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050 import session
-from woosh_robot_agent.vda5050.messages.protocol import HeaderIds, Identity, Topic
-from woosh_robot_agent.vda5050.messages.v2_1 import Version21
+from tests.vda5050.master import START, Master, action, error_types, node
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
+from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import (
     BrokerConfig,
     MqttConnection,
     Publication,
     refused_topics,
 )
-from woosh_robot_agent.vda5050.reports import Publisher, Reports
-from woosh_robot_agent.vda5050.robot.status import Limits
+from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
 from woosh_robot_agent.vda5050.session import OtherConnector
-from woosh_robot_agent.vda5050.vehicle import Vehicle
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
 
 EXEC = "woosh.robot.ExecTask"
 
 
-def vehicle_at(chassis: SimulatorThread, broker: BrokerConfig) -> Vehicle:
-    link = LinkConfig(ip="127.0.0.1", port=chassis.port, backoff_max=1.0)
-    return Vehicle(VehicleConfig(link), broker)
-
-
 @aio
-async def test_what_is_released_is_finished_without_the_broker(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
+async def test_what_is_released_is_finished_without_the_broker(site: Site) -> None:
     _, second, third = nodes = [
         node("a", 0, *START),
         node("b", 2, 6.0, -7.0, theta=0.0),
         node("c", 4, 7.0, -7.0, released=False),
     ]
-    async with vehicle():
-        async with Master(broker.port) as master:
+    async with site.vehicle():
+        async with Master(site.broker.port) as master:
             await master.online()
-            set_speed(chassis, 1.0)
+            set_speed(site.chassis, 1.0)
             master.order(nodes)
-            await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-            set_speed(chassis, 0.1)
-            await master.wait_state(lambda state: state["orderId"] == "order")
+            await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+            set_speed(site.chassis, 0.1)
+            await master.accepted("order")
             before = master.state["headerId"]
-        broker.stop()
-        set_speed(chassis, 20.0)
-        await eventually(lambda: abs(chassis.state.pose.x - 6.0) < 0.05)
-        broker.start()
-        async with Master(broker.port) as master:
+        site.broker.stop()
+        set_speed(site.chassis, 20.0)
+        await eventually(lambda: abs(site.chassis.state.pose.x - 6.0) < 0.05)
+        site.broker.start()
+        async with Master(site.broker.port) as master:
             await master.online()
-            state = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            state = await master.reached("b")
             assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
             assert state["errors"] == []
             assert state["headerId"] > before
             assert master.last("factsheet")
-            assert chassis.counts[EXEC] == 1
+            assert site.chassis.counts[EXEC] == 1
             master.order(nodes)  # a master control that repeats what was not acknowledged
             master.order([second, third | {"released": True}], update=1)
-            await master.wait_state(lambda state: state["lastNodeId"] == "c")
-    assert chassis.counts[EXEC] == 2
+            await master.reached("c")
+    assert site.chassis.counts[EXEC] == 2
 
 
 @aio
 async def test_the_last_will_follows_the_message_that_the_vehicle_is_online(
-    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
-    async with Master(broker.port) as master:
-        with ConnectorProcess(chassis, broker.url, tmp_path) as connector:
+    async with Master(site.broker.port) as master:
+        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
             await master.online()
             connector.kill()
-        await eventually(lambda: len(recorder.sent("connection")) == 2)
-    online, broken = recorder.sent("connection")
+        await eventually(lambda: len(site.recorder.sent("connection")) == 2)
+    online, broken = site.recorder.sent("connection")
     assert (online["connectionState"], broken["connectionState"]) == ("ONLINE", "CONNECTIONBROKEN")
     assert broken["headerId"] == online["headerId"] + 1
-    async with Master(broker.port) as late:
+    async with Master(site.broker.port) as late:
         await eventually(lambda: late.last("connection") == broken)
 
 
 @aio
-async def test_each_connection_has_header_ids_of_its_own(
-    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
-) -> None:
-    async with vehicle():
-        await eventually(lambda: recorder.sent("connection"))
-    await eventually(lambda: len(recorder.sent("connection")) == 2)
-    assert [each["headerId"] for each in recorder.sent("connection")] == [0, 1]
-
-
-@aio
 async def test_a_broker_that_comes_later_is_found(
-    chassis: SimulatorThread, broker: Mosquitto, caplog: pytest.LogCaptureFixture
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
-    broker.stop()
-    vehicle = vehicle_at(chassis, BrokerConfig.from_url(broker.url))
-    vehicle.start()
-    try:
+    site.broker.stop()
+    async with site.vehicle():
         await eventually(lambda: "check that the broker runs" in caplog.text)
-        broker.start()
-        async with Master(broker.port) as master:
+        site.broker.start()
+        async with Master(site.broker.port) as master:
             await master.online()
-    finally:
-        await vehicle.close()
     assert caplog.text.count("check that the broker runs") == 1
 
 
 @aio
 async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
-    broker: Mosquitto, caplog: pytest.LogCaptureFixture
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
     connection = MqttConnection(
-        BrokerConfig.from_url(broker.url),
+        BrokerConfig.from_url(site.broker.url),
         "dying",
         lambda: Publication("will", "gone"),
         {"order": lambda payload, retained: None},
@@ -137,10 +106,10 @@ async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
     running = asyncio.create_task(connection.run())
     for qos in (0, 1):
         await eventually(lambda: connection.connected)
-        broker.stop()  # the event loop sends the message before it notices
+        site.broker.stop()  # the event loop sends the message before it notices
         connection.publish(Publication("state", "x" * 100_000, qos))
         await eventually(lambda: not connection.connected)
-        broker.start()
+        site.broker.start()
     running.cancel()
     await asyncio.wait({running})
     gc.collect()  # tells asyncio of exceptions that nobody has looked at
@@ -175,133 +144,61 @@ async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None
 
 
 @aio
-async def test_a_wrong_password_is_said_once(
-    chassis: SimulatorThread, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    passwords = tmp_path / "passwords"
-    subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "robot", "right"], check=True)
-    broker = Mosquitto(tmp_path, f"password_file {passwords}", anonymous=False)
-    broker.start()
-    vehicle = vehicle_at(chassis, BrokerConfig("127.0.0.1", broker.port, None, "robot", "wrong"))
-    vehicle.start()
-    try:
-        await eventually(lambda: broker.refusals() >= 2)
-        (said,) = [each for each in caplog.records if each.levelno == logging.WARNING]
-        assert "check the user name and the password" in said.message
-    finally:
-        await vehicle.close()
-    caplog.clear()
-    vehicle = vehicle_at(
-        chassis, BrokerConfig.from_url(f"mqtt://robot:right@127.0.0.1:{broker.port}")
-    )
-    caplog.set_level(logging.INFO)
-    vehicle.start()
-    try:
-        await eventually(lambda: "connected to the broker" in caplog.text)
-    finally:
-        await vehicle.close()
-        broker.stop()
-
-
-@aio
-async def test_a_certificate_that_is_not_trusted_is_said_once(
-    chassis: SimulatorThread, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
-    subprocess.run(
-        [
-            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
-            *("-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"),
-            *("-keyout", key, "-out", certificate),
-        ],
-        check=True,
-        capture_output=True,
-    )
-    key.chmod(0o644)  # mosquitto drops its privileges
-    broker = Mosquitto(tmp_path, f"certfile {certificate}\nkeyfile {key}")
-    broker.start()
-    caplog.set_level(logging.INFO)
-    vehicle = vehicle_at(chassis, BrokerConfig.from_url(f"mqtts://127.0.0.1:{broker.port}"))
-    vehicle.start()
-    try:
-        await eventually(lambda: "certificate of the broker's authority" in caplog.text)
-    finally:
-        await vehicle.close()
-    assert "connected to the broker" not in caplog.text
-    trusted = ssl.create_default_context(cafile=str(certificate))
-    vehicle = vehicle_at(chassis, BrokerConfig("127.0.0.1", broker.port, trusted))
-    vehicle.start()
-    try:
-        await eventually(lambda: "connected to the broker" in caplog.text)
-    finally:
-        await vehicle.close()
-        broker.stop()
-
-
-@aio
-async def test_two_connectors_of_a_robot_are_detected(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("woosh_robot_agent.vda5050.mqtt._BACKOFF_MAX", 1.0)
-    monkeypatch.setattr("woosh_robot_agent.vda5050.session._QUIET", 5.0)
-
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        async with vehicle():
-            await master.wait_state(lambda state: "secondConnectorError" in error_types(state))
+async def test_two_connectors_of_a_robot_are_detected(site: Site) -> None:
+    async with site.online(gone_after=5.0) as master:
+        async with site.vehicle(gone_after=5.0):
+            await master.error("secondConnectorError")
             master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
-            await master.wait_state(lambda state: state["orderId"] == "order")
+            await master.accepted("order")
             master.instant(action("speak", "words", text="alone"))
-            await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
-            assert chassis.counts[EXEC] == 0
-            assert chassis.state.spoken == ()
+            await master.status("words", "WAITING")
+            assert site.chassis.counts[EXEC] == 0
+            assert site.chassis.state.spoken == ()
         await master.wait_state(
             lambda state: "secondConnectorError" not in error_types(state),
             "the other connector to be gone",
         )
-        assert master.last("connection")["connectionState"] == "ONLINE"
+        await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
 
 
-def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:
-    publisher = Publisher(Version21(), Identity("Woosh", "1"), "uagv", HeaderIds())
-    broker = MqttConnection(
-        BrokerConfig("127.0.0.1", 1), "1", publisher.last_will, {}, lambda: None
-    )
-    broker.connected = True
-    will = publisher.last_will()
-    publisher.publish(broker, Topic.CONNECTION, {"connectionState": "ONLINE"})
+def reports_with(header_ids: HeaderIds) -> tuple[Reports, MqttConnection]:
+    """Messages of a vehicle, and a connection that was not begun."""
+    reports = Reports(V2_1, Limits(), lambda: None, lambda: None, lambda: None)
+    reports.open(Identity("Woosh", "1"), "uagv", header_ids)
+    mqtt = MqttConnection(BrokerConfig("", 1), "1", reports.last_will, {}, lambda: None)
+    reports.use(mqtt)
+    return reports, mqtt
+
+
+@aio
+async def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:
+    reports, mqtt = reports_with(HeaderIds())
+    will = reports.last_will()
+    mqtt.connected = True
+    reports.connected()
     for _ in range(100):
-        publisher.last_will()
-    assert publisher.is_own_connection(will.payload.encode())
-    assert not publisher.is_own_connection(b"{}")
+        reports.last_will()
+    assert reports.is_own_connection(will.payload.encode())
+    assert not reports.is_own_connection(b"{}")
 
 
 @aio
 async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart() -> None:
     saved: dict[str, int] = {}
     ids = HeaderIds(saved, saved.update)
-    publisher = Publisher(Version21(), Identity("Woosh", "1"), "uagv", ids)
-    broker = MqttConnection(BrokerConfig("", 1), "1", publisher.last_will, {}, lambda: None)
-    reports = Reports(Limits(), lambda: None, lambda: None, lambda: None)
-    reports.use(publisher, broker)
-    will = json.loads(publisher.last_will().payload)
-    broker.connected = True
+    reports, mqtt = reports_with(ids)
+    will = json.loads(reports.last_will().payload)
+    mqtt.connected = True
     reports.connected()
-    broker.connected = False
+    mqtt.connected = False
     await reports.close(0.0)
     ids.close()
     assert saved["connection"] > will["headerId"]
 
 
 @aio
-async def test_another_connector_whose_end_was_missed_is_gone_after_a_while(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(session, "_QUIET", 0.0)
-    other = OtherConnector(lambda payload: False, lambda: None)
+async def test_another_connector_whose_end_was_missed_is_gone_after_a_while() -> None:
+    other = OtherConnector(lambda payload: False, lambda: None, gone_after=0.0)
     other.connected()
     other.received(b'{"connectionState": "ONLINE"}', False)
     assert other.error is not None

@@ -9,17 +9,21 @@ import pytest
 
 from tests.quick_chassis import quick_config, set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.chassis_events import references
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, action, edge, error_types, node, status_of
-from tests.vda5050.test_first_order import START
+from tests.vda5050.conftest import Site
+from tests.vda5050.master import (
+    START,
+    Master,
+    action,
+    edge,
+    error_types,
+    node,
+    references,
+    status_of,
+)
 from woosh_robot_agent import simulator
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.vda5050 import vehicle as vehicles
-from woosh_robot_agent.vda5050.robot import maps
-from woosh_robot_agent.vda5050.vehicle import Vehicle
+from woosh_robot_agent.vda5050.robot.link import Timing
 
 EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
 SPEAK = "woosh.robot.Speak"
@@ -35,78 +39,68 @@ async def drive(master: Master, chassis: SimulatorThread) -> None:
     master.order([node("a", 0, *START), node("b", 2, 8.0, -7.5, theta=0.0)])
     await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
     set_speed(chassis, 0.1)
-    await master.wait_state(lambda state: state["orderId"] == "order")
+    await master.accepted("order")
 
 
 @aio
-async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        off = chassis.inject("off")
-        state = await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        off = site.chassis.inject("off")
+        state = await master.error("robotConnectionError")
         assert "velocity" not in state
         assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
         off.clear()
         await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
-        set_speed(chassis, 20.0)
-        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        set_speed(site.chassis, 20.0)
+        ended = await master.reached("b")
         assert ended["errors"] == []
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_an_arrival_without_a_link_is_noticed_later(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
-        set_speed(chassis, 20.0)
-        await eventually(lambda: abs(chassis.state.pose.x - 8.0) < 0.05)
+async def test_an_arrival_without_a_link_is_noticed_later(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        off = site.chassis.inject("off")
+        await master.error("robotConnectionError")
+        set_speed(site.chassis, 20.0)
+        await eventually(lambda: abs(site.chassis.state.pose.x - 8.0) < 0.05)
         off.clear()
-        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        ended = await master.reached("b")
         assert "drivingError" not in error_types(ended)
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_an_order_that_comes_without_a_link_starts_later_and_once(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Site) -> None:
+    async with site.online() as master:
+        off = site.chassis.inject("off")
+        await master.error("robotConnectionError")
         words = action("speak", "words", text="ready")
         master.order([node("a", 0, *START, actions=[words]), node("b", 2, 6.0, -7.0)])
-        await master.wait_state(lambda state: status_of(state, "words") == "WAITING")
+        await master.status("words", "WAITING")
         off.clear()
-        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        ended = await master.reached("b")
         assert status_of(ended, "words") == "FINISHED"
-    assert chassis.state.spoken == ("ready",)
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.state.spoken == ("ready",)
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(site: Site) -> None:
+    async with site.online() as master:
         first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
         master.order([first, second | {"released": False}])
-        await master.wait_state(lambda state: state["orderId"] == "order")
-        off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
-        chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
+        await master.accepted("order")
+        off = site.chassis.inject("off")
+        await master.error("robotConnectionError")
+        site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
         off.clear()
         await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
         master.order([first, second], update=1)
-        await master.wait_state(lambda state: "interruptedError" in error_types(state))
-    assert chassis.counts[EXEC] == 0
+        await master.error("interruptedError")
+    assert site.chassis.counts[EXEC] == 0
 
 
 def scene_with_start(folder: Path, x: float, y: float) -> Path:
@@ -123,11 +117,7 @@ def scene_with_start(folder: Path, x: float, y: float) -> Path:
 @aio
 @pytest.mark.parametrize("x", [6.0, 7.0], ids=["on a node", "between two nodes"])
 async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    tmp_path: Path,
-    x: float,
+    site: Site, tmp_path: Path, x: float
 ) -> None:
     y = START[1]
     words = {name: action("speak", name, blocking="NONE", text=name) for name in "bc"}
@@ -137,18 +127,17 @@ async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
         node("c", 4, 6.0, y, actions=[words["c"]]),
         node("d", 6, 8.0, y),
     ]
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        set_speed(chassis, 1.0)
+    async with site.online() as master:
+        set_speed(site.chassis, 1.0)
         master.order(order)
-        await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-        set_speed(chassis, 0.1)
-        port = chassis.port
-        assert chassis.state.pose.x < 4.9
-        chassis.stop()
+        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+        set_speed(site.chassis, 0.1)
+        port = site.chassis.port
+        assert site.chassis.state.pose.x < 4.9
+        site.chassis.stop()
         scene = scene_with_start(tmp_path, x, y)
         with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
-            state = await master.wait_state(lambda state: "drivingError" in error_types(state))
+            state = await master.error("drivingError")
             assert state["agvPosition"]["x"] == pytest.approx(x)
             assert state["lastNodeId"] == "a"
             assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c", "d"]
@@ -158,40 +147,38 @@ async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
 
 @aio
 async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     words = action("speak", "words", blocking="SOFT", text="ready")
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        chassis.mute(SPEAK)
+    async with site.online() as master:
+        site.chassis.mute(SPEAK)
         master.order([node("a", 0, *START, actions=[words]), node("b", 2, 8.0, -7.5)])
-        await eventually(lambda: chassis.counts[SPEAK])
+        await eventually(lambda: site.chassis.counts[SPEAK])
         lift = action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001)
         master.instant(lift)
-        await master.wait_state(lambda state: status_of(state, "lift") == "RUNNING")
-        port = chassis.port
-        chassis.stop()
+        await master.status("lift", "RUNNING")
+        port = site.chassis.port
+        site.chassis.stop()
         scene = scene_with_start(tmp_path, 6.0, START[1])
         with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
-            await master.wait_state(lambda state: "interruptedError" in error_types(state))
+            await master.error("interruptedError")
             assert restarted.counts[EXEC] == 0
 
 
 @aio
 async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_known_to_drive_on(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
+    site: Site,
 ) -> None:
     y = START[1]
     order = [node("a", 0, *START), node("b", 2, 5.2, y), node("c", 4, 6.0, y), node("d", 6, 9.0, y)]
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        set_speed(chassis, 1.0)
+    async with site.online() as master:
+        set_speed(site.chassis, 1.0)
         master.order(order)
-        await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-        off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
-        await eventually(lambda: chassis.state.pose.x > 5.9)
-        set_speed(chassis, 0.01)
+        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+        off = site.chassis.inject("off")
+        await master.error("robotConnectionError")
+        await eventually(lambda: site.chassis.state.pose.x > 5.9)
+        set_speed(site.chassis, 0.01)
         assert master.state["lastNodeId"] == "a"
         off.clear()
         state = await master.wait_state(lambda state: state["lastNodeId"] != "a")
@@ -199,87 +186,67 @@ async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_kn
         assert [each["nodeId"] for each in state["nodeStates"]] == ["d"]
 
 
-@pytest.fixture
-def short_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Requests to the robot wait one second for their answer."""
-    plain = Vehicle.start
-
-    def start(vehicle: Vehicle) -> None:
-        vehicle._chassis.config.__dict__["request_timeout"] = 1.0
-        plain(vehicle)
-
-    monkeypatch.setattr(Vehicle, "start", start)
-
-
 @aio
-async def test_a_start_without_an_answer_is_found_out_and_not_repeated(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, short_timeouts: None
-) -> None:
-    chassis.mute(EXEC)
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        await eventually(lambda: chassis.counts["woosh.robot.TaskProc"])
-        set_speed(chassis, 20.0)
-        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+async def test_a_start_without_an_answer_is_found_out_and_not_repeated(site: Site) -> None:
+    site.chassis.mute(EXEC)
+    timing = Timing(minimum_timeouts={})
+    async with site.online(request_timeout=1.0, timing=timing) as master:
+        await drive(master, site.chassis)
+        await eventually(lambda: site.chassis.counts["woosh.robot.TaskProc"])
+        set_speed(site.chassis, 20.0)
+        ended = await master.reached("b")
         assert ended["errors"] == []
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_a_cancel_is_repeated_until_the_robot_obeys(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        chassis.refuse(ORDER, "Request failed")
+async def test_a_cancel_is_repeated_until_the_robot_obeys(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        site.chassis.refuse(ORDER, "Request failed")
         master.instant(action("cancelOrder", "cancel"))
-        await eventually(lambda: chassis.counts[ORDER] >= 2)
+        await eventually(lambda: site.chassis.counts[ORDER] >= 2)
         assert status_of(master.state, "cancel") == "RUNNING"
-        chassis.clear_faults()
-        set_speed(chassis, 20.0)
-        state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
+        site.chassis.clear_faults()
+        set_speed(site.chassis, 20.0)
+        state = await master.status("cancel", "FINISHED")
         assert state["nodeStates"] == []
         assert state["lastNodeId"] == "a"
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_a_cancel_without_a_link_is_carried_out_later(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        off = chassis.inject("off")
-        await master.wait_state(lambda state: "robotConnectionError" in error_types(state))
+async def test_a_cancel_without_a_link_is_carried_out_later(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        off = site.chassis.inject("off")
+        await master.error("robotConnectionError")
         master.instant(action("cancelOrder", "cancel"))
-        await master.wait_state(lambda state: status_of(state, "cancel") == "RUNNING")
+        await master.status("cancel", "RUNNING")
         off.clear()
-        await eventually(lambda: chassis.counts[ORDER])
-        set_speed(chassis, 20.0)
-        state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
+        await eventually(lambda: site.chassis.counts[ORDER])
+        set_speed(site.chassis, 20.0)
+        state = await master.status("cancel", "FINISHED")
         assert state["lastNodeId"] == "a"
-    assert chassis.state.pose.x < 7.9
+    assert site.chassis.state.pose.x < 7.9
 
 
 @aio
-async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    set_speed(chassis, 1.0)
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(site: Site) -> None:
+    set_speed(site.chassis, 1.0)
+    async with site.online() as master:
         start, end = node("a", 0, *START), node("b", 2, START[0] + 1.0, START[1])
-        obstacle = chassis.inject("obstacle", x=START[0] + 1.5, y=START[1], radius=0.3)
+        obstacle = site.chassis.inject("obstacle", x=START[0] + 1.5, y=START[1], radius=0.3)
         points = [{"x": START[0] + x, "y": START[1]} for x in (0.0, 1.0)]
         line = {"degree": 1, "knotVector": [0, 0, 1, 1], "controlPoints": points}
         master.order([start, end], [edge(start, end, trajectory=line)])  # not driven round
-        state = await master.wait_state(lambda state: "obstacleError" in error_types(state))
+        state = await master.error("obstacleError")
         (error,) = state["errors"]
         assert error["errorLevel"] == "WARNING"
         assert references(error) == {"orderId": "order", "nodeId": "b"}
         assert not state["paused"]
         obstacle.clear()
-        state = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        state = await master.reached("b")
         assert state["errors"] == []
 
 
@@ -302,61 +269,57 @@ def swap(chassis: SimulatorThread) -> Iterator[Callable[[], SimulatorThread]]:
 
 @aio
 async def test_another_robot_at_the_address_is_refused(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    swap: Callable[[], SimulatorThread],
+    site: Site, swap: Callable[[], SimulatorThread]
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
+    async with site.online() as master:
+        await drive(master, site.chassis)
         replacement = swap()
-        await eventually(lambda: replacement.counts["woosh.robot.RobotInfo"] >= 2)
-        master.instant(action("stateRequest", "last"))
-        state = await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
-        assert state["orderId"] == "order"
-        assert [each["errorType"] for each in state["errors"]] == ["robotConnectionError"]
-    assert replacement.counts[EXEC] == 0
+        state = await master.wait_state(lambda state: f"robot {NEW}" in str(state["errors"]))
+        (error,) = state["errors"]
+        assert error["errorType"] == "robotConnectionError"
+        assert "robot 30001" in error["errorDescription"]
+        assert "restart" in error["errorDescription"]
+        assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
+        master.instant(action("cancelOrder", "cancel"), action("speak", "words", text="hello"))
+        await master.status("words", "WAITING")
+    assert replacement.counts[EXEC] == replacement.counts[ORDER] == 0
+    assert replacement.state.spoken == ()
+    assert {message["serialNumber"] for message in site.recorder.sent("connection")} == {"30001"}
 
 
 @aio
 async def test_the_order_of_another_robot_is_dropped_after_a_restart(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    swap: Callable[[], SimulatorThread],
-    tmp_path: object,
+    site: Site, swap: Callable[[], SimulatorThread], tmp_path: object
 ) -> None:
-    async with Master(broker.port, serial="forklift") as master:
-        async with vehicle(serial_number="forklift", state_folder=tmp_path):
-            await drive(master, chassis)
+    async with Master(site.broker.port, serial="forklift") as master:
+        async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
+            await drive(master, site.chassis)
         replacement = swap()
-        async with vehicle(serial_number="forklift", state_folder=tmp_path):
-            state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+        async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
+            state = await master.error("interruptedError")
             assert (state["orderId"], state["nodeStates"]) == ("", [])
     assert replacement.counts[EXEC] == 0
 
 
 @aio
-async def test_marks_that_the_robot_did_not_send_are_requested_again(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    short_timeouts: None,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(vehicles, "minimum_timeouts", dict)
-    monkeypatch.setattr(maps, "_RETRY", 0.1)
-    chassis.mute(SCENE_DATA)
-    async with Master(broker.port) as master, vehicle() as started:
-        await master.online()
-        await eventually(lambda: chassis.counts[SCENE_DATA] >= 2)
-        chassis.accept(SCENE_DATA)
-        await eventually(lambda: started._marks.find("K10", "wooshmap"))
-        mark = {"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []}
-        master.order([node("a", 0, *START), mark])
-        await master.wait_state(lambda state: state["orderId"] == "order")
-        started._marks._marks = {}  # as with a new scene
-        master.order([node("a", 0, *START), mark])
+async def test_marks_that_the_robot_did_not_send_are_requested_again(site: Site) -> None:
+    site.chassis.mute(SCENE_DATA)
+    timing = Timing(ask_again_after=0.1, minimum_timeouts={})
+    async with site.online(request_timeout=1.0, timing=timing) as master:
+        await eventually(lambda: site.chassis.counts[SCENE_DATA] >= 2)
+        site.chassis.accept(SCENE_DATA)
+        nodes = [node("a", 0, *START)]
+        nodes.append({"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []})
+
+        def accepted() -> bool:
+            master.order(nodes)
+            return bool(master.state["orderId"])
+
+        await eventually(accepted)
+        # the marks are those of another scene now, in which the robot knows no K10
+        master.instant(action("enableMap", "map", mapId="scenex", mapVersion="12"))
+        await master.status("map", "FINISHED")
+        master.order(nodes)
         master.instant(action("stateRequest", "last"))
-        state = await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
-        assert state["errors"] == []
+        state = await master.status("last", "FINISHED")
+        assert error_types(state) == []

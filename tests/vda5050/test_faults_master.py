@@ -14,17 +14,20 @@ import paho.mqtt.publish as publish
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.chassis_events import commands, references
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, Message, action, error_types, node, status_of
-from tests.vda5050.test_first_order import START
-from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050 import mqtt
-from woosh_robot_agent.vda5050.messages.parsing import read_order
-from woosh_robot_agent.vda5050.messages.protocol import Identity
+from tests.vda5050.conftest import Site
+from tests.vda5050.master import (
+    START,
+    Master,
+    Message,
+    action,
+    error_types,
+    node,
+    status_of,
+)
+from woosh_robot_agent.vda5050.messages.reading import read_order
 from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
-from woosh_robot_agent.vda5050.messages.v2_1 import Version21
+from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
+from woosh_robot_agent.vda5050.mqtt import MAX_RECEIVED, ReceiveQueue
 
 EXEC = "woosh.robot.ExecTask"
 HEADER = {
@@ -81,11 +84,8 @@ RUBBISH = {
 
 
 @aio
-async def test_rubbish_is_rejected_and_does_no_harm(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_rubbish_is_rejected_and_does_no_harm(site: Site) -> None:
+    async with site.online() as master:
         for index, (name, payload) in enumerate(RUBBISH.items()):
             for topic in ("order", "instantActions"):
                 master.send_raw(topic, payload)
@@ -99,25 +99,24 @@ async def test_rubbish_is_rejected_and_does_no_harm(
                 ),
                 f"a good order after {name}",
             )
-    assert chassis.counts[EXEC] == 0
+    assert site.chassis.counts[EXEC] == 0
 
 
 def test_another_encoding_is_named_and_a_byte_order_mark_is_ignored() -> None:
     text = order(orderId="Auftrag f\u00fcr \u6728").decode()
     identity = Identity("Woosh", "30001")
     with pytest.raises(RejectedError, match=r"encoded in utf-16.*UTF-8") as caught:
-        read_order(text.encode("utf-16"), Version21(), identity)
+        read_order(text.encode("utf-16"), V2_1, identity)
     assert caught.value.error.type == ErrorType.VALIDATION
-    read = read_order(text.encode("utf-8-sig"), Version21(), identity)
+    read = read_order(text.encode("utf-8-sig"), V2_1, identity)
     assert read.id == "Auftrag f\u00fcr \u6728"
 
 
 @aio
 async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_other(
-    vehicle: VehicleStarter, broker: Mosquitto
+    site: Site,
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with site.online() as master:
         master.order([node("far", 0, START[0] + 3.0, START[1])])
         await master.wait_state(lambda state: error_types(state) == ["noRouteError"])
         master.send_raw("instantActions", b"{")
@@ -125,24 +124,21 @@ async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_othe
             lambda state: error_types(state) == ["noRouteError", "validationError"]
         )
         master.instant(action("stateRequest", "1"))
-        state = await master.wait_state(lambda state: status_of(state, "1") == "FINISHED")
+        state = await master.status("1", "FINISHED")
         assert error_types(state) == ["noRouteError"]
 
 
 @aio
-async def test_duplicates_and_old_updates_change_nothing(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
+async def test_duplicates_and_old_updates_change_nothing(site: Site) -> None:
     _, second, third = nodes = [
         node("a", 0, *START),
         node("b", 2, 5.5, -6.8, theta=0.0),
         node("c", 4, 6.5, -7.0, theta=0.0),
     ]
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with site.online() as master:
         for _ in range(5):
             master.order(nodes[:2])
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
         for _ in range(3):
             master.order([second, third], update=1)
             master.order(nodes[:2])
@@ -153,28 +149,31 @@ async def test_duplicates_and_old_updates_change_nothing(
         assert state["orderUpdateId"] == 1
         for _ in range(3):
             master.instant(action("cancelOrder", "same"))
-        state = await master.wait_state(lambda state: status_of(state, "same") == "FAILED")
+        state = await master.status("same", "FAILED")
         assert error_types(state).count("noOrderToCancel") == 1
-    assert chassis.counts[EXEC] == 2
+    assert site.chassis.counts[EXEC] == 2
 
 
 @aio
 async def test_retained_messages_of_the_master_control_are_ignored(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    caplog: pytest.LogCaptureFixture,
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
     publish.single(
-        "uagv/v2/Woosh/30001/order", order(), retain=True, hostname="127.0.0.1", port=broker.port
+        "uagv/v2/Woosh/30001/order",
+        order(),
+        retain=True,
+        hostname="127.0.0.1",
+        port=site.broker.port,
     )
     with caplog.at_level(logging.WARNING):
-        async with Master(broker.port) as master, vehicle():
+        async with Master(site.broker.port) as master, site.vehicle():
             await master.online()
             await eventually(lambda: "a retained message on order was ignored" in caplog.text)
             assert master.state["orderId"] == ""
             # removed from the broker, as the log asks for
-            publish.single("uagv/v2/Woosh/30001/order", b"", hostname="127.0.0.1", port=broker.port)
+            publish.single(
+                "uagv/v2/Woosh/30001/order", b"", hostname="127.0.0.1", port=site.broker.port
+            )
             master.instant(action("stateRequest", "after it"))
             state = await master.wait_state(lambda state: "after it" in str(state["actionStates"]))
             assert not state["errors"]
@@ -182,16 +181,15 @@ async def test_retained_messages_of_the_master_control_are_ignored(
 
 @aio
 async def test_a_flood_of_messages_does_not_stop_the_vehicle(
-    vehicle: VehicleStarter, broker: Mosquitto, caplog: pytest.LogCaptureFixture
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+    async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, 7.0, -7.0)])
-        await master.wait_state(lambda state: state["orderId"] == "order")
+        await master.accepted("order")
         for number in range(500):
             master.send_raw("order", order(orderId=f"flood {number}"))
             master.instant(action("stateRequest", str(number)), action("unknown", f"x{number}"))
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.reached("b")
 
         numbers = itertools.count()
 
@@ -210,29 +208,29 @@ async def test_a_flood_of_messages_does_not_stop_the_vehicle(
 
 @aio
 async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     words = action("speak", "words", text="once")
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path):
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.instant(words)
-            await master.wait_state(lambda state: status_of(state, "words") == "FINISHED")
+            await master.status("words", "FINISHED")
             master.order([node("a", 0, *START)])
-            await master.wait_state(lambda state: state["orderId"] == "order")
+            await master.accepted("order")
             master.instant(words)
             await master.wait_state(lambda state: error_types(state) == ["instantActionError"])
         master.received.clear()
-        async with vehicle(state_folder=tmp_path):
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.instant(words, action("stateRequest", "last"))
-            await master.wait_state(lambda state: status_of(state, "last") == "FINISHED")
-    assert chassis.state.spoken == ("once",)
+            await master.status("last", "FINISHED")
+    assert site.chassis.state.spoken == ("once",)
 
 
 @aio
 async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
-    vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     """As vda5050-sdk sends them, whose ids are constant."""
     requests = ["pause", "resume", "cancel-order"]
@@ -241,9 +239,9 @@ async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
     def is_finished(state: Message, name: str, *, paused: bool) -> bool:
         return state["paused"] == paused and status_of(state, name) == "FINISHED"
 
-    async with Master(broker.port) as master:
+    async with Master(site.broker.port) as master:
         for run in range(2):  # the second one after a restart
-            async with vehicle(state_folder=tmp_path):
+            async with site.vehicle(state_folder=tmp_path):
                 await master.online()
                 for number in range(2):  # each order waits for the release of its second node
                     name = f"{run}.{number}"
@@ -264,78 +262,12 @@ async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
             master.received.clear()
 
 
-@aio
-async def test_a_pause_counts_even_if_the_former_one_with_its_id_has_not_ended(
-    vehicle: VehicleStarter, broker: Mosquitto
-) -> None:
-    pause, resume = action("startPause", "pause"), action("stopPause", "resume")
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        master.instant(pause, resume, pause)
-        state = await master.wait_state(lambda state: state["paused"])
-        assert "instantActionError" not in error_types(state)
-        await master.wait_state(lambda state: status_of(state, "pause") == "FINISHED")
-        master.instant(resume)
-        await master.wait_state(lambda state: not state["paused"])
-
-
-@aio
-async def test_an_id_that_is_used_again_is_reported_if_nothing_is_done(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        master.instant(action("liftTo", "lift", height=0.1))
-        await master.wait_state(lambda state: status_of(state, "lift") == "FINISHED")
-        master.instant(action("liftTo", "lift", height=0.2))
-        state = await master.wait_state(lambda state: state["errors"])
-        (error,) = state["errors"]
-        assert error["errorType"] == "instantActionError"
-        assert "liftTo is not performed again" in error["errorDescription"]
-        assert references(error) == {"actionId": "lift", "actionType": "liftTo"}
-        assert status_of(state, "lift") == "FINISHED"
-
-        master.instant(action("liftTo", "slow", height=1.0, speed=0.001))
-        await master.wait_state(lambda state: status_of(state, "slow") == "RUNNING")
-        for _ in range(3):
-            master.instant(action("startPause", "slow"))
-        state = await master.wait_state(lambda state: len(state["errors"]) == 2)
-        assert "liftTo with this id has not ended" in state["errors"][1]["errorDescription"]
-        master.instant(action("startPause", "other"))
-        state = await master.wait_state(lambda state: state["paused"])
-        assert len(state["errors"]) == 2
-    assert commands(chassis).count("lift_control3 execute") == 2
-
-
-@aio
-async def test_an_action_of_an_order_and_an_instant_action_cannot_have_the_same_id(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        first = node("a", 0, *START, actions=[action("speak", "one", text="order")])
-        master.order([first, node("b", 2, 6.0, -7.0, released=False)])
-        await master.wait_state(lambda state: status_of(state, "one") == "FINISHED")
-        master.instant(action("speak", "one", text="instant"))
-        state = await master.wait_state(lambda state: "instantActionError" in error_types(state))
-        assert "has this id" in state["errors"][-1]["errorDescription"]
-
-        master.instant(action("speak", "two", text="instant"))
-        await master.wait_state(lambda state: status_of(state, "two") == "FINISHED")
-        second = node("b", 2, 6.0, -7.0, actions=[action("speak", "two", text="order")])
-        master.order([first, second], update=1)
-        await master.wait_state(lambda state: "validationError" in error_types(state))
-        master.order([first, second | {"actions": []}], update=1)
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert chassis.state.spoken == ("order", "instant")
-
-
 def test_a_flood_on_one_topic_leaves_room_for_another() -> None:
-    inbox = mqtt._ReceiveQueue()
-    for number in range(2 * mqtt._MAX_RECEIVED):
+    inbox = ReceiveQueue()
+    for number in range(2 * MAX_RECEIVED):
         inbox.put_nowait(message("order", number))
     inbox.put_nowait(message("instantActions", 0))
     taken = [inbox.get_nowait().topic.value for _ in range(inbox.qsize())]
-    assert taken == [*["order"] * mqtt._MAX_RECEIVED, "instantActions"]
+    assert taken == [*["order"] * MAX_RECEIVED, "instantActions"]
     inbox.put_nowait(message("order", 0))
     assert inbox.qsize() == 1

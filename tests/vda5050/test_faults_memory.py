@@ -10,13 +10,12 @@ import pytest
 
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType, Edge, Node, NodePosition
 from woosh_robot_agent.vda5050.messages.order import Order as VehicleOrder
-from woosh_robot_agent.vda5050.messages.protocol import HeaderIds
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType, Position
 from woosh_robot_agent.vda5050.orders.actions import Memory
-from woosh_robot_agent.vda5050.orders.legs import CancelDrive, Drive, Perform
+from woosh_robot_agent.vda5050.orders.legs import Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
-from woosh_robot_agent.vda5050.orders.structure import Verdict
-from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, from_plain, to_plain
+from woosh_robot_agent.vda5050.reports import HeaderIds
+from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, from_plain, to_json
 
 HARD, NONE = BlockingType.HARD, BlockingType.NONE
 
@@ -48,7 +47,7 @@ def an_order() -> VehicleOrder:
 
 def restarted(machine: OrderMachine) -> OrderMachine:
     """Return a machine that has only what JSON has kept of the other one."""
-    memory = from_plain(Memory, json.loads(json.dumps(to_plain(machine.memory))))
+    memory = from_plain(Memory, json.loads(to_json(machine.memory)))
     assert memory == machine.memory
     after = OrderMachine()
     after.restore(memory)
@@ -60,36 +59,6 @@ def started() -> OrderMachine:
     machine.moved(here(0.0))
     machine.receive(an_order())
     return machine
-
-
-def test_a_repeated_order_is_known_after_a_restart() -> None:
-    after = restarted(started())
-    assert after.receive(an_order()) is Verdict.KNOWN
-
-
-def test_a_leg_is_not_commanded_again() -> None:
-    machine = started()
-    assert any(isinstance(each, Drive) for each in machine.poll())
-    after = restarted(machine)
-    after.moved(here(0.5))
-    assert after.driving
-    assert after.poll() == []
-    after.drive_ended("")
-    assert after.status.last_node_id == "b"
-
-
-def test_the_end_of_a_leg_is_followed_by_the_rest_of_the_order() -> None:
-    machine = started()
-    machine.poll()
-    machine.action_changed("speak", ActionStatus.FINISHED)
-    after = restarted(machine)
-    after.moved(here(1.0))
-    after.drive_ended("")
-    assert [type(each) for each in after.poll()] == [Perform]
-    after.action_changed("lift", ActionStatus.FINISHED)
-    (drive,) = after.poll()
-    assert isinstance(drive, Drive)
-    assert [node.id for node in drive.leg.nodes] == ["c"]
 
 
 def test_an_action_that_ran_has_failed_and_stops_the_order_if_it_forbids_driving() -> None:
@@ -119,29 +88,6 @@ def test_a_triggered_action_starts_only_where_its_node_is() -> None:
     again = restarted(machine)
     again.moved(here(1.0))
     assert [type(each) for each in again.poll()] == [Perform]
-
-
-def test_a_cancellation_goes_on() -> None:
-    machine = started()
-    machine.poll()
-    machine.cancel()
-    machine.poll()
-    after = restarted(machine)
-    assert [type(each) for each in after.poll()] == [CancelDrive]
-    after.drive_ended("cancelled")
-    after.poll()
-    assert not after.busy
-
-
-def test_a_hold_goes_on() -> None:
-    machine = started()
-    machine.hold("pause")
-    machine.poll()
-    after = restarted(machine)
-    after.moved(here(0.0))
-    assert after.poll() == []
-    after.release("pause")
-    assert [type(each) for each in after.poll()] == [Perform, Drive]
 
 
 @pytest.mark.parametrize(

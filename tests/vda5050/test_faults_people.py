@@ -4,162 +4,135 @@ from __future__ import annotations
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, action, error_types, node, status_of
+from tests.vda5050.conftest import Site
+from tests.vda5050.master import START, action, error_types, node
 from tests.vda5050.test_faults_chassis import EXEC, ORDER, drive
 from tests.vda5050.test_faults_restart import idle, other_client, task_to
-from tests.vda5050.test_first_order import START
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 @aio
-async def test_a_manual_mode_clears_the_order(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        chassis.set_key_switch(True)
-        set_speed(chassis, 2.0)
+async def test_a_manual_mode_clears_the_order(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        site.chassis.set_key_switch(True)
+        set_speed(site.chassis, 2.0)
         state = await master.wait_state(
             lambda state: state["operatingMode"] == "MANUAL" and not state["nodeStates"]
         )
         assert "interruptedError" in error_types(state)
         assert state["orderId"] == "order"
-        chassis.set_key_switch(False)
+        site.chassis.set_key_switch(False)
         await master.wait_state(lambda state: state["operatingMode"] == "AUTOMATIC")
-        await idle(chassis)
-        assert chassis.state.pose.x < 7.9
-        assert chassis.counts[EXEC] == 1
+        await idle(site.chassis)
+        assert site.chassis.state.pose.x < 7.9
+        assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_an_order_in_a_manual_mode_is_rejected(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        chassis.set_key_switch(True)
+async def test_an_order_in_a_manual_mode_is_rejected(site: Site) -> None:
+    async with site.online() as master:
+        site.chassis.set_key_switch(True)
         await master.wait_state(lambda state: state["operatingMode"] == "MANUAL")
         master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
-        state = await master.wait_state(lambda state: "orderError" in error_types(state))
+        state = await master.error("orderError")
         assert state["orderId"] == ""
 
 
 @aio
-async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        chassis.set_emergency_stop(True)
+async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        site.chassis.set_emergency_stop(True)
         state = await master.wait_state(lambda state: state["safetyState"]["eStop"] == "MANUAL")
         assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
-        chassis.set_emergency_stop(False)
+        site.chassis.set_emergency_stop(False)
         await master.wait_state(lambda state: state["safetyState"]["eStop"] == "NONE")
-        assert chassis.counts[EXEC] == 1
+        assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await drive(master, chassis)
-        async with other_client(chassis) as gate:
+async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(site: Site) -> None:
+    async with site.online() as master:
+        await drive(master, site.chassis)
+        async with other_client(site.chassis) as gate:
             assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
-        set_speed(chassis, 20.0)
-        state = await master.wait_state(lambda state: "drivingError" in error_types(state))
+        set_speed(site.chassis, 20.0)
+        state = await master.error("drivingError")
         assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
-        assert chassis.counts[EXEC] == 1
+        assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_an_order_waits_for_the_task_of_somebody_else(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
-        await master.online()
-        set_speed(chassis, 0.1)
+async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
+    async with site.online() as master, other_client(site.chassis) as gate:
+        set_speed(site.chassis, 0.1)
         assert (await gate.request(task_to(4.3, -6.68))).ok
         await master.wait_state(lambda state: state["driving"])  # so the task is reported
         master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
-        await master.wait_state(lambda state: "robotBusyError" in error_types(state))
-        assert chassis.counts[EXEC] == 1
-        set_speed(chassis, 20.0)
-        ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        await master.error("robotBusyError")
+        assert site.chassis.counts[EXEC] == 1
+        set_speed(site.chassis, 20.0)
+        ended = await master.reached("b")
         assert ended["errors"] == []
-    assert chassis.counts[EXEC] == 2
+    assert site.chassis.counts[EXEC] == 2
 
 
 @aio
-async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
-        await master.online()
-        set_speed(chassis, 0.1)
+async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: Site) -> None:
+    async with site.online() as master, other_client(site.chassis) as gate:
+        set_speed(site.chassis, 0.1)
         assert (await gate.request(task_to(4.3, -6.68))).ok
         await master.wait_state(lambda state: state["driving"])  # so the task is reported
         master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
-        await master.wait_state(lambda state: "robotBusyError" in error_types(state))
+        await master.error("robotBusyError")
         master.instant(action("cancelOrder", "cancel"))
-        state = await master.wait_state(lambda state: status_of(state, "cancel") == "FINISHED")
+        state = await master.status("cancel", "FINISHED")
         assert state["nodeStates"] == []
-        assert chassis.counts[ORDER] == 0
-        set_speed(chassis, 20.0)
-        await idle(chassis)
-        assert chassis.state.info.task_proc.state == task_pb2.kCompleted
+        assert site.chassis.counts[ORDER] == 0
+        set_speed(site.chassis, 20.0)
+        await idle(site.chassis)
+        assert site.chassis.state.info.task_proc.state == task_pb2.kCompleted
 
 
 @aio
-async def test_an_order_does_not_go_on_where_somebody_has_left_the_robot(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
-        await master.online()
+async def test_an_order_does_not_go_on_where_somebody_has_left_the_robot(site: Site) -> None:
+    async with site.online() as master, other_client(site.chassis) as gate:
         first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
         master.order([first, second | {"released": False}])
-        await master.wait_state(lambda state: state["orderId"] == "order")
+        await master.accepted("order")
         assert (await gate.request(task_to(5.5, -6.8))).ok
-        await eventually(lambda: abs(chassis.state.pose.x - 5.5) < 0.1)
-        await idle(chassis)
+        await eventually(lambda: abs(site.chassis.state.pose.x - 5.5) < 0.1)
+        await idle(site.chassis)
         master.order([first, second], update=1)
-        await master.wait_state(lambda state: "interruptedError" in error_types(state))
-    assert chassis.counts[EXEC] == 1
+        await master.error("interruptedError")
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_a_charging_task_that_is_not_of_the_vehicle_is_named(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle(), other_client(chassis) as gate:
-        await master.online()
-        set_speed(chassis, 0.1)
+async def test_a_charging_task_that_is_not_of_the_vehicle_is_named(site: Site) -> None:
+    async with site.online() as master, other_client(site.chassis) as gate:
+        set_speed(site.chassis, 0.1)
         charge = ExecTask(task_id=77, type=task_pb2.kCharge, mark_no="C1")
         assert (await gate.request(charge)).ok
         await master.wait_state(lambda state: state["driving"])
         master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
-        state = await master.wait_state(lambda state: "robotBusyError" in error_types(state))
+        state = await master.error("robotBusyError")
         assert "charging task" in state["errors"][0]["errorDescription"]
         master.instant(action("stopCharging", "stop"))
-        set_speed(chassis, 20.0)
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        set_speed(site.chassis, 20.0)
+        await master.reached("b")
 
 
 @aio
-async def test_the_last_node_is_forgotten_when_people_move_the_robot_away(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_the_last_node_is_forgotten_when_people_move_the_robot_away(site: Site) -> None:
+    async with site.online() as master:
         master.order([node("a", 0, *START)])
-        await master.wait_state(lambda state: state["lastNodeId"] == "a")
-        chassis.set_key_switch(True)
+        await master.reached("a")
+        site.chassis.set_key_switch(True)
         state = await master.wait_state(lambda state: state["operatingMode"] == "MANUAL")
         assert state["lastNodeId"] == "a"
-        chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
-        await master.wait_state(lambda state: state["lastNodeId"] == "")
+        site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
+        await master.reached("")

@@ -15,11 +15,9 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import VehicleStarter
+from tests.vda5050.conftest import Site
 from tests.vda5050.connector_process import ConnectorProcess
-from tests.vda5050.master import Master, action, error_types, node, status_of
-from tests.vda5050.test_first_order import START
+from tests.vda5050.master import START, Master, action, node
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
@@ -75,77 +73,69 @@ def left_by_a_kill(folder: Path) -> Path:
     )
 
 
-async def killed_while_driving(
-    vehicle: VehicleStarter, master: Master, chassis: SimulatorThread, folder: Path
-) -> Path:
+async def killed_while_driving(site: Site, master: Master, folder: Path) -> Path:
     """Send an order, kill the connector on the way to the first node, return its folder."""
-    set_speed(chassis, NORMAL)
-    async with vehicle(state_folder=folder):
+    set_speed(site.chassis, NORMAL)
+    async with site.vehicle(state_folder=folder):
         await master.online()
         master.order(nodes())
-        await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-        set_speed(chassis, HARDLY)
+        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+        set_speed(site.chassis, HARDLY)
         left = left_by_a_kill(folder)
     master.received.clear()
     return left
 
 
 @aio
-async def test_the_order_goes_on_after_kill_9(
-    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master:
-        set_speed(chassis, NORMAL)
-        with ConnectorProcess(chassis, broker.url, tmp_path) as connector:
+async def test_the_order_goes_on_after_kill_9(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port) as master:
+        set_speed(site.chassis, NORMAL)
+        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
             await master.online()
             master.order(nodes())
-            await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-            set_speed(chassis, HARDLY)
+            await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+            set_speed(site.chassis, HARDLY)
             connector.kill()
         await eventually(lambda: master.last("connection")["connectionState"] == "CONNECTIONBROKEN")
         master.received.clear()
-        with ConnectorProcess(chassis, broker.url, tmp_path) as connector:
-            state = await master.wait_state(lambda state: state["orderId"] == "order")
+        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
+            state = await master.accepted("order")
             assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c"]
-            assert chassis.counts[EXEC] == 1
-            set_speed(chassis, FAST)
-            ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+            assert site.chassis.counts[EXEC] == 1
+            set_speed(site.chassis, FAST)
+            ended = await master.reached("c")
             assert ended["errors"] == ended["nodeStates"] == []
             assert connector.stop() == 0
-        assert chassis.counts[EXEC] == 2
+        assert site.chassis.counts[EXEC] == 2
     for topic in ("state", "connection"):
-        ids = [message["headerId"] for message in recorder.sent(topic)]
+        ids = [message["headerId"] for message in site.recorder.sent(topic)]
         assert all(before < after for before, after in pairwise(ids)), (topic, ids)
 
 
 @aio
 async def test_a_second_kill_while_it_restores_loses_nothing(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[dict[str, Any]] = []
-    replace_file = store._replace
+    replace_file = store.replace_file
 
     def replace_and_note(path: Path, content: bytes) -> None:
         written.append(json.loads(content))
         replace_file(path, content)
 
-    async with Master(broker.port) as master:
-        set_speed(chassis, NORMAL)
-        async with vehicle(state_folder=tmp_path / "state"):
+    async with Master(site.broker.port) as master:
+        set_speed(site.chassis, NORMAL)
+        async with site.vehicle(state_folder=tmp_path / "state"):
             await master.online()
             master.order(nodes())
-            await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
+            await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
             master.instant(action("startPause", "pause"))
-            await master.wait_state(lambda state: status_of(state, "pause") == "FINISHED")
+            await master.status("pause", "FINISHED")
             left = left_by_a_kill(tmp_path / "state")
             before = saved(left)
         master.received.clear()
-        monkeypatch.setattr(store, "_replace", replace_and_note)
-        async with vehicle(state_folder=left):
+        monkeypatch.setattr(store, "replace_file", replace_and_note)
+        async with site.vehicle(state_folder=left):
             await master.wait_state(lambda state: state["orderId"] == "order" and state["paused"])
     assert written
     for record in written:
@@ -155,85 +145,79 @@ async def test_a_second_kill_while_it_restores_loses_nothing(
 
 @aio
 async def test_the_order_goes_on_when_the_robot_has_arrived_meanwhile(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
-    async with Master(broker.port) as master:
-        left = await killed_while_driving(vehicle, master, chassis, tmp_path / "state")
-        set_speed(chassis, FAST)
-        await idle(chassis)
-        async with vehicle(state_folder=left):
-            ended = await master.wait_state(lambda state: state["lastNodeId"] == "c")
+    async with Master(site.broker.port) as master:
+        left = await killed_while_driving(site, master, tmp_path / "state")
+        set_speed(site.chassis, FAST)
+        await idle(site.chassis)
+        async with site.vehicle(state_folder=left):
+            ended = await master.reached("c")
             assert ended["errors"] == []
-    assert chassis.counts[EXEC] == 2
+    assert site.chassis.counts[EXEC] == 2
 
 
 @aio
 async def test_a_task_that_was_cancelled_meanwhile_is_not_repeated(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
-    async with Master(broker.port) as master:
-        left = await killed_while_driving(vehicle, master, chassis, tmp_path / "state")
-        set_speed(chassis, NORMAL)
-        async with other_client(chassis) as gate:
+    async with Master(site.broker.port) as master:
+        left = await killed_while_driving(site, master, tmp_path / "state")
+        set_speed(site.chassis, NORMAL)
+        async with other_client(site.chassis) as gate:
             assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
-        set_speed(chassis, FAST)
-        await idle(chassis)
-        async with vehicle(state_folder=left):
-            state = await master.wait_state(lambda state: "drivingError" in error_types(state))
+        set_speed(site.chassis, FAST)
+        await idle(site.chassis)
+        async with site.vehicle(state_folder=left):
+            state = await master.error("drivingError")
             assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c"]
-            assert chassis.counts[EXEC] == 1
+            assert site.chassis.counts[EXEC] == 1
 
 
 @aio
-async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master:
+async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port) as master:
         first, second, third = nodes()
-        async with vehicle(state_folder=tmp_path):
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.order([first, second, third | {"released": False}])
-            await master.wait_state(lambda state: state["lastNodeId"] == "b")
-        async with other_client(chassis) as gate:
+            await master.reached("b")
+        async with other_client(site.chassis) as gate:
             assert (await gate.request(task_to(5.0, -6.7))).ok
-            await eventually(lambda: abs(chassis.state.pose.x - 5.0) < 0.1)
-            await idle(chassis)
-        async with vehicle(state_folder=tmp_path):
+            await eventually(lambda: abs(site.chassis.state.pose.x - 5.0) < 0.1)
+            await idle(site.chassis)
+        async with site.vehicle(state_folder=tmp_path):
             await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
             master.order([second, third], update=1)
-            state = await master.wait_state(lambda state: "interruptedError" in error_types(state))
+            state = await master.error("interruptedError")
             assert state["orderUpdateId"] == 1
             assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
-            assert chassis.counts[EXEC] == 2
+            assert site.chassis.counts[EXEC] == 2
 
 
 @aio
 async def test_a_task_whose_start_was_not_answered_is_found_again(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
-    chassis.mute(EXEC)
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path / "state"):
+    site.chassis.mute(EXEC)
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
             await master.online()
             master.order(nodes()[:2])
-            await eventually(lambda: chassis.counts[EXEC])
+            await eventually(lambda: site.chassis.counts[EXEC])
             left = left_by_a_kill(tmp_path / "state")
-        async with vehicle(state_folder=left):
-            ended = await master.wait_state(lambda state: state["lastNodeId"] == "b")
+        async with site.vehicle(state_folder=left):
+            ended = await master.reached("b")
             assert ended["errors"] == []
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
 async def test_a_task_that_was_never_sent_is_not_driven(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, left = tmp_path / "state", tmp_path / "state+"
-    replace_file = store._replace
+    replace_file = store.replace_file
 
     def replace_and_copy(path: Path, content: bytes) -> None:
         """Copy the file as a kill leaves it after the task was saved and before it is sent."""
@@ -241,64 +225,62 @@ async def test_a_task_that_was_never_sent_is_not_driven(
         if saved(folder)["task_id"] and not left.exists():
             left_by_a_kill(folder)
 
-    chassis.refuse(EXEC, "no")
-    async with Master(broker.port) as master:
+    site.chassis.refuse(EXEC, "no")
+    async with Master(site.broker.port) as master:
         with monkeypatch.context() as patched:
-            patched.setattr(store, "_replace", replace_and_copy)
-            async with vehicle(state_folder=folder):
+            patched.setattr(store, "replace_file", replace_and_copy)
+            async with site.vehicle(state_folder=folder):
                 await master.online()
                 master.order(nodes()[:2])
                 await eventually(left.exists)
-        chassis.clear_faults()
-        async with vehicle(state_folder=left):
-            await master.wait_state(lambda state: "drivingError" in error_types(state))
-    assert chassis.counts[EXEC] == 1
+        site.chassis.clear_faults()
+        async with site.vehicle(state_folder=left):
+            await master.error("drivingError")
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
 async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
+    site: Site, tmp_path: Path
 ) -> None:
     chance = random.Random(5)
     folder, kills = tmp_path / "state", 0
-    async with Master(broker.port) as master:
+    async with Master(site.broker.port) as master:
         while master.state.get("lastNodeId") != "c":
-            set_speed(chassis, 0.2 if kills < 3 else 3.0)
-            async with vehicle(state_folder=folder):
+            set_speed(site.chassis, 0.2 if kills < 3 else 3.0)
+            async with site.vehicle(state_folder=folder):
                 master.received.clear()
                 await eventually(lambda: master.state)
                 if not kills:
                     master.order(nodes())
-                    await master.wait_state(lambda state: state["orderId"] == "order")
+                    await master.accepted("order")
                 assert master.state["errors"] == []
-                further = chassis.state.odometer + chance.uniform(0.0, 0.3)
+                further = site.chassis.state.odometer + chance.uniform(0.0, 0.3)
                 await eventually(
                     lambda goal=further: (
-                        chassis.state.odometer >= goal or master.state["lastNodeId"] == "c"
+                        site.chassis.state.odometer >= goal or master.state["lastNodeId"] == "c"
                     )
                 )
                 folder, kills = left_by_a_kill(folder), kills + 1
     assert kills > 2
-    assert chassis.counts[EXEC] == 2
+    assert site.chassis.counts[EXEC] == 2
 
 
 @aio
-async def test_a_finished_order_is_not_driven_again(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, tmp_path: Path
-) -> None:
-    async with Master(broker.port) as master:
-        async with vehicle(state_folder=tmp_path):
+async def test_a_finished_order_is_not_driven_again(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.order(nodes()[:2])
-            await master.wait_state(lambda state: state["lastNodeId"] == "b")
-        async with vehicle(state_folder=tmp_path):
+            await master.reached("b")
+        async with site.vehicle(state_folder=tmp_path):
             await master.online()
             count = len(master.received["state"])
             master.order(nodes()[:2])
             master.instant({"actionId": "1", "actionType": "stateRequest", "blockingType": "NONE"})
             await eventually(lambda: len(master.received["state"]) > count)
             assert (master.state["orderId"], master.state["lastNodeId"]) == ("order", "b")
-    assert chassis.counts[EXEC] == 1
+    assert site.chassis.counts[EXEC] == 1
 
 
 @aio
@@ -307,12 +289,12 @@ async def test_a_finished_order_is_not_driven_again(
     [b"", b"{", b"[]", b'{"order": 5}', b'{"order": {"leg_length": 1}}', b"[" * 100_000, b"\xff"],
 )
 async def test_a_damaged_file_is_reported_and_put_aside(
-    vehicle: VehicleStarter, broker: Mosquitto, tmp_path: Path, content: bytes
+    site: Site, tmp_path: Path, content: bytes
 ) -> None:
     file = tmp_path / FILE
     file.write_bytes(content)
-    async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
-        state = await master.wait_state(lambda state: "stateFileError" in error_types(state))
+    async with Master(site.broker.port) as master, site.vehicle(state_folder=tmp_path):
+        state = await master.error("stateFileError")
         assert state["orderId"] == ""
         assert file.with_suffix(".damaged").read_bytes() == content
         master.order([node("a", 0, *START)])
@@ -322,34 +304,25 @@ async def test_a_damaged_file_is_reported_and_put_aside(
 
 @aio
 async def test_a_second_connector_on_the_same_machine_stays_offline(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    chassis: SimulatorThread,
-    recorder: Recorder,
-    tmp_path: Path,
+    site: Site, tmp_path: Path
 ) -> None:
-    async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
-        await master.online()
-        with ConnectorProcess(chassis, broker.url, tmp_path) as second:
+    async with site.online(state_folder=tmp_path) as master:
+        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as second:
             await eventually(lambda: any("another connector uses" in each for each in second.lines))
             assert second.stop() == 0
         assert master.state["errors"] == []
-        assert len(recorder.sent("connection")) == 1
+        assert len(site.recorder.sent("connection")) == 1
 
 
 @aio
 async def test_a_file_that_cannot_be_written_is_an_error_of_the_state(
-    vehicle: VehicleStarter,
-    broker: Mosquitto,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    site: Site, tmp_path: Path
 ) -> None:
     file = tmp_path / FILE
-    async with Master(broker.port) as master, vehicle(state_folder=tmp_path):
-        await master.online()
+    async with site.online(state_folder=tmp_path) as master:
         file.with_suffix(".new").mkdir()  # nothing can be written there any more
         master.order([node("a", 0, *START)])
-        await master.wait_state(lambda state: "stateFileError" in error_types(state))
+        await master.error("stateFileError")
         assert not file.exists()  # an old record could repeat what was done
         file.with_suffix(".new").rmdir()
         master.order([node("a", 0, *START)], order_id="next")

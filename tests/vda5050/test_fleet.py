@@ -17,19 +17,17 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.master import Master, node
+from tests.vda5050.conftest import Site
+from tests.vda5050.master import START, Master, node
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.program import Connector, VehicleNameFilter
-from woosh_robot_agent.vda5050.robot.status import Limits
-from woosh_robot_agent.vda5050.vehicle_config import VehicleConfig
+from woosh_robot_agent.vda5050.session import VehicleConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 SERIALS = ("30001", "30002", "30003")
-START = (4.23276472, -6.6727581)
-"""Where the simulated robots stand at first."""
 
 
 @pytest.fixture
@@ -140,21 +138,18 @@ async def test_the_state_may_go_out_while_driving(broker: Mosquitto, recorder: R
         async with Master(broker.port) as master:
             await master.online()
             master.order([node("a", 0, *START), node("b", 2, 9.0, -7.5)])
-            await master.wait_state(lambda state: state["lastNodeId"] == "b")
+            await master.reached("b")
         await connector.close()
     places = {state["agvPosition"]["x"] for state in recorder.sent("state") if state["driving"]}
     assert len([x for x in places if START[0] + 0.5 < x < 8.5]) >= 3, places
 
 
 @aio
-async def test_the_maps_may_be_left_out_of_the_state(
-    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=Limits(maps_in_state=False)):
-        await master.online()
+async def test_the_maps_may_be_left_out_of_the_state(site: Site) -> None:
+    async with site.online(limits=Limits(maps_in_state=False)) as master:
         master.order([node("a", 0, *START), node("b", 2, 5.5, -6.5)])
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert all("maps" not in state for state in recorder.sent("state"))
+        await master.reached("b")
+    assert all("maps" not in state for state in site.recorder.sent("state"))
 
 
 @aio

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import pytest
 
+from woosh_robot_agent.vda5050.messages.geometry import curve_defect, curve_points
 from woosh_robot_agent.vda5050.messages.order import ControlPoint, Trajectory
-from woosh_robot_agent.vda5050.orders.legs import curve_defect, curve_points
 
 
 def curve(degree: float, knots: list[float], *points: tuple[float, ...]) -> Trajectory:

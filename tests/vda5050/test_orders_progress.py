@@ -7,16 +7,14 @@ from typing import Any
 
 import pytest
 
-from tests.vda5050.orders import Robot, action, at, path, place, references
-from woosh_robot_agent.vda5050.messages.order import BlockingType, ControlPoint, Trajectory
+from tests.vda5050.orders import Robot, action, at, given, path, place, references
+from woosh_robot_agent.vda5050.messages.order import BlockingType, ControlPoint, Order, Trajectory
 from woosh_robot_agent.vda5050.messages.state import ErrorLevel, ErrorType
 from woosh_robot_agent.vda5050.orders.legs import (
-    CancelDrive,
+    Control,
     Drive,
     EndAction,
-    PauseDrive,
     Perform,
-    ResumeDrive,
 )
 
 NONE, SINGLE, SOFT, HARD = (
@@ -33,14 +31,12 @@ def line(start: float, end: float) -> Trajectory:
 
 
 def test_one_leg_covers_the_nodes_that_need_no_stop() -> None:
-    robot = Robot()
-    robot.give(path("abcd", "e"))
+    robot = given(path("abcd", "e"))
     assert robot.legs == ["bcd"]
 
 
 def test_nodes_and_edges_are_removed_as_they_are_passed() -> None:
-    robot = Robot()
-    robot.give(path("abcd", "e"))
+    robot = given(path("abcd", "e"))
     robot.move(0.9)
     assert (robot.last, robot.nodes, robot.edges) == ("b", "cdE", ["bc", "cd", "de"])
     assert robot.machine.status.last_node_sequence_id == 2
@@ -49,15 +45,13 @@ def test_nodes_and_edges_are_removed_as_they_are_passed() -> None:
 
 
 def test_nodes_between_two_reports_are_passed_too() -> None:
-    robot = Robot()
-    robot.give(path("abcd", b=place(0.3), c=place(0.6)))
+    robot = given(path("abcd", b=place(0.3), c=place(0.6)))
     robot.jump(0.9)
     assert robot.last == "c"
 
 
 def test_a_node_that_the_vehicle_bypasses_is_not_passed() -> None:
-    robot = Robot()
-    robot.give(path("abc", b=place(1.0, y=0.5)))
+    robot = given(path("abc", b=place(1.0, y=0.5)))
     robot.move(0.5, 1.0, 1.5)
     assert robot.last == "a"
     robot.arrive()
@@ -101,8 +95,7 @@ def test_a_node_after_one_that_was_missed_is_passed_too() -> None:
 def test_a_later_node_is_passed_only_after_the_way_to_it(
     nodes: dict[str, Any], way: list[tuple[float, float]], passed: str
 ) -> None:
-    robot = Robot()
-    robot.give(path("abcde", **nodes))
+    robot = given(path("abcde", **nodes))
     for x, y in way:
         robot.machine.moved(at(x, y))
         robot.poll()
@@ -123,8 +116,7 @@ def test_a_jump_passes_no_node() -> None:
 
 
 def test_without_a_link_no_node_is_passed_until_the_robot_is_known_to_drive_on() -> None:
-    robot = Robot()
-    robot.give(path("abcde", actions={"b": [action("light", NONE)]}))
+    robot = given(path("abcde", actions={"b": [action("light", NONE)]}))
     robot.move(0.5)
     robot.machine.lose_track()
     assert robot.jump(2.0) == []
@@ -166,8 +158,7 @@ def test_actions_of_a_node_that_the_robot_has_left_far_behind_without_a_link_fai
 def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
     nodes: dict[str, Any], back: tuple[float, float], then: tuple[float, float], passed: str
 ) -> None:
-    robot = Robot()
-    robot.give(path("abcdef", **nodes))
+    robot = given(path("abcdef", **nodes))
     robot.move(0.5)
     robot.machine.lose_track()
     robot.machine.moved(at(*back), confirmed=True)
@@ -176,28 +167,17 @@ def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
     assert robot.last == passed
 
 
-def test_a_robot_that_was_restarted_on_a_later_node_has_passed_none() -> None:
-    robot = Robot()
-    robot.give(path("abcd"))
-    robot.move(0.5)
-    robot.machine.lose_track()
-    robot.jump(2.0)
-    robot.machine.drive_ended("the robot does not know the task")
-    assert (robot.last, robot.nodes) == ("a", "bcd")
-
-
 def test_a_permitted_deviation_lets_a_node_be_passed_at_a_distance() -> None:
-    robot = Robot()
-    robot.give(path("abc", b=place(1.0, y=0.5, deviation_xy=0.6)))
+    robot = given(path("abc", b=place(1.0, y=0.5, deviation_xy=0.6)))
     robot.move(1.5)
     assert robot.last == "b"
 
 
 def test_the_end_of_a_leg_is_reached_when_the_drive_ends() -> None:
-    robot = Robot()
-    robot.give(path("ab"))
+    robot = given(path("ab"))
     robot.move(0.95, 1.0)
     assert robot.last == "a"
+    assert not robot.machine.status.new_base_request
     robot.arrive()
     assert (robot.last, robot.nodes, robot.edges) == ("b", "", [])
     assert not robot.machine.busy
@@ -231,9 +211,8 @@ def test_the_end_of_a_leg_is_reached_when_the_drive_ends() -> None:
         "two trajectories",
     ],
 )
-def test_where_a_leg_ends(order: object, legs: str) -> None:
-    robot = Robot()
-    robot.give(order)  # type: ignore[arg-type]
+def test_where_a_leg_ends(order: Order, legs: str) -> None:
+    robot = given(order)
     assert robot.legs == [legs]
 
 
@@ -247,8 +226,7 @@ def test_a_long_order_is_driven_in_parts() -> None:
 
 
 def test_the_next_leg_begins_when_the_blocking_action_has_ended() -> None:
-    robot = Robot()
-    robot.give(path("abc", actions={"b": [action("pick")]}))
+    robot = given(path("abc", actions={"b": [action("pick")]}))
     assert robot.arrive() == [Perform(action("pick"))]
     assert robot.actions == {"pick": "INITIALIZING"}
     robot.finish("pick")
@@ -257,8 +235,7 @@ def test_the_next_leg_begins_when_the_blocking_action_has_ended() -> None:
 
 
 def test_actions_of_the_first_node_start_before_the_drive() -> None:
-    robot = Robot()
-    robot.give(path("ab", actions={"a": [action("pick")]}))
+    robot = given(path("ab", actions={"a": [action("pick")]}))
     assert robot.legs == []
     robot.finish("pick")
     assert robot.legs == ["b"]
@@ -301,33 +278,21 @@ def test_an_action_of_an_edge_that_could_not_start_fails_at_its_end() -> None:
 
 
 def test_a_blocking_action_of_an_edge_ends_before_the_vehicle_drives() -> None:
-    robot = Robot()
-    robot.give(path("ab", actions={"ab": [action("lift", SOFT)]}))
+    robot = given(path("ab", actions={"ab": [action("lift", SOFT)]}))
     assert (robot.legs, robot.actions) == ([], {"lift": "INITIALIZING"})
     robot.finish("lift")
     assert robot.legs == ["b"]
 
 
-def test_states_of_actions_stay_until_the_next_order() -> None:
-    robot = Robot()
-    robot.give(path("ab", actions={"a": [action("1")], "b": [action("2")]}))
-    robot.finish("1")
-    robot.arrive()
-    robot.finish("2")
-    assert robot.actions == {"1": "FINISHED", "2": "FINISHED"}
-
-
 def test_the_vehicle_stops_at_the_end_of_the_base() -> None:
-    robot = Robot()
-    robot.give(path("ab", "cd"))
+    robot = given(path("ab", "cd"))
     robot.arrive()
     assert (robot.legs, robot.nodes) == (["b"], "CD")
     assert robot.machine.busy
 
 
 def test_an_update_during_the_drive_is_driven_after_the_old_end_of_the_base() -> None:
-    robot = Robot()
-    robot.give(path("ab", "cd"))
+    robot = given(path("ab", "cd"))
     robot.move(0.5)
     robot.give(path("bcd", first=2, update=1))
     assert robot.legs == ["b"]
@@ -352,18 +317,11 @@ def test_a_new_base_is_requested_near_its_end_only() -> None:
 
 
 def test_a_new_base_is_requested_before_its_last_edge_if_that_is_short() -> None:
-    robot = Robot()
-    robot.give(path("abcdef", "g"))
+    robot = given(path("abcdef", "g"))
     assert not robot.machine.status.new_base_request
     robot.move(1.9, 2.1)
     assert (robot.last, robot.nodes) == ("c", "defG")
     assert robot.machine.status.new_base_request
-
-
-def test_no_base_is_requested_without_a_horizon() -> None:
-    robot = Robot()
-    robot.give(path("ab"))
-    assert not robot.machine.status.new_base_request
 
 
 def test_the_distance_since_the_last_node_is_that_of_the_way() -> None:
@@ -379,8 +337,7 @@ def test_the_distance_since_the_last_node_is_that_of_the_way() -> None:
 
 
 def test_the_speed_limit_is_that_of_the_edge_and_begins_before_a_slower_one() -> None:
-    robot = Robot()
-    robot.give(
+    robot = given(
         path(
             "abcd",
             edges={"ab": {"max_speed": 0.8}, "bc": {"max_speed": 0.3}},
@@ -403,7 +360,7 @@ def test_a_cancelled_order_stops_the_drive_and_fails_what_has_not_ended() -> Non
     light = action("light", NONE)
     robot.give(path("abc", "d", actions={"a": [light], "c": [action("pick")], "b": []}))
     robot.machine.cancel()
-    assert robot.poll() == [EndAction(light), CancelDrive()]
+    assert robot.poll() == [EndAction(light), Control.CANCEL]
     assert robot.actions == {"light": "INITIALIZING", "pick": "FAILED"}
     assert robot.machine.canceling
     robot.finish("light", status=robot.machine.status.actions[0].status.FAILED)
@@ -418,33 +375,27 @@ def test_a_cancelled_order_stops_the_drive_and_fails_what_has_not_ended() -> Non
     assert robot.machine.error is None
 
 
-def test_after_a_cancellation_an_order_starts_where_the_vehicle_stands() -> None:
-    robot = Robot()
-    robot.give(path("abc"))
+@pytest.mark.parametrize(
+    "order",
+    [
+        path("xc", order_id="next", x=place(0.5), c=place(2.0)),
+        path("ac", order_id="next", a=place(0.0, deviation_xy=0.6)),
+    ],
+    ids=["where the vehicle stands", "at the last node with a wide deviation"],
+)
+def test_where_an_order_starts_after_a_cancellation(order: Order) -> None:
+    robot = given(path("abc"))
     robot.move(0.5)
     robot.machine.cancel()
     robot.poll()
     robot.machine.drive_ended("cancelled")
     robot.poll()
-    robot.give(path("xc", order_id="temporary", x=place(0.5), c=place(2.0)))
-    assert robot.last == "x"
-
-
-def test_after_a_cancellation_an_order_starts_at_the_last_node_with_a_wide_deviation() -> None:
-    robot = Robot()
-    robot.give(path("abc"))
-    robot.move(0.5)
-    robot.machine.cancel()
-    robot.poll()
-    robot.machine.drive_ended("cancelled")
-    robot.poll()
-    robot.give(path("ac", order_id="next", a=place(0.0, deviation_xy=0.6)))
-    assert (robot.last, robot.legs[-1]) == ("a", "c")
+    robot.give(order)
+    assert (robot.last, robot.legs[-1]) == (order.nodes[0].id, "c")
 
 
 def test_a_drive_that_fails_ends_the_order_until_it_is_cancelled() -> None:
-    robot = Robot()
-    robot.give(path("ab", "c"))
+    robot = given(path("ab", "c"))
     robot.machine.drive_ended("the task failed")
     robot.poll()
     error = robot.machine.error
@@ -461,10 +412,9 @@ def test_a_drive_that_fails_ends_the_order_until_it_is_cancelled() -> None:
 
 
 def test_a_hold_pauses_the_drive_and_starts_none() -> None:
-    robot = Robot()
-    robot.give(path("abc", b=place(1.0, theta=0.0)))
+    robot = given(path("abc", b=place(1.0, theta=0.0)))
     robot.machine.hold("pause")
-    assert robot.poll() == [PauseDrive()]
+    assert robot.poll() == [Control.PAUSE]
     assert robot.arrive() == []
     robot.machine.release("pause")
     robot.poll()
@@ -472,27 +422,18 @@ def test_a_hold_pauses_the_drive_and_starts_none() -> None:
 
 
 def test_a_paused_drive_is_resumed() -> None:
-    robot = Robot()
-    robot.give(path("ab"))
+    robot = given(path("ab"))
     robot.machine.hold("pause")
     robot.machine.hold("key")
     robot.poll()
     robot.machine.release("pause")
     assert robot.poll() == []
     robot.machine.release("key")
-    assert robot.poll() == [ResumeDrive()]
-
-
-def test_nothing_is_driven_while_the_vehicle_may_not_drive() -> None:
-    robot = Robot()
-    robot.machine.receive(path("ab"))
-    assert robot.poll(may_drive=False) == []
-    assert robot.poll() != []
+    assert robot.poll() == [Control.RESUME]
 
 
 def test_the_vehicle_waits_until_it_is_on_the_map_of_the_next_node() -> None:
-    robot = Robot()
-    robot.give(path("abc", b=place(1.0, map_id="roof"), c=place(2.0, map_id="roof")))
+    robot = given(path("abc", b=place(1.0, map_id="roof"), c=place(2.0, map_id="roof")))
     assert robot.legs == []
     (error,) = robot.machine.errors
     assert (error.level, references(error)["mapId"]) == (ErrorLevel.WARNING, "roof")
@@ -512,8 +453,7 @@ def test_the_speed_limit_holds_also_after_a_node_that_was_missed() -> None:
 
 
 def test_the_last_node_follows_from_where_the_vehicle_was_placed() -> None:
-    robot = Robot()
-    robot.give(path("ab"))
+    robot = given(path("ab"))
     robot.arrive()
     robot.machine.placed("dock")
     assert robot.last == "dock"
@@ -521,8 +461,7 @@ def test_the_last_node_follows_from_where_the_vehicle_was_placed() -> None:
 
 
 def test_a_vehicle_that_somebody_has_moved_away_does_not_go_on() -> None:
-    robot = Robot()
-    robot.give(path("ab", "c"))
+    robot = given(path("ab", "c"))
     robot.arrive()
     robot.machine.moved(at(1.2))  # it may stand a bit beside its node
     robot.machine.moved(at(9.0))
@@ -533,8 +472,7 @@ def test_a_vehicle_that_somebody_has_moved_away_does_not_go_on() -> None:
 
 
 def test_a_vehicle_that_its_own_actions_have_moved_goes_on() -> None:
-    robot = Robot()
-    robot.give(path("ab", "c"))
+    robot = given(path("ab", "c"))
     robot.arrive()
     robot.machine.moved(at(1.9), by_itself=True)
     robot.machine.moved(at(1.95))
@@ -552,16 +490,14 @@ def test_a_trajectory_that_begins_far_away_is_not_driven() -> None:
 
 
 def test_a_drive_that_was_not_sent_is_commanded_again() -> None:
-    robot = Robot()
-    robot.give(path("ab"))
+    robot = given(path("ab"))
     robot.machine.drive_unsent()
     assert robot.machine.poll(may_drive=False) == []
     assert [type(each) for each in robot.machine.poll()] == [Drive]
 
 
 def test_a_lost_link_is_no_reason_to_doubt_where_an_action_has_moved_the_vehicle() -> None:
-    robot = Robot()
-    robot.give(path("ab", actions={"a": [action("step")]}))
+    robot = given(path("ab", actions={"a": [action("step")]}))
     robot.machine.doubt_place()  # the link was lost and is back
     robot.machine.moved(at(0.5), by_itself=True)
     robot.poll()

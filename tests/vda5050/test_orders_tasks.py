@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from tests.vda5050.orders import MAP, Robot, action, at, path, place
+from tests.vda5050.orders import MAP, action, at, given, path, place
 from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
-from woosh_robot_agent.vda5050.driving import leg_task
 from woosh_robot_agent.vda5050.messages.order import (
     Action,
     BlockingType,
@@ -19,7 +18,8 @@ from woosh_robot_agent.vda5050.messages.order import (
     Order,
     Trajectory,
 )
-from woosh_robot_agent.vda5050.orders.reach import with_marks
+from woosh_robot_agent.vda5050.orders.structure import with_marks
+from woosh_robot_agent.vda5050.robot.tasks import leg_task
 
 MARK = NodePosition(1.0, 0.0, MAP, theta=1.5)
 
@@ -66,8 +66,7 @@ def test_an_action_while_driving_needs_no_mark() -> None:
 
 
 def test_the_robot_drives_to_a_mark_by_a_task_of_its_own() -> None:
-    robot = Robot()
-    robot.give(with_b(None))
+    robot = given(with_b(None))
     assert robot.legs == ["b"]
     task = leg_task(robot.drives[0].leg, at(0.0))
     assert task.mark_no == "b"
@@ -78,23 +77,20 @@ def test_the_robot_drives_to_a_mark_by_a_task_of_its_own() -> None:
 
 
 def test_a_leg_of_one_node_is_driven_to_its_pose() -> None:
-    robot = Robot()
-    robot.give(path("ab", b=place(1.0, y=1.0, theta=0.5)))
+    robot = given(path("ab", b=place(1.0, y=1.0, theta=0.5)))
     task = leg_task(robot.drives[0].leg, at(0.0))
     assert (task.pose.x, task.pose.y, task.pose.theta) == (1.0, 1.0, 0.5)
     assert not task.HasField("plan_path")
 
 
 def test_without_a_heading_the_robot_arrives_straight_on() -> None:
-    robot = Robot()
-    robot.give(path("ab", b=place(1.0, y=1.0)))
+    robot = given(path("ab", b=place(1.0, y=1.0)))
     task = leg_task(robot.drives[0].leg, at(0.0))
     assert task.pose.theta == pytest.approx(math.pi / 4)
 
 
 def test_a_leg_of_several_nodes_is_a_path_through_them() -> None:
-    robot = Robot()
-    robot.give(path("abc", c=place(1.0, y=1.0, theta=0.0)))
+    robot = given(path("abc", c=place(1.0, y=1.0, theta=0.0)))
     (stretch,) = leg_task(robot.drives[0].leg, at(0.0)).plan_path.plan_path
     assert stretch.optimal == PlanPath.kOptimal
     assert [(pose.x, pose.y, pose.theta) for pose in stretch.path.poses] == [
@@ -110,8 +106,7 @@ def test_trajectories_are_strict_paths_with_the_heading_along_them() -> None:
         (0.0, 0.0, 0.5, 1.0, 1.0),
         (ControlPoint(0.0, 0.0), ControlPoint(0.0, 1.0), ControlPoint(1.0, 1.0)),
     )
-    robot = Robot()
-    robot.give(path("ab", b=place(1.0, y=1.0, theta=-1.0), edges={"ab": {"trajectory": corner}}))
+    robot = given(path("ab", b=place(1.0, y=1.0, theta=-1.0), edges={"ab": {"trajectory": corner}}))
     (stretch,) = leg_task(robot.drives[0].leg, at(0.0)).plan_path.plan_path
     assert stretch.optimal == PlanPath.kStrict
     poses = [(pose.x, pose.y, round(pose.theta, 6)) for pose in stretch.path.poses]

@@ -3,45 +3,30 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any
 
 import pytest
 
-from tests.quick_chassis import quick_config, set_speed
+from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto
-from tests.vda5050.conftest import AT_ONCE, VehicleStarter
+from tests.vda5050.conftest import Site
 from tests.vda5050.master import (
+    START,
     Master,
     Message,
     action,
     edge,
-    error_types,
     node,
     plain_edges,
-    status_of,
+    references,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
-from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
 from woosh_robot_agent.simulator import SimulatorThread
 
-SLOW = pytest.mark.parametrize("chassis", [1.0], indirect=True)
-"""For tests that must be in time before the robot arrives."""
-X, Y = START = (4.23276472, -6.6727581)
-"""Where the simulated robot stands at first; the hall is free to the east of it."""
-FAR = [node("a", 0, *START), node("b", 2, 10.0, -7.0)]
-"""Nodes that the robot passes after a minute, at 0.1 m/s."""
+X, Y = START
 STEP = 0.8
-
-
-@pytest.fixture
-def chassis(request: pytest.FixtureRequest) -> Iterator[SimulatorThread]:
-    """A simulated chassis; its speed factor may be given by a parameter."""
-    speed = getattr(request, "param", 20.0)
-    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=speed)) as running:
-        yield running
 
 
 async def seen(master: Master, condition: Callable[[Message], Any]) -> Message:
@@ -72,21 +57,18 @@ def requests(chassis: SimulatorThread, kind: type[Any]) -> list[Any]:
 
 
 @aio
-async def test_the_example_of_the_standard_is_extended_while_it_is_driven(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
+async def test_the_example_of_the_standard_is_extended_while_it_is_driven(site: Site) -> None:
     """The order of figures 4 and 5 and its update, with the loop of six nodes laid on a line."""
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        usual = chassis.call(lambda sim: sim.speed)
-        set_speed(chassis, 0.05)  # the first state is reported before the robot passes a node
+    async with site.online() as master:
+        usual = site.chassis.call(lambda sim: sim.speed)
+        set_speed(site.chassis, 0.05)  # the first state is reported before the robot passes a node
         master.order(line("fdgbh", released=3), order_id="1234")
         first = await seen(master, lambda state: state["orderId"] == "1234")
         assert first["lastNodeId"] == "f"
         assert ids(first["nodeStates"], "nodeId") == "dgbh"
         assert [each["released"] for each in first["nodeStates"]] == [True, True, False, False]
         assert [each["released"] for each in first["edgeStates"]] == [True, True, False, False]
-        set_speed(chassis, usual)
+        set_speed(site.chassis, usual)
         await master.wait_state(lambda state: state["lastNodeId"] in ("d", "g"))
 
         master.order(line("gbhi", released=3, first=2), order_id="1234", update=1)
@@ -105,8 +87,8 @@ async def test_the_example_of_the_standard_is_extended_while_it_is_driven(
         passed = [a for a, b in pairwise([*visited, ""]) if a != b]
         # the robot may pass two nodes between two reports
         assert passed == [name for name in "fdgbh" if name in passed]
-    assert chassis.state.pose.x == pytest.approx(X + 4 * STEP, abs=0.05)
-    assert len(requests(chassis, ExecTask)) == 2
+    assert site.chassis.state.pose.x == pytest.approx(X + 4 * STEP, abs=0.05)
+    assert len(requests(site.chassis, ExecTask)) == 2
 
 
 def far_order() -> Message:
@@ -181,11 +163,8 @@ REJECTED: dict[str, tuple[Message, str, dict[str, str]]] = {
 
 
 @aio
-async def test_what_the_vehicle_cannot_do_is_rejected_with_references(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_what_the_vehicle_cannot_do_is_rejected_with_references(site: Site) -> None:
+    async with site.online() as master:
         await eventually(lambda: master.last("factsheet"))
         features = master.last("factsheet")["protocolFeatures"]["optionalParameters"]
         supported = {each["parameter"] for each in features}
@@ -208,107 +187,27 @@ async def test_what_the_vehicle_cannot_do_is_rejected_with_references(
             assert state["orderId"] == ""
 
         master.send("order", {"orderId": "good", "orderUpdateId": 0} | order_with())
-        accepted = await master.wait_state(lambda state: state["orderId"] == "good")
+        accepted = await master.accepted("good")
         assert accepted["errors"] == []
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert len(requests(chassis, ExecTask)) == 1
-
-
-def references(error: Message) -> dict[str, str]:
-    return {each["referenceKey"]: each["referenceValue"] for each in error["errorReferences"]}
+        await master.reached("b")
+    assert len(requests(site.chassis, ExecTask)) == 1
 
 
 @aio
-async def test_a_robot_that_does_not_know_its_position_takes_no_order(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        chassis.lose_localisation()
+async def test_a_robot_that_does_not_know_its_position_takes_no_order(site: Site) -> None:
+    async with site.online() as master:
+        site.chassis.lose_localisation()
         await master.wait_state(lambda state: not state["agvPosition"]["positionInitialized"])
         master.order([node("a", 0, *START, allowedDeviationXY=50.0)])
-        state = await master.wait_state(lambda state: "orderError" in error_types(state))
+        state = await master.error("orderError")
         assert "initPosition" in str(state["errors"])
         assert state["orderId"] == ""
 
 
 @aio
-async def test_duplicates_are_ignored_and_other_orders_rejected_while_one_is_driven(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        order = line("ab", released=2)
-        master.order(line("abc", released=2), update=4)
-        await master.wait_state(lambda state: state["orderUpdateId"] == 4)
-        master.order(line("abc", released=2), update=4)
-        master.order(order, update=3)
-        state = await master.wait_state(lambda state: state["errors"])
-        assert error_types(state) == ["orderUpdateError"]
-        assert references(state["errors"][0])["orderUpdateId"] == "3"
-        master.order(line("abcd", released=2), update=4)
-        await master.wait_state(lambda state: "another content" in str(state["errors"]))
-        master.order(order, order_id="other")
-        state = await master.wait_state(lambda state: "orderError" in error_types(state))
-        assert (state["orderId"], state["orderUpdateId"]) == ("order", 4)
-        master.order(line("abc", released=2), update=4)
-        master.instant(action("stateRequest", "ask"))
-        state = await master.wait_state(lambda state: status_of(state, "ask") == "FINISHED")
-        assert error_types(state) == ["orderError"]  # a duplicate does not resolve it
-
-        master.order(line("b", released=1, first=1), update=5)
-        state = await master.wait_state(lambda state: state["orderUpdateId"] == 5)
-        assert state["errors"] == []
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-    assert len(requests(chassis, ExecTask)) == 1
-
-
-@SLOW
-@aio
-async def test_a_cancelled_order_stops_the_robot_and_the_next_one_starts_there(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        cancel = action("cancelOrder", "nothing", blocking="HARD")
-        master.instant(cancel)
-        state = await master.wait_state(lambda state: state["errors"])
-        assert status_of(state, "nothing") == "FAILED"
-        assert [(each["errorType"], each["errorLevel"]) for each in state["errors"]] == [
-            ("noOrderToCancel", "WARNING")
-        ]
-        assert references(state["errors"][0])["actionId"] == "nothing"
-
-        nodes = [*FAR, node("c", 4, 10.0, -6.0, released=False)]
-        master.order(nodes, [edge(*FAR, maxSpeed=0.1), edge(*nodes[1:])])
-        await master.wait_state(lambda state: state["driving"])
-        master.instant(action("cancelOrder", "stop", blocking="HARD"))
-        state = await master.wait_state(lambda state: status_of(state, "stop") == "FINISHED")
-        assert state["nodeStates"] == state["edgeStates"] == []
-        assert (state["orderId"], state["lastNodeId"]) == ("order", "a")
-        assert not state["newBaseRequest"]
-        pose = chassis.state.pose
-        assert pose.x < 9.9
-
-        master.order([node("b", 2, 10.0, -7.0)], update=1)
-        state = await master.wait_state(lambda state: error_types(state))
-        assert "orderUpdateError" in error_types(state)
-
-        await master.wait_state(lambda state: not state["driving"])
-        pose = chassis.state.pose
-        master.order(
-            [node("here", 0, pose.x, pose.y), node("b", 2, pose.x + 0.3, pose.y)], order_id="next"
-        )
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-
-
-@aio
-async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        await asyncio.to_thread(chassis.wait_received, "woosh.map.SceneData")
+async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(site: Site) -> None:
+    async with site.online() as master:
+        await asyncio.to_thread(site.chassis.wait_received, "woosh.map.SceneData")
         mark = {"nodeId": "K10", "sequenceId": 2, "released": True, "actions": []}
 
         async def sent() -> bool:
@@ -318,74 +217,30 @@ async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(
 
         while not await sent():  # until the marks have arrived
             pass
-        await master.wait_state(lambda state: state["lastNodeId"] == "K10")
-    (task,) = requests(chassis, ExecTask)
+        await master.reached("K10")
+    (task,) = requests(site.chassis, ExecTask)
     assert task.mark_no == "K10"
-    pose = chassis.state.pose
+    pose = site.chassis.state.pose
     assert (pose.x, pose.y) == pytest.approx((8.0, -4.0), abs=0.05)
 
 
 @aio
-async def test_trajectories_are_driven_as_strict_paths_without_a_stop_between_them(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        nodes = [node("a", 0, *START), node("b", 2, X + 1, Y - 1), node("c", 4, X + 3, Y - 1)]
-        arc = {
-            "degree": 2,
-            "knotVector": [0, 0, 0, 1, 1, 1],
-            "controlPoints": [
-                {"x": X, "y": Y},
-                {"x": X, "y": Y - 1, "weight": 0.7071067811865476},
-                {"x": X + 1, "y": Y - 1},
-            ],
-        }
-        straight = curve((X + 1, Y - 1), (X + 3, Y - 1))
-        master.order(
-            nodes,
-            [
-                edge(nodes[0], nodes[1], trajectory=arc),
-                edge(nodes[1], nodes[2], trajectory=straight),
-            ],
-        )
-        state = await master.wait_state(lambda state: state["lastNodeId"] == "c")
-        assert state["errors"] == []
-    (task,) = requests(chassis, ExecTask)
-    first, second = task.plan_path.plan_path
-    assert first.optimal == second.optimal == PlanPath.kStrict
-    centre = (X + 1, Y)
-    for pose in first.path.poses:
-        assert (pose.x - centre[0]) ** 2 + (pose.y - centre[1]) ** 2 == pytest.approx(1.0, abs=1e-4)
-    assert len(first.path.poses) > 4
-    assert len(second.path.poses) == 1
-    pose = chassis.state.pose
-    assert (pose.x, pose.y) == pytest.approx((X + 3, Y - 1), abs=0.05)
-
-
-@aio
-async def test_speed_limits_are_sent_on_entering_an_edge(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_speed_limits_are_sent_on_entering_an_edge(site: Site) -> None:
+    async with site.online() as master:
         nodes = [node("a", 0, *START), node("b", 2, X + 3, Y), node("c", 4, X + 6, Y)]
         master.order(
             nodes, [edge(nodes[0], nodes[1], maxSpeed=0.3), edge(nodes[1], nodes[2], maxSpeed=1.2)]
         )
-        await master.wait_state(lambda state: state["lastNodeId"] == "c")
-    modes = [each.nav_mode for each in requests(chassis, ChangeNavMode)]
+        await master.reached("c")
+    modes = [each.nav_mode for each in requests(site.chassis, ChangeNavMode)]
     assert [mode.max_speed for mode in modes] == pytest.approx([0.3, 1.2])
 
 
-@SLOW
 @aio
-async def test_a_refused_speed_limit_ends_the_drive(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    chassis.refuse("woosh.robot.ChangeNavMode", "not now")
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
+async def test_a_refused_speed_limit_ends_the_drive(site: Site) -> None:
+    site.chassis.refuse("woosh.robot.ChangeNavMode", "not now")
+    set_speed(site.chassis, 1.0)
+    async with site.online() as master:
         nodes = [node("a", 0, *START)]
         for number, name in enumerate("bcdefg", start=1):
             nodes.append(node(name, 2 * number, 10.0 if number % 2 else X, -7.5))
@@ -397,46 +252,4 @@ async def test_a_refused_speed_limit_ends_the_drive(
         assert references(error)["orderId"] == "order"
         state = await master.wait_state(lambda state: not state["driving"])
         assert state["nodeStates"]
-    assert len(requests(chassis, ChangeNavMode)) == 1
-
-
-@SLOW
-@aio
-async def test_the_order_is_cleared_when_the_robot_leaves_the_automatic_mode(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with Master(broker.port) as master, vehicle():
-        await master.online()
-        master.order(FAR, [edge(*FAR, maxSpeed=0.1)])
-        await master.wait_state(lambda state: state["driving"])
-        chassis.set_key_switch(manual=True)
-        state = await master.wait_state(
-            lambda state: state["operatingMode"] == "MANUAL" and not state["nodeStates"]
-        )
-        assert (state["orderId"], state["edgeStates"]) == ("order", [])
-        master.order([node("a", 0, *START, allowedDeviationXY=50.0)], order_id="refused")
-        state = await master.wait_state(lambda state: "orderError" in error_types(state))
-        assert "automatic" in str(state["errors"])
-        assert state["orderId"] == "order"
-
-        chassis.set_key_switch(manual=False)
-        await master.wait_state(lambda state: state["operatingMode"] == "AUTOMATIC")
-        await master.wait_state(lambda state: not state["driving"])
-        pose = chassis.state.pose
-        master.order([node("here", 0, pose.x, pose.y)], order_id="next")
-        await master.wait_state(lambda state: state["orderId"] == "next")
-    assert len(requests(chassis, ExecTask)) == 1
-
-
-@aio
-async def test_the_distance_since_the_last_node_is_reported(
-    vehicle: VehicleStarter, broker: Mosquitto
-) -> None:
-    async with Master(broker.port) as master, vehicle(limits=AT_ONCE):
-        await master.online()
-        assert "distanceSinceLastNode" not in master.state
-        master.order([node("a", 0, *START), node("b", 2, X + 4, Y)])
-        await master.wait_state(lambda state: state["lastNodeId"] == "b")
-        assert master.state["distanceSinceLastNode"] < 0.1
-        states = [state for state in master.received["state"] if state["orderId"]]
-        assert states[0]["distanceSinceLastNode"] == 0.0
+    assert len(requests(site.chassis, ChangeNavMode)) == 1

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import VehicleStarter
-from tests.vda5050.fields import HEADER, message_fields, schema_fields
-from tests.vda5050.master import Master, Message, action, error_types, node, plain_edges
+from tests.tools.waiting import aio
+from tests.vda5050.conftest import Site
+from tests.vda5050.connector_process import ConnectorProcess
+from tests.vda5050.fields import schema_fields
+from tests.vda5050.master import (
+    START,
+    Master,
+    Message,
+    action,
+    error_types,
+    node,
+    plain_edges,
+    references,
+)
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
-from tests.vda5050.test_first_order import START
-from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order, path_ahead
-from woosh_robot_agent.vda5050.messages.parsing import defect, read_order, refusal_of_zone_set
-from woosh_robot_agent.vda5050.messages.protocol import PUBLISHED, Identity, Topic, Version, header
+from woosh_robot_agent.vda5050.messages.geometry import path_ahead
+from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order
+from woosh_robot_agent.vda5050.messages.reading import defect, read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.messages.state import (
     ConnectionState,
     ErrorType,
@@ -32,16 +36,26 @@ from woosh_robot_agent.vda5050.messages.state import (
     RejectedError,
     warning,
 )
-from woosh_robot_agent.vda5050.messages.v3_0 import Version30
-from woosh_robot_agent.vda5050.orders.reach import Tolerance, is_reached
-from woosh_robot_agent.vda5050.robot.status import OPTIONAL_PARAMETERS
-from woosh_robot_agent.vda5050.vehicle_config import VERSIONS
-
-V3 = Version30()
-VEHICLE = Identity("Woosh", "1")
-BOTH = pytest.mark.parametrize(
-    "version", [make() for make in VERSIONS.values()], ids=list(VERSIONS)
+from woosh_robot_agent.vda5050.messages.versions import (
+    PUBLISHED,
+    V3_0,
+    VERSIONS,
+    Identity,
+    Topic,
+    Version,
 )
+from woosh_robot_agent.vda5050.messages.writing import (
+    connection_message,
+    factsheet_message,
+    state_message,
+    visualization_message,
+)
+from woosh_robot_agent.vda5050.orders.reach import is_reached
+from woosh_robot_agent.vda5050.robot.status import OPTIONAL_PARAMETERS
+
+V3 = V3_0
+VEHICLE = Identity("Woosh", "1")
+BOTH = pytest.mark.parametrize("version", list(VERSIONS.values()), ids=list(VERSIONS))
 
 
 def _edges(nodes: list[Message]) -> list[Message]:
@@ -51,7 +65,14 @@ def _edges(nodes: list[Message]) -> list[Message]:
 
 
 def _full(version: Version, content: dict[str, Any]) -> dict[str, Any]:
-    return header(VEHICLE, version.number, 0, 1e9) | content
+    header = {
+        "headerId": 0,
+        "timestamp": "2024-01-01T00:00:00.000Z",
+        "version": version.number,
+        "manufacturer": VEHICLE.manufacturer,
+        "serialNumber": VEHICLE.serial_number,
+    }
+    return header | content
 
 
 def _order(*, order: dict[str, Any] | None = None, edge: dict[str, Any] | None = None) -> Message:
@@ -70,34 +91,21 @@ def _read(message: Message) -> Order:
 
 
 @BOTH
-def test_complete_messages_have_no_field_that_the_schemas_do_not_know(version: Version) -> None:
-    contents = {
-        "state": version.state(STATE),
-        "visualization": version.visualization(ROBOT, 3),
-        "factsheet": version.factsheet(FACTSHEET),
-        "connection": version.connection(ConnectionState.BROKEN),
-    }
-    for topic, content in contents.items():
-        message = _full(version, content)
-        assert defect(version.number, topic, message) is None
-        known = {*HEADER, *schema_fields(version.number, topic)}
-        assert set(message_fields(message)) <= known, topic
-
-
-@pytest.mark.parametrize("state", ConnectionState)
-def test_connection_states(state: ConnectionState) -> None:
-    message = _full(V3, V3.connection(state))
-    assert defect("3.0.0", "connection", message) is None
-
-
-@pytest.mark.parametrize("mode", OperatingMode)
-def test_operating_modes(mode: OperatingMode) -> None:
-    content = V3.state(replace(STATE, robot=replace(ROBOT, mode=mode)))
-    assert defect("3.0.0", "state", _full(V3, content)) is None
+def test_complete_messages_fit_the_schemas(version: Version) -> None:
+    robots = [replace(ROBOT, mode=mode) for mode in OperatingMode]
+    states = [state_message(version, replace(STATE, robot=robot)) for robot in robots]
+    contents = [
+        *(("state", each) for each in states),
+        ("visualization", visualization_message(version, ROBOT, 3)),
+        ("factsheet", factsheet_message(version, FACTSHEET)),
+        *(("connection", connection_message(version, each)) for each in ConnectionState),
+    ]
+    for topic, content in contents:
+        assert defect(version.number, topic, _full(version, content)) is None
 
 
 def test_instant_actions_have_a_list_of_their_own() -> None:
-    content = V3.state(STATE)
+    content = state_message(V3, STATE)
     assert [each["actionId"] for each in content["actionStates"]] == ["1"]
     assert [each["actionId"] for each in content["instantActionStates"]] == ["2"]
     assert content["actionStates"][0]["actionStatus"] == "PAUSED"
@@ -124,7 +132,7 @@ def test_errors_have_the_predefined_types_and_levels(
     kind: ErrorType, name: str, level: str
 ) -> None:
     state = replace(STATE, errors=(warning(kind, "a reason", parameter="maxSpeed"),))
-    (error,) = V3.state(state)["errors"]
+    (error,) = state_message(V3, state)["errors"]
     assert (error["errorType"], error["errorLevel"]) == (name, level)
     assert error["errorReferences"] == [
         {"referenceKey": "parameter", "referenceValue": "maximumSpeed"}
@@ -135,17 +143,17 @@ def test_errors_have_the_predefined_types_and_levels(
 def test_all_types_of_errors_are_in_capitals(kind: ErrorType) -> None:
     state = replace(STATE, errors=(warning(kind, "a reason"),))
     state = replace(state, robot=replace(ROBOT, mode=OperatingMode.MANUAL))
-    (error,) = V3.state(state)["errors"]
+    (error,) = state_message(V3, state)["errors"]
     assert error["errorType"].replace("_", "").isupper()
 
 
 def test_the_rejection_for_the_operating_mode_ends_with_the_mode() -> None:
     errors = (warning(ErrorType.NOT_AVAILABLE, "not automatic"),)
     manual = replace(STATE, errors=errors, robot=replace(ROBOT, mode=OperatingMode.MANUAL))
-    assert error_types(V3.state(manual)) == ["MOBILE_ROBOT_NOT_AVAILABLE"]
-    assert error_types(V3.state(replace(manual, robot=ROBOT))) == []
+    assert error_types(state_message(V3, manual)) == ["MOBILE_ROBOT_NOT_AVAILABLE"]
+    assert error_types(state_message(V3, replace(manual, robot=ROBOT))) == []
     lost = replace(ROBOT, position=Position(0.0, 0.0, 0.0, "hall", initialised=False))
-    assert error_types(V3.state(replace(manual, robot=lost))) == [
+    assert error_types(state_message(V3, replace(manual, robot=lost))) == [
         "MOBILE_ROBOT_NOT_AVAILABLE",
         "LOCALIZATION_ERROR",
     ]
@@ -153,7 +161,7 @@ def test_the_rejection_for_the_operating_mode_ends_with_the_mode() -> None:
 
 def test_a_robot_without_position_is_a_fatal_error() -> None:
     place = Position(0.0, 0.0, math.pi, "hall", initialised=False)
-    content = V3.state(replace(STATE, errors=(), robot=replace(ROBOT, position=place)))
+    content = state_message(V3, replace(STATE, errors=(), robot=replace(ROBOT, position=place)))
     (error,) = content["errors"]
     assert (error["errorType"], error["errorLevel"]) == ("LOCALIZATION_ERROR", "FATAL")
     assert content["mobileRobotPosition"]["localized"] is False
@@ -163,29 +171,23 @@ def test_a_robot_without_position_is_a_fatal_error() -> None:
 @pytest.mark.parametrize("theta", [3.141593, -3.141593])
 def test_a_rounded_heading_stays_within_the_schema(version: Version, theta: float) -> None:
     place = Position(0.0, 0.0, theta, "hall", initialised=True)
-    message = _full(version, version.state(replace(STATE, robot=replace(ROBOT, position=place))))
+    message = _full(
+        version, state_message(version, replace(STATE, robot=replace(ROBOT, position=place)))
+    )
     assert defect(version.number, "state", message) is None
 
 
 def test_the_planned_path_begins_at_the_robot() -> None:
-    points = V3.state(STATE)["plannedPath"]["trajectory"]["controlPoints"]
+    points = state_message(V3, STATE)["plannedPath"]["trajectory"]["controlPoints"]
     assert points == [{"x": 0.1, "y": 0.0}, {"x": 1.0, "y": 0.0}]
     idle = replace(STATE, order=replace(ORDER, nodes=(), edges=()))
-    assert "plannedPath" not in V3.state(idle)
-    assert "plannedPath" not in V3.state(replace(STATE, robot=replace(ROBOT, path=())))
-
-
-def test_the_factsheet_has_the_names_of_the_version() -> None:
-    features = V3.factsheet(FACTSHEET)["protocolFeatures"]
-    names = [each["parameter"] for each in features["optionalParameters"]]
-    assert names == ["order.edges.maximumSpeed"]
-    (kind,) = features["mobileRobotActions"]
-    assert kind["actionParameters"][0]["valueDataType"] == "NUMBER"
+    assert "plannedPath" not in state_message(V3, idle)
+    assert "plannedPath" not in state_message(V3, replace(STATE, robot=replace(ROBOT, path=())))
 
 
 @BOTH
 def test_the_optional_parameters_are_fields_of_the_order(version: Version) -> None:
-    sheet = version.factsheet(replace(FACTSHEET, optional_parameters=OPTIONAL_PARAMETERS))
+    sheet = factsheet_message(version, replace(FACTSHEET, optional_parameters=OPTIONAL_PARAMETERS))
     names = [each["parameter"] for each in sheet["protocolFeatures"]["optionalParameters"]]
     assert len(names) >= 6
     known = {f"order.{name}" for name in schema_fields(version.number, "order")}
@@ -206,18 +208,12 @@ def test_the_path_ahead_leaves_out_what_is_behind_and_what_is_straight() -> None
 # Orders
 
 
-def test_an_order_is_read() -> None:
-    order = _read(_order(edge={"maximumSpeed": 0.4}))
-    assert [each.id for each in order.nodes] == ["a", "b"]
-    assert (order.edges[0].start_node_id, order.edges[0].end_node_id) == ("a", "b")
-    assert order.edges[0].max_speed == 0.4
-    assert order.edges[0].unsupported == order.unsupported == ()
-
-
-def test_a_trajectory_has_defaults() -> None:
+def test_an_edge_has_a_speed_and_a_trajectory_with_defaults() -> None:
     points = [{"x": 0.0, "y": 0.0}, {"x": 1.0, "y": 0.0}]
-    order = _read(_order(edge={"trajectory": {"controlPoints": points}}))
-    assert order.edges[0].trajectory == LINE
+    given = {"maximumSpeed": 0.4, "trajectory": {"controlPoints": points}}
+    (edge,) = _read(_order(edge=given)).edges
+    assert (edge.start_node_id, edge.end_node_id) == ("a", "b")
+    assert (edge.max_speed, edge.trajectory, edge.unsupported) == (0.4, LINE, ())
     three = {"degree": 1, "controlPoints": [*points, {"x": 2.0, "y": 0.0}]}
     trajectory = _read(_order(edge={"trajectory": three})).edges[0].trajectory
     assert trajectory is not None
@@ -274,7 +270,7 @@ def test_the_blocking_type_of_instant_actions_is_none(blocking: str) -> None:
 def test_the_kinematics_are_required_by_the_name_of_the_text_and_that_of_the_schema(
     name: str,
 ) -> None:
-    message = _full(V3, V3.factsheet(FACTSHEET))
+    message = _full(V3, factsheet_message(V3, FACTSHEET))
     assert defect(V3.number, "factsheet", message) is None
     del message["typeSpecification"][name]
     assert name in str(defect(V3.number, "factsheet", message))
@@ -289,7 +285,7 @@ def test_the_deviation_is_an_ellipse() -> None:
 
     def reaches(x: float, y: float) -> bool:
         here = Position(x, y, 0.0, "wooshmap", initialised=True)
-        return is_reached(place, None, here, Tolerance())
+        return is_reached(place, None, here)
 
     assert reaches(0.0, 1.9)
     assert not reaches(0.0, 2.1)
@@ -302,8 +298,8 @@ def test_a_way_through_an_ellipse_reaches_the_node() -> None:
     place = NodePosition(5.0, 5.0, "hall", deviation_xy=0.5, ellipse=Ellipse(1.0, 0.5, 0.0))
     before = Position(4.2, 3.0, 0.0, "hall", initialised=True)
     after = Position(4.2, 7.0, 0.0, "hall", initialised=True)
-    assert is_reached(place, before, after, Tolerance())
-    assert not is_reached(place, before, before, Tolerance())
+    assert is_reached(place, before, after)
+    assert not is_reached(place, before, before)
 
 
 # Zone sets
@@ -318,7 +314,7 @@ def _zone_set() -> Message:
 def test_a_zone_set_is_refused() -> None:
     error = refusal_of_zone_set(json.dumps(_full(V3, _zone_set())).encode(), V3, VEHICLE)
     assert error.type == ErrorType.UNSUPPORTED_PARAMETER
-    assert {each.key: each.value for each in error.references}["zoneSetId"] == "night"
+    assert dict(error.references)["zoneSetId"] == "night"
     assert refusal_of_zone_set(b"{", V3, VEHICLE).type == ErrorType.VALIDATION
     broken = _zone_set()
     broken["zoneSet"]["zones"][0]["zoneType"] = "SPEED_LIMIT"
@@ -329,16 +325,9 @@ def test_a_zone_set_is_refused() -> None:
 # A vehicle
 
 
-def _master(broker: Mosquitto) -> Master:
-    return Master(broker.port, version="3.0.0")
-
-
 @aio
-async def test_an_order_of_three_nodes_is_driven(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread, recorder: Recorder
-) -> None:
-    async with _master(broker) as master, vehicle(version=V3):
-        await master.online()
+async def test_an_order_of_three_nodes_is_driven(site: Site) -> None:
+    async with site.online(version=V3) as master:
         assert master.state["version"] == "3.0.0"
         assert master.state["operatingMode"] == "AUTOMATIC"
         assert master.state["powerSupply"]["charging"] is False
@@ -351,90 +340,56 @@ async def test_an_order_of_three_nodes_is_driven(
             node("c", 4, 7.0, -7.0, theta=0.5, allowedDeviationTheta=0.0),
         ]
         master.order(nodes, _edges(nodes))
-        accepted = await master.wait_state(lambda state: state["orderId"] == "order")
+        accepted = await master.accepted("order")
         assert accepted["lastNodeId"] == "a"
         await master.wait_state(lambda state: "plannedPath" in state, "a planned path")
-        await master.wait_state(lambda state: state["lastNodeId"] == "c")
+        await master.reached("c")
         ended = await master.wait_state(lambda state: not state["driving"])
 
         assert ended["nodeStates"] == ended["edgeStates"] == ended["errors"] == []
         assert "plannedPath" not in ended
-    pose = chassis.state.pose
+    pose = site.chassis.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, -7.0, 0.5), abs=0.05)
 
-    sent = {each["headerId"] for each in recorder.sent("state")}
-    seen = {each["referenceStateHeaderId"] for each in recorder.sent("visualization")}
+    sent = {each["headerId"] for each in site.recorder.sent("state")}
+    seen = {each["referenceStateHeaderId"] for each in site.recorder.sent("visualization")}
     assert seen
     assert seen <= sent
+    assert {name.split("/")[1] for name, _ in site.recorder.messages} == {"v3"}
 
 
 @aio
-async def test_the_connection_is_reported_and_the_factsheet_kept(
-    vehicle: VehicleStarter, broker: Mosquitto, recorder: Recorder
-) -> None:
-    async with _master(broker) as master:
-        async with vehicle(version=V3):
-            await master.online()
-        await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
-    assert {name.split("/")[1] for name, _ in recorder.messages} == {"v3"}
-    async with _master(broker) as late:
-        await eventually(lambda: late.last("factsheet"))
-        assert late.last("connection")["connectionState"] == "OFFLINE"
-        factsheet = late.last("factsheet")
-    assert factsheet["typeSpecification"]["supportedZones"] == []
-    names = {each["actionType"] for each in factsheet["protocolFeatures"]["mobileRobotActions"]}
-    assert names >= {"cancelOrder", "factsheetRequest", "stateRequest"}
-
-
-@aio
-async def test_rejections_have_the_predefined_errors(
-    vehicle: VehicleStarter, broker: Mosquitto
-) -> None:
-    async with _master(broker) as master, vehicle(version=V3):
-        await master.online()
+async def test_rejections_have_the_predefined_errors(site: Site) -> None:
+    async with site.online(version=V3) as master:
         nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
-
-        async def rejected(name: str) -> Message:
-            return await master.wait_state(lambda state: name in error_types(state), name)
-
         master.send_raw("order", b"{}")
-        await rejected("VALIDATION_FAILURE")
+        await master.error("VALIDATION_FAILURE")
         corridor = {"leftWidth": 1.0, "rightWidth": 1.0}
         master.order(nodes, [each | {"corridor": corridor} for each in _edges(nodes)])
-        state = await rejected("UNSUPPORTED_PARAMETER")
+        state = await master.error("UNSUPPORTED_PARAMETER")
         (error,) = state["errors"]
         assert error["errorLevel"] == "CRITICAL"
-        references = {
-            each["referenceKey"]: each["referenceValue"] for each in error["errorReferences"]
-        }
-        assert references["parameter"] == "corridor"
+        assert references(error)["parameter"] == "corridor"
         master.order([node("far", 0, 0.0, 0.0)], [])
-        await rejected("START_NODE_OUT_OF_RANGE")
+        await master.error("START_NODE_OUT_OF_RANGE")
         elsewhere = [node("a", 0, *START), node("b", 2, 6.0, -7.0, map_id="cellar")]
         master.order(elsewhere, _edges(elsewhere))
-        await rejected("UNKNOWN_MAP_ID")
-        master.order([node("far", 0, 0.0, 0.0)], [])
-        await rejected("START_NODE_OUT_OF_RANGE")
-        master.order([node("a", 0, *START, map_id="cellar")], [])
-        await rejected("UNKNOWN_MAP_ID")
+        await master.error("UNKNOWN_MAP_ID")
         master.order([node("a", 0, *START, actions=[action("fly")])], [])
-        await rejected("INVALID_ORDER_ACTION")
+        await master.error("INVALID_ORDER_ACTION")
         master.send("zoneSet", _zone_set())
-        state = await rejected("UNSUPPORTED_PARAMETER")
+        state = await master.error("UNSUPPORTED_PARAMETER")
         assert state["orderId"] == ""
 
         master.order(nodes, _edges(nodes))
         await master.wait_state(lambda state: state["orderId"] == "order" and not state["errors"])
         master.order([node("a", 0, *START)], [], order_id="other")
-        await rejected("OTHER_ORDER_ACTIVE")
+        await master.error("OTHER_ORDER_ACTIVE")
 
 
 @aio
-async def test_instant_actions_stay_in_the_state_after_a_new_order(
-    vehicle: VehicleStarter, broker: Mosquitto
-) -> None:
-    async with _master(broker) as master, vehicle(version=V3):
-        await master.online()
+async def test_instant_actions_stay_in_the_state_after_a_new_order(site: Site) -> None:
+    async with site.online(version=V3) as master:
         master.instant(action("stateRequest", "ask"), action("fly", "no"))
         state = await master.wait_state(lambda state: len(state["instantActionStates"]) == 2)
         state = await master.wait_state(
@@ -445,27 +400,20 @@ async def test_instant_actions_stay_in_the_state_after_a_new_order(
         assert error_types(state) == ["INVALID_INSTANT_ACTION"]
 
         master.order([node("a", 0, *START)], [])
-        state = await master.wait_state(lambda state: state["orderId"] == "order")
+        state = await master.accepted("order")
         assert [each["actionId"] for each in state["instantActionStates"]] == ["ask", "no"]
         assert state["errors"] == []
 
 
 @aio
-async def test_the_option_chooses_the_version(
-    chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder, tmp_path: Path
-) -> None:
-    arguments = ["--ip", "127.0.0.1", "--port", str(chassis.port), "--broker", broker.url]
-    async with _master(broker) as master:
-        with subprocess.Popen(
-            [sys.executable, "-m", "woosh_robot_agent.vda5050", *arguments, "--version", "3.0"],
-            env=os.environ | {"XDG_STATE_HOME": str(tmp_path)},
+async def test_the_option_chooses_the_version(site: Site, tmp_path: Path) -> None:
+    async with Master(site.broker.port, version="3.0.0") as master:
+        with ConnectorProcess(
+            site.chassis, site.broker.url, tmp_path, "--version", "3.0"
         ) as program:
-            try:
-                await master.online()
-                assert master.state["version"] == "3.0.0"
-            finally:
-                program.terminate()
-    assert program.returncode == 0
+            await master.online()
+            assert master.state["version"] == "3.0.0"
+            assert program.stop() == 0
 
 
 def test_the_schemas_are_those_of_the_topics() -> None:
@@ -493,15 +441,12 @@ def test_whole_numbers_with_a_decimal_point_are_integers(version: Version) -> No
 
 
 @aio
-async def test_an_order_is_cleared_when_the_robot_loses_its_position(
-    vehicle: VehicleStarter, broker: Mosquitto, chassis: SimulatorThread
-) -> None:
-    async with _master(broker) as master, vehicle(version=V3):
-        await master.online()
+async def test_an_order_is_cleared_when_the_robot_loses_its_position(site: Site) -> None:
+    async with site.online(version=V3) as master:
         nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
         master.order(nodes, _edges(nodes))
         await master.wait_state(lambda state: state["nodeStates"])
-        chassis.call(lambda simulator: setattr(simulator.chassis.readiness, "located", False))
+        site.chassis.call(lambda simulator: setattr(simulator.chassis.readiness, "located", False))
         state = await master.wait_state(lambda state: not state["nodeStates"])
         assert state["orderId"] == "order"
         assert {"INTERRUPTED_ERROR", "LOCALIZATION_ERROR"} <= set(error_types(state))

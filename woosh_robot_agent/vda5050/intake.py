@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 from woosh_robot_agent.link.reports import LogOnce, one_line
-from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.messages.factsheet import Scope
+from woosh_robot_agent.vda5050.execution import Execution
+from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes, Scope, objection
+from woosh_robot_agent.vda5050.messages.geometry import Point, curve_defect, curve_points
 from woosh_robot_agent.vda5050.messages.order import MAX_NODES, Action, Edge, Node, Order
-from woosh_robot_agent.vda5050.messages.parsing import (
+from woosh_robot_agent.vda5050.messages.reading import (
     read_instant_actions,
     read_order,
     refusal_of_zone_set,
 )
-from woosh_robot_agent.vda5050.messages.protocol import Identity, Version
 from woosh_robot_agent.vda5050.messages.state import (
     ErrorType,
     OperatingMode,
@@ -27,12 +26,8 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleError,
     rejection,
 )
-from woosh_robot_agent.vda5050.orders.legs import curve_defect, curve_points
-from woosh_robot_agent.vda5050.orders.machine import OrderMachine
-from woosh_robot_agent.vda5050.orders.reach import with_marks
-from woosh_robot_agent.vda5050.orders.structure import Verdict, check_instant_ids
-from woosh_robot_agent.vda5050.robot.facts import RobotFacts
-from woosh_robot_agent.vda5050.robot.maps import MapLibrary, RobotMarks
+from woosh_robot_agent.vda5050.messages.versions import Identity
+from woosh_robot_agent.vda5050.orders.structure import Verdict, check_instant_ids, with_marks
 
 MIN_SPEED = 0.05
 """Lowest speed limit that the robot obeys, in m/s."""
@@ -43,16 +38,11 @@ _TOLERANCE = 0.25
 
 
 class OrderCheck:
-    """Check of an order against what a vehicle can do.
+    """Check of an order against what a vehicle can do."""
 
-    Args:
-        order: the order.
-        registry: the actions of the vehicle.
-    """
-
-    def __init__(self, order: Order, registry: Registry) -> None:
+    def __init__(self, order: Order, types: ActionTypes) -> None:
         self._order = order
-        self._registry = registry
+        self._types = types
 
     def check(self, status: RobotStatus | None) -> None:
         """Check the order.
@@ -161,15 +151,15 @@ class OrderCheck:
 
     def _check_actions(self, actions: Iterable[Action], scope: Scope, **place: str) -> None:
         for action in actions:
-            if objection := self._registry.objection(action, scope):
+            if wrong := objection(self._types, action, scope):
                 raise self._error(
                     ErrorType.ORDER_ACTION,
-                    objection.reason,
+                    wrong.reason,
                     "see the factsheet for the actions of the vehicle",
                     **place,
                     actionId=action.id,
                     actionType=action.type,
-                    **objection.references,
+                    **wrong.references,
                 )
 
     def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:
@@ -187,12 +177,12 @@ class OrderCheck:
         return rejection(kind, self._order, reason, hint, **references)
 
 
-def _misses(node: Node, point: tuple[float, float]) -> str:
+def _misses(node: Node, point: Point) -> str:
     """Return why a trajectory does not begin or end at a node; empty if it does."""
     place = node.position
     if place is None:
         return ""
-    distance = math.hypot(place.x - point[0], place.y - point[1])
+    distance = math.dist(place.point, point)
     if distance <= max(place.deviation_xy, _TOLERANCE):
         return ""
     return f"it begins or ends {distance:.2f} m away from node {node.id}"
@@ -201,116 +191,76 @@ def _misses(node: Node, point: tuple[float, float]) -> str:
 _LOG = logging.getLogger(__name__)
 
 
-class _Accepted(NamedTuple):
-    """An order that was accepted.
-
-    Attributes:
-        payload: the message.
-        order: the order in it, without the marks of the robot, which may change.
-        machine: got the order.
-    """
-
-    payload: bytes
-    order: Order
-    machine: OrderMachine
-
-
 class Intake:
-    """Accepts or rejects the messages of the master control, and keeps the reasons of rejections.
-
-    Args:
-        version: version of the standard.
-        registry: the actions of the vehicle.
-        facts: what the robot reports.
-        marks: the marks of the robot.
-        maps: the maps of the robot.
-        taken_ids: returns the ids of instant actions, which no action of an order may have; called
-            with True for a new order, and with False for an update.
+    """Accepts or rejects the messages of the master control, and hands them to the execution.
 
     Attributes:
-        order_error: why the last order was rejected or dropped; None if one was accepted since.
         message_error: why the last message with instant actions or zones was rejected; None if it
             was not.
     """
 
-    def __init__(
-        self,
-        version: Version,
-        registry: Registry,
-        facts: RobotFacts,
-        marks: RobotMarks,
-        maps: MapLibrary,
-        taken_ids: Callable[[bool], Collection[str]],
-    ) -> None:
-        self._version = version
-        self._registry = registry
-        self._facts = facts
-        self._marks = marks
-        self._maps = maps
-        self._taken_ids = taken_ids
+    def __init__(self, execution: Execution) -> None:
+        self._version = execution.version
+        self._execution = execution
         self._log = LogOnce(_LOG)
-        self._accepted: _Accepted | None = None
-        """The last order that was accepted; None if there was none."""
-        self.order_error: VehicleError | None = None
+        self._payload = b""
+        """The last message with an order that was accepted."""
+        self._order: Order | None = None
+        """The order in it, without the marks of the robot, which may change; None without one."""
         self.message_error: VehicleError | None = None
 
-    def order(self, payload: bytes, identity: Identity, machine: OrderMachine) -> Verdict | None:
-        """Accept or reject an order.
-
-        Args:
-            payload: the message.
-            identity: identity of the vehicle.
-            machine: gets the order.
-
-        Returns:
-            The verdict; None if the order was rejected.
-        """
-        last = self._accepted if self._accepted and self._accepted.machine is machine else None
-        if last is not None and payload == last.payload:
-            return Verdict.KNOWN  # at no cost: a master control may repeat a large order often
+    def order(self, identity: Identity, payload: bytes) -> bool:
+        """Accept or reject an order; return False if the vehicle has it already."""
+        execution = self._execution
+        if payload == self._payload:
+            return False  # at no cost: a master control may repeat a large order often
         try:
             received = read_order(payload, self._version, identity)
-            if last is not None and received == last.order:
-                return Verdict.KNOWN
-            order = self._with_marks(received)
-            is_new = order.id != machine.status.order_id
-            verdict = machine.receive(order, partial(self._check, is_new=is_new))
+            if received == self._order:
+                return False
+            here = execution.facts.position
+            order = with_marks(
+                received, "" if here is None else here.map_id, execution.maps.find_mark
+            )
+            is_new = order.id != execution.order.order_id
+            verdict = execution.order.receive(order, partial(self._check, is_new=is_new))
         except RejectedError as rejected:
             self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
-            self.order_error = rejected.error
-            return None
-        if verdict is not Verdict.KNOWN:
-            _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
-            self._log.clear()
-            self.order_error = None
-            self._accepted = _Accepted(payload, received, machine)
+            execution.order_error = rejected.error
+            return True
+        if verdict is Verdict.KNOWN:
+            return False
+        _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
+        self._log.clear()
+        execution.order_error = None
+        self._payload, self._order = payload, received
         if verdict is Verdict.NEW:
             self.message_error = None
-        return verdict
+            if self._version.is_3:
+                execution.instant.errors.clear()
+            else:
+                execution.instant.forget_ended()
+        return True
 
-    def instant_actions(self, payload: bytes, identity: Identity) -> list[Action]:
-        """Return received instant actions; none if the message is rejected."""
+    def instant_actions(self, identity: Identity, payload: bytes) -> bool:
+        """Accept or reject instant actions; return True."""
         try:
             actions = read_instant_actions(payload, self._version, identity)
         except RejectedError as rejected:
             self._log.warn(f"actions: {rejected}", f"instant actions were rejected: {rejected}")
             self.message_error = rejected.error
-            return []
-        self.message_error = None
-        return actions
+        else:
+            self.message_error = None
+            self._execution.instant.receive(actions)
+        return True
 
-    def refuse_zone_set(self, payload: bytes, identity: Identity) -> None:
-        """Refuse a zone set: the robot takes no zones."""
+    def zone_set(self, identity: Identity, payload: bytes) -> bool:
+        """Refuse a zone set, because the robot takes no zones; return True."""
         error = refusal_of_zone_set(payload, self._version, identity)
         reason = error.description
         self._log.warn(f"zones: {reason}", f"a zone set was refused: {reason}")
         self.message_error = error
-
-    def _with_marks(self, order: Order) -> Order:
-        """Return an order with the marks by which the robot drives to its nodes."""
-        status = self._facts.status
-        place = status.position if status is not None else None
-        return with_marks(order, "" if place is None else place.map_id, self._marks.find)
+        return True
 
     def _check(self, order: Order, *, is_new: bool) -> None:
         """Check an order against what the vehicle can do now.
@@ -318,8 +268,10 @@ class Intake:
         Raises:
             RejectedError: the vehicle cannot perform it.
         """
-        check_instant_ids(order, self._taken_ids(is_new))
-        status, info = self._facts.status, self._facts.info
+        # in version 2.1, a new order removes the ended instant actions from the state
+        ended = self._version.is_3 or not is_new
+        check_instant_ids(order, self._execution.instant.ids_in_state(ended=ended))
+        status, info = self._execution.facts.status, self._execution.facts.info
         if status is not None and info is not None:
-            status = replace(status, maps=self._maps.listed(info))
-        OrderCheck(order, self._registry).check(status)
+            status = replace(status, maps=self._execution.maps.listed(info))
+        OrderCheck(order, self._execution.types).check(status)

@@ -9,7 +9,7 @@ import math
 import os
 import re
 import ssl
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,13 +29,11 @@ _LIBRARY_LOG.setLevel(logging.CRITICAL)
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 _BACKOFF_MIN = 0.5
 """First pause between attempts to connect, in seconds; it doubles with each attempt."""
-_BACKOFF_MAX = 15.0
-"""Longest pause between attempts to connect, in seconds."""
 _STABLE_AFTER = 5.0
 """Duration after which a connection counts as stable, in seconds."""
 _MAX_OUTBOX = 1000
 """Maximum number of messages that wait to be sent; the oldest ones are dropped."""
-_MAX_RECEIVED = 200
+MAX_RECEIVED = 200
 """Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
 _MAX_RECEIVED_SIZE = 16 * 2**20
 """Maximum size of all messages of one topic that wait to be handled, in bytes; a single one may be
@@ -60,13 +58,12 @@ class BrokerConfig:
     """Address of the broker, and how to log in.
 
     Attributes:
-        host: address or host name.
-        port: port.
         tls: TLS settings; None for a connection without TLS.
         username: user name; None without one.
         password: password; None without one.
         keepalive: interval of the MQTT keep-alive, in seconds. The broker publishes the last will
             if nothing arrives for 1.5 times as long.
+        backoff_max: longest pause between attempts to connect, in seconds.
     """
 
     host: str
@@ -75,6 +72,7 @@ class BrokerConfig:
     username: str | None = None
     password: str | None = field(default=None, repr=False)
     keepalive: int = 15
+    backoff_max: float = 15.0
 
     @classmethod
     def from_url(cls, url: str) -> BrokerConfig:
@@ -102,8 +100,6 @@ class Publication(NamedTuple):
     """A message to publish.
 
     Attributes:
-        topic: full topic.
-        payload: content.
         qos: QoS level.
         retain: the broker keeps it for new subscribers.
     """
@@ -120,7 +116,6 @@ class MqttConnection:
     Messages that are published without a connection are dropped, not queued.
 
     Args:
-        broker: address of the broker.
         client_id: id of the client; unique at the broker.
         last_will: returns the message that the broker publishes when the connection breaks.
         handlers: functions by topic, called with the payload of each message and its retain flag.
@@ -141,10 +136,7 @@ class MqttConnection:
         self._handlers = handlers
         self._on_connected = on_connected
         self._log = LogOnce(_LOG)
-        self._outbox: deque[Publication] = deque(maxlen=_MAX_OUTBOX)
-        self._wake = asyncio.Event()
-        self._idle = asyncio.Event()
-        self._idle.set()
+        self._outbox: asyncio.Queue[Publication] = asyncio.Queue()
         self.connected = False
         """True while messages can be published."""
         self._connected_at = math.inf
@@ -153,20 +145,21 @@ class MqttConnection:
     def publish(self, publication: Publication) -> None:
         """Queue a message for publication; drop it if there is no connection."""
         if self.connected:
-            self._outbox.append(publication)
-            self._idle.clear()
-            self._wake.set()
+            if self._outbox.qsize() >= _MAX_OUTBOX:
+                self._outbox.get_nowait()
+                self._outbox.task_done()
+            self._outbox.put_nowait(publication)
 
     async def flush(self, timeout: float) -> None:
         """Wait until everything is published, at most `timeout` seconds."""
         try:
-            await run_with_timeout(timeout, self._idle.wait())
+            await run_with_timeout(timeout, self._outbox.join())
         except TimeoutError:
             _LOG.warning("the broker did not take the last messages within %g s", timeout)
 
     async def run(self) -> None:
         """Stay connected until cancelled."""
-        backoff = Backoff(_BACKOFF_MIN, _BACKOFF_MAX)
+        backoff = Backoff(_BACKOFF_MIN, self._broker.backoff_max)
         clock = asyncio.get_running_loop().time
         while True:
             self._connected_at = math.inf
@@ -208,7 +201,7 @@ class MqttConnection:
             keepalive=broker.keepalive,
             tls_context=broker.tls,
             logger=_LIBRARY_LOG,
-            queue_type=_ReceiveQueue,
+            queue_type=ReceiveQueue,
         ) as client:
             granted = await client.subscribe([(topic, 0) for topic in self._handlers])
             if refused := refused_topics(self._handlers, granted):
@@ -217,7 +210,7 @@ class MqttConnection:
                     f"the broker refused the subscription to {', '.join(refused)}; give the "
                     "vehicle the right to read there",
                 )
-            self._outbox.clear()
+            self._outbox = asyncio.Queue()
             self.connected = True
             self._connected_at = asyncio.get_running_loop().time()
             _LOG.info("connected to the broker at %s:%d", broker.host, broker.port)
@@ -257,12 +250,8 @@ class MqttConnection:
     async def _send(self, client: aiomqtt.Client) -> None:
         """Publish the messages in the outbox."""
         while True:
-            while self._outbox:
-                publication = self._outbox.popleft()
-                await client.publish(*publication)
-            self._idle.set()
-            self._wake.clear()
-            await self._wake.wait()
+            await client.publish(*await self._outbox.get())
+            self._outbox.task_done()
 
 
 class _Client(aiomqtt.Client):
@@ -308,7 +297,7 @@ class _Client(aiomqtt.Client):
         self._loop.call_soon_threadsafe(watch)
 
 
-class _ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
+class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
     """Received messages that wait to be handled; drops new ones of a topic that has too many.
 
     Each topic has its own limit, so that a flood of orders does not take the place of a pause.
@@ -325,7 +314,7 @@ class _ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
     def put_nowait(self, item: aiomqtt.Message) -> None:
         topic, length = item.topic.value, _length(item)
         size = self._sizes[topic]
-        if self._counts[topic] >= _MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
+        if self._counts[topic] >= MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
             self._log.warn(
                 topic,
                 f"messages on {topic} come faster than they can be handled, and some were dropped",
@@ -349,7 +338,6 @@ def refused_topics(topics: Iterable[str], granted: Iterable[Any]) -> list[str]:
     """Return the topics that the broker does not let the vehicle read.
 
     Args:
-        topics: the topics.
         granted: result code of the subscription to each of them.
     """
     codes = (getattr(each, "value", each) for each in granted)
@@ -416,10 +404,6 @@ def broker_config(
     options: argparse.Namespace, environment: Mapping[str, str] = os.environ
 ) -> BrokerConfig:
     """Return the configuration of the connection to the broker.
-
-    Args:
-        options: options that `add_broker_options` added.
-        environment: environment variables.
 
     Raises:
         ValueError: an option is invalid; the text gives the reason.

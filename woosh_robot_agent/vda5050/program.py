@@ -19,11 +19,12 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
 from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.tools.options import Address, add_link_options, link_config, stop_event
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
+from woosh_robot_agent.vda5050.messages.versions import VERSIONS
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
-from woosh_robot_agent.vda5050.robot.status import Limits
+from woosh_robot_agent.vda5050.session import VehicleConfig
 from woosh_robot_agent.vda5050.store import state_folder
 from woosh_robot_agent.vda5050.vehicle import Vehicle
-from woosh_robot_agent.vda5050.vehicle_config import VERSIONS, VehicleConfig
 
 _NODE = "agent"
 """Name of the node in the sections of the file."""
@@ -58,7 +59,6 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
     """Read the robots of a file.
 
     Args:
-        path: the file.
         default: the options of the link where the file has none; the address is not used.
 
     Raises:
@@ -131,15 +131,17 @@ def _robot(name: str, parameters: Mapping[str, Any], default: LinkConfig) -> Lis
     return ListedRobot(name, replace(default, **given), str(serial_number))
 
 
-def _chassis(link: LinkConfig) -> tuple[str, int, int]:
-    return link.ip, link.effective_port, link.robot_id
+def _leads_to_same_robot(one: LinkConfig, other: LinkConfig) -> bool:
+    """Return True if two links lead to the same robot, over any transport."""
+    same_port = one.port == other.port or one.effective_port == other.effective_port
+    return same_port and (one.ip, one.robot_id) == (other.ip, other.robot_id)
 
 
 def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
     for other in others:
         if other.name == robot.name:
             raise ValueError("give each robot its own name; two have this one")
-        if _chassis(other.link) == _chassis(robot.link):
+        if _leads_to_same_robot(other.link, robot.link):
             raise ValueError(
                 f"it has the address of robot {other.name}, {robot.link.address}; give each its "
                 "own ip, port or robot_id"
@@ -160,7 +162,6 @@ class Connector:
 
     Args:
         vehicles: configuration of each vehicle, by its name in the log.
-        broker: address of the broker.
     """
 
     def __init__(self, vehicles: Mapping[str, VehicleConfig], broker: BrokerConfig) -> None:
@@ -304,7 +305,7 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
         manufacturer=options.manufacturer,
         serial_number=serial_number,
         interface=options.interface,
-        version=VERSIONS[options.version](),
+        version=VERSIONS[options.version],
         state_folder=options.state_folder,
         log_folder=options.state_folder / "reports",
         limits=Limits(

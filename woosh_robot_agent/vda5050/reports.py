@@ -1,4 +1,4 @@
-"""When state, visualization, connection and factsheet are published, and their publication."""
+"""The messages of a vehicle: their headers, when they are published, and their publication."""
 
 from __future__ import annotations
 
@@ -6,23 +6,72 @@ import asyncio
 import json
 import math
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from woosh_robot_agent.vda5050.messages.factsheet import Factsheet
-from woosh_robot_agent.vda5050.messages.protocol import (
+from woosh_robot_agent.vda5050.messages.factsheet import Factsheet, Limits
+from woosh_robot_agent.vda5050.messages.state import ConnectionState, RobotStatus, VehicleState
+from woosh_robot_agent.vda5050.messages.versions import (
     PUBLISHED,
-    HeaderIds,
     Identity,
     Topic,
     Version,
-    header,
+    timestamp,
 )
-from woosh_robot_agent.vda5050.messages.state import ConnectionState, RobotStatus, VehicleState
+from woosh_robot_agent.vda5050.messages.writing import (
+    connection_message,
+    factsheet_message,
+    state_message,
+    visualization_message,
+)
 from woosh_robot_agent.vda5050.mqtt import MqttConnection, Publication
-from woosh_robot_agent.vda5050.robot.status import Limits
+
+_COUNT = 2**32
+"""Number of header ids; after the last one, they start again at 0."""
+_BLOCK = 1000
+"""Number of header ids of a topic that are reserved at once."""
+
+
+class HeaderIds:
+    """Header ids of a vehicle, counted for each topic.
+
+    Ids are reserved in blocks, so that none is used again after a restart. If the program ends
+    without `close`, the ids continue after the reserved block.
+
+    Args:
+        first: next id of each topic.
+        save: saves the next id of each topic after a restart; called before the reserved ids are
+            used.
+    """
+
+    def __init__(
+        self,
+        first: Mapping[str, int] | None = None,
+        save: Callable[[Mapping[str, int]], None] = lambda numbers: None,
+    ) -> None:
+        self._next = Counter(first or {})
+        self._reserved = Counter(self._next)
+        """The first id of each topic that is not reserved."""
+        self._save = save
+
+    def next(self, topic: str) -> int:
+        """Take the next id of a topic, and return it."""
+        number = self._next[topic]
+        self._next[topic] = (number + 1) % _COUNT
+        if not 0 < self._reserved[topic] - self._next[topic] <= _BLOCK:
+            self._reserved[topic] = self._next[topic] + _BLOCK
+            self._save({name: reserved % _COUNT for name, reserved in self._reserved.items()})
+        return number
+
+    def peek(self, topic: str) -> int:
+        """Return the next id of a topic without taking it."""
+        return self._next[topic]
+
+    def close(self) -> None:
+        """Save the exact ids; take none afterwards."""
+        self._save(dict(self._next))
 
 
 class Schedule:
@@ -77,32 +126,69 @@ _OWN_CONNECTIONS = 64
 """Number of own `connection` messages that are remembered."""
 
 
-class Publisher:
-    """Adds headers to the messages of a vehicle, and publishes them on their topics.
+class Reports:
+    """Adds headers to the messages of a vehicle, and publishes them; without a connection, none.
 
     Args:
         version: version of the standard.
-        identity: manufacturer and serial number of the vehicle.
-        interface: first level of the topics.
-        header_ids: header ids of the messages.
+        limits: intervals of the messages.
+        state: returns the state of the vehicle; None while it is unknown.
+        robot: returns the state of the robot; None while it is unknown.
+        factsheet: returns the factsheet; None while it is unknown.
     """
 
     def __init__(
-        self, version: Version, identity: Identity, interface: str, header_ids: HeaderIds
+        self,
+        version: Version,
+        limits: Limits,
+        state: Callable[[], VehicleState | None],
+        robot: Callable[[], RobotStatus | None],
+        factsheet: Callable[[], Factsheet | None],
     ) -> None:
-        self.version = version
-        self.identity = identity
-        major = version.number.split(".")[0]
-        self._prefix = f"{interface}/v{major}/{identity.manufacturer}/{identity.serial_number}/"
-        self._header_ids = header_ids
+        self._version = version
+        self._state = state
+        self._robot = robot
+        self._factsheet = factsheet
+        self._identity = Identity("", "")
+        self._prefix = ""
+        self._header_ids = HeaderIds()
+        self._mqtt: MqttConnection | None = None
+        """The connection to the broker; None before and after it."""
         self._will_id = -1
         """Header id of the last will of the last connection."""
         self._will = b""
         """The last will of the last attempt to connect."""
         self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
         """The last `connection` messages, with the last wills of the connections."""
-        self.state_id: int | None = None
+        self._state_id: int | None = None
         """Header id of the last state; None if there was none."""
+        self._state_schedule = Schedule(
+            self._publish_state, limits.min_state_interval, limits.state_interval
+        )
+        self._visualization_schedule = Schedule(
+            self._publish_visualization, limits.visualization_interval
+        )
+        self._driving_state_interval = limits.driving_state_interval
+        self._maps_in_state = limits.maps_in_state
+
+    # The vehicle at the broker
+
+    def open(self, identity: Identity, interface: str, header_ids: HeaderIds) -> None:
+        """Give the vehicle its identity.
+
+        Args:
+            identity: manufacturer and serial number.
+            interface: first level of the topics.
+            header_ids: header ids of the messages.
+        """
+        self._identity = identity
+        self._header_ids = header_ids
+        major = self._version.number.split(".")[0]
+        self._prefix = f"{interface}/v{major}/{identity.manufacturer}/{identity.serial_number}/"
+
+    def use(self, mqtt: MqttConnection) -> None:
+        """Publish over this connection from now on."""
+        self._mqtt = mqtt
 
     def topic(self, topic: Topic) -> str:
         """Return the full name of a topic."""
@@ -113,81 +199,33 @@ class Publisher:
 
         Its header id follows that of the first message of the connection, ONLINE.
         """
-        topic = Topic.CONNECTION
-        ids = self._header_ids
-        self.connection_lost()
-        self._will_id = ids.peek(topic.value) + 1
-        will = self._message(
-            topic, self.version.connection(ConnectionState.BROKEN), header_id=self._will_id
-        )
+        self._skip_last_will()
+        self._will_id = self._header_ids.peek(Topic.CONNECTION.value) + 1
+        content = connection_message(self._version, ConnectionState.BROKEN)
+        will = self._message(Topic.CONNECTION, content, self._will_id)
         self._will = will.payload.encode()
         return will
 
-    def connection_lost(self) -> None:
-        """Skip the header id of the last will: the broker may have published it."""
-        if self._header_ids.peek(Topic.CONNECTION.value) == self._will_id:
-            self._header_ids.next(Topic.CONNECTION.value)
-
     def is_own_connection(self, payload: bytes) -> bool:
-        """Return True if this publisher has made a `connection` message."""
+        """Return True if this vehicle has made a `connection` message."""
         return payload == self._will or payload in self._connections
 
-    def publish(self, mqtt: MqttConnection, topic: Topic, content: Mapping[str, Any]) -> None:
-        """Publish a message; drop it if there is no connection."""
-        if not mqtt.connected:
-            return
-        publication = self._message(topic, content)
-        if topic is Topic.CONNECTION:
-            self._connections += (self._will, publication.payload.encode())
-        mqtt.publish(publication)
+    async def close(self, timeout: float) -> None:
+        """Publish OFFLINE, and nothing afterwards.
 
-    def _message(
-        self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
-    ) -> Publication:
-        if header_id is None:
-            header_id = self._header_ids.next(topic.value)
-        head = header(self.identity, self.version.number, header_id, time.time())
-        if topic is Topic.STATE:
-            self.state_id = header_id
-        payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
-        return Publication(self.topic(topic), payload, *PUBLISHED[topic])
+        Args:
+            timeout: maximum wait for the broker, in seconds.
+        """
+        self._state_schedule.stop()
+        self._visualization_schedule.stop()
+        if self._mqtt is not None and self._mqtt.connected:
+            self._publish_connection(ConnectionState.OFFLINE)
+            mqtt, self._mqtt = self._mqtt, None
+            await mqtt.flush(timeout)
+        else:
+            self._skip_last_will()
 
-
-class Reports:
-    """Publishes the messages of a vehicle. Without a connection, none is queued.
-
-    Args:
-        limits: intervals of the messages.
-        state: returns the state of the vehicle; None while it is unknown.
-        robot: returns the state of the robot; None while it is unknown.
-        factsheet: returns the factsheet; None while it is unknown.
-    """
-
-    def __init__(
-        self,
-        limits: Limits,
-        state: Callable[[], VehicleState | None],
-        robot: Callable[[], RobotStatus | None],
-        factsheet: Callable[[], Factsheet | None],
-    ) -> None:
-        self._state = state
-        self._robot = robot
-        self._factsheet = factsheet
-        self._publisher: Publisher | None = None
-        self._mqtt: MqttConnection | None = None
-        self._state_schedule = Schedule(
-            self._publish_state, limits.min_state_interval, limits.state_interval
-        )
-        self._visualization_schedule = Schedule(
-            self._publish_visualization, limits.visualization_interval
-        )
-        self._driving_state_interval = limits.driving_state_interval
-        self._maps_in_state = limits.maps_in_state
-
-    def use(self, publisher: Publisher, mqtt: MqttConnection) -> None:
-        """Publish over this connection from now on."""
-        self._publisher = publisher
-        self._mqtt = mqtt
+    # What is published, and when
 
     def changed(self) -> None:
         """Publish the state soon."""
@@ -207,43 +245,50 @@ class Reports:
 
     def publish_factsheet(self) -> None:
         """Publish the factsheet."""
-        factsheet = self._factsheet()
-        if self._publisher is not None and factsheet is not None:
-            self._publish(Topic.FACTSHEET, self._publisher.version.factsheet(factsheet))
-
-    async def close(self, timeout: float) -> None:
-        """Publish OFFLINE, and nothing afterwards.
-
-        Args:
-            timeout: maximum wait for the broker, in seconds.
-        """
-        self._state_schedule.stop()
-        self._visualization_schedule.stop()
-        if self._mqtt is not None and self._mqtt.connected:
-            self._publish_connection(ConnectionState.OFFLINE)
-            mqtt, self._mqtt = self._mqtt, None
-            await mqtt.flush(timeout)
-        elif self._publisher is not None:
-            self._publisher.connection_lost()
+        if (factsheet := self._factsheet()) is not None:
+            self._publish(Topic.FACTSHEET, factsheet_message(self._version, factsheet))
 
     def _publish_state(self) -> None:
-        state = self._state()
-        if state is not None and not self._maps_in_state:
-            state = replace(state, robot=replace(state.robot, maps=None))
-        if self._publisher is not None and state is not None:
-            self._publish(Topic.STATE, self._publisher.version.state(state))
+        if (state := self._state()) is not None:
+            if not self._maps_in_state:
+                state = replace(state, robot=replace(state.robot, maps=None))
+            self._publish(Topic.STATE, state_message(self._version, state))
 
     def _publish_visualization(self) -> None:
         robot = self._robot()
-        publisher = self._publisher
-        if publisher is not None and publisher.state_id is not None and robot is not None:
-            message = publisher.version.visualization(robot, publisher.state_id)
+        if self._state_id is not None and robot is not None:
+            message = visualization_message(self._version, robot, self._state_id)
             self._publish(Topic.VISUALIZATION, message)
 
     def _publish_connection(self, state: ConnectionState) -> None:
-        if self._publisher is not None:
-            self._publish(Topic.CONNECTION, self._publisher.version.connection(state))
+        self._publish(Topic.CONNECTION, connection_message(self._version, state))
 
-    def _publish(self, topic: Topic, content: dict[str, Any]) -> None:
-        if self._publisher is not None and self._mqtt is not None:
-            self._publisher.publish(self._mqtt, topic, content)
+    def _publish(self, topic: Topic, content: Mapping[str, Any]) -> None:
+        if self._mqtt is None or not self._mqtt.connected:
+            return
+        publication = self._message(topic, content)
+        if topic is Topic.CONNECTION:
+            self._connections += (self._will, publication.payload.encode())
+        self._mqtt.publish(publication)
+
+    def _message(
+        self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
+    ) -> Publication:
+        if header_id is None:
+            header_id = self._header_ids.next(topic.value)
+        head = {
+            "headerId": header_id,
+            "timestamp": timestamp(time.time()),
+            "version": self._version.number,
+            "manufacturer": self._identity.manufacturer,
+            "serialNumber": self._identity.serial_number,
+        }
+        if topic is Topic.STATE:
+            self._state_id = header_id
+        payload = json.dumps(head | dict(content), separators=(",", ":"), allow_nan=False)
+        return Publication(self.topic(topic), payload, *PUBLISHED[topic])
+
+    def _skip_last_will(self) -> None:
+        """Skip the header id of the last will: the broker may have published it."""
+        if self._header_ids.peek(Topic.CONNECTION.value) == self._will_id:
+            self._header_ids.next(Topic.CONNECTION.value)

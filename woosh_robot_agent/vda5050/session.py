@@ -1,4 +1,4 @@
-"""A session with master control, and the detection of a second connector for the vehicle."""
+"""A vehicle at the broker: its configuration, its connection, and a second connector for it."""
 
 from __future__ import annotations
 
@@ -6,26 +6,25 @@ import asyncio
 import json
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from woosh_robot_agent.link import RobotIdentity
+from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import LogOnce
-from woosh_robot_agent.vda5050.messages.protocol import HeaderIds, Identity, Topic, Version
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.state import (
     ConnectionState,
     ErrorLevel,
     ErrorType,
     VehicleError,
 )
+from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity, Topic, Version
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, MqttConnection
-from woosh_robot_agent.vda5050.reports import Publisher, Reports
+from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
+from woosh_robot_agent.vda5050.robot.link import Timing
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 _LOG = logging.getLogger(__name__)
-_QUIET = 40.0
-"""Time without a sign of the other connector after which it counts as gone, in seconds; longer than
-the pauses between its attempts to connect."""
 _REASON = "another connector publishes as this vehicle, or connects with the same client id"
 
 
@@ -38,14 +37,19 @@ class OtherConnector:
     Args:
         is_own: returns True for the messages that this connector has sent.
         on_changed: called when another connector appears or disappears.
+        gone_after: time without a sign of the other connector after which it counts as gone, in
+            seconds; longer than the pauses between its attempts to connect.
 
     Attributes:
         error: error to report; None if there is no other connector.
     """
 
-    def __init__(self, is_own: Callable[[bytes], bool], on_changed: Callable[[], None]) -> None:
+    def __init__(
+        self, is_own: Callable[[bytes], bool], on_changed: Callable[[], None], gone_after: float
+    ) -> None:
         self._is_own = is_own
         self._on_changed = on_changed
+        self._gone_after = gone_after
         self._connections = 0
         """Number of connections to the broker so far."""
         self._timer: asyncio.TimerHandle | None = None
@@ -94,7 +98,7 @@ class OtherConnector:
 
     def _restart_timer(self) -> None:
         self._stop_timer()
-        self._timer = asyncio.get_running_loop().call_later(_QUIET, self._gone)
+        self._timer = asyncio.get_running_loop().call_later(self._gone_after, self._gone)
 
     def _stop_timer(self) -> None:
         if self._timer is not None:
@@ -114,74 +118,87 @@ def _connection_state(payload: bytes) -> str | None:
 
 _RETRY = 2.0
 """Pause between attempts to open the state file, in seconds."""
-_SAVE_WITHIN = 2.0
-"""Maximum delay before the progress of the order and of instant actions is saved, in seconds."""
+
+
+_FORBIDDEN = frozenset("+#/\0")
+"""Characters that a level of a topic cannot have."""
 
 
 @dataclass(frozen=True)
-class SessionConfig:
-    """Identity of a vehicle at the broker, and folder of its state file.
+class VehicleConfig:
+    """Configuration of a vehicle.
 
     Attributes:
-        broker: address of the broker.
-        version: version of the standard.
-        identity: manufacturer and serial number.
+        link: address of the robot.
+        manufacturer: manufacturer in the topics.
+        serial_number: serial number in the topics; empty for that of the robot.
         interface: first level of the topics.
-        state_folder: folder of the state file; None for no state file.
+        limits: limits of the robot that it does not report, and options of the state.
+        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
+        state_folder: folder of the state file; None to keep nothing over a restart.
+        gone_after: time after which another connector of the vehicle counts as gone, in seconds.
     """
 
-    broker: BrokerConfig
-    version: Version
-    identity: Identity
-    interface: str
-    state_folder: Path | None
+    link: LinkConfig
+    manufacturer: str = "Woosh"
+    serial_number: str = ""
+    interface: str = "uagv"
+    version: Version = V2_1
+    limits: Limits = field(default_factory=Limits)
+    log_folder: Path | None = None
+    state_folder: Path | None = None
+    timing: Timing = field(default_factory=Timing)
+    gone_after: float = 40.0
+
+    def __post_init__(self) -> None:
+        """Check the levels of the topics.
+
+        Raises:
+            ValueError: one has a character that MQTT does not permit there.
+        """
+        levels = {"manufacturer": self.manufacturer, "serial number": self.serial_number}
+        for name, value in {**levels, "interface": self.interface.replace("/", "")}.items():
+            if bad := set(value) & _FORBIDDEN:
+                characters = " ".join(sorted(bad))
+                raise ValueError(
+                    f"the {name} is a part of the topics and cannot have {characters}: {value!r}"
+                )
 
 
 class Session:
-    """A vehicle at the broker, from the first report of its robot until another robot answers.
+    """A vehicle at the broker, from the first report of its robot on.
 
     Args:
-        config: configuration.
-        robot: identity of the robot.
         reports: messages of the vehicle; published over this session from now on.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are left out.
         on_opened: called with the content of the state file before connecting to the broker, and
             with an error if the file was damaged.
         on_changed: called when an error begins or ends.
-
-    Attributes:
-        identity: manufacturer and serial number of the vehicle.
-        robot: identity of the robot.
     """
 
     def __init__(
         self,
-        config: SessionConfig,
-        robot: RobotIdentity,
+        config: VehicleConfig,
+        broker: BrokerConfig,
+        identity: Identity,
         reports: Reports,
         handlers: Mapping[Topic, Callable[[bytes], None]],
         on_opened: Callable[[Record, VehicleError | None], None],
         on_changed: Callable[[], None],
     ) -> None:
-        self.identity = config.identity
-        self.robot = robot
         self._config = config
+        self._broker = broker
+        self._identity = identity
         self._reports = reports
         self._handlers = handlers
         self._on_opened = on_opened
         self._on_changed = on_changed
-        self._name = "-".join(
-            (config.interface, self.identity.manufacturer, self.identity.serial_number)
-        )
+        self._name = "-".join((config.interface, identity.manufacturer, identity.serial_number))
         self._store = Store(config.state_folder, self._name)
         self._header_ids: HeaderIds | None = None
         """None until the state file has been read."""
         self._other: OtherConnector | None = None
-        self._late: asyncio.TimerHandle | None = None
-        """Saves `_record` later; None if it has been saved."""
-        self._record = Record()
-        """Record to save."""
         self._log = LogOnce(_LOG)
         self._task: asyncio.Task[None] | None = None
 
@@ -211,13 +228,8 @@ class Session:
 
         What keeps something from being done twice is on the disk on return, the rest soon.
         """
-        if not self.is_open:
-            return
-        self._record = record
-        if not self._store.can_wait(record):
-            self._save()
-        elif self._late is None:  # each file takes milliseconds, in which nothing else happens
-            self._late = asyncio.get_running_loop().call_later(_SAVE_WITHIN, self._save)
+        if self.is_open:
+            self._store.save(record)
 
     async def close(self, timeout: float) -> None:
         """Publish that the vehicle is offline, and disconnect from the broker.
@@ -231,38 +243,33 @@ class Session:
             await asyncio.gather(self._task, return_exceptions=True)
         if self._other is not None:
             self._other.close()
-        if self._late is not None:
-            self._save()
         if self._header_ids is not None:
             self._header_ids.close()
         self._store.close()
-
-    def _save(self) -> None:
-        if self._late is not None:
-            self._late.cancel()
-            self._late = None
-        self._store.save(self._record)
 
     async def _run(self) -> None:
         record, damage = await self._open()
         config = self._config
         self._header_ids = HeaderIds(record.header_ids, self._store.save_header_ids)
         self._on_opened(record, damage)
-        publisher = Publisher(config.version, self.identity, config.interface, self._header_ids)
-        self._other = OtherConnector(publisher.is_own_connection, self._other_changed)
+        reports = self._reports
+        reports.open(self._identity, config.interface, self._header_ids)
+        self._other = OtherConnector(
+            reports.is_own_connection, self._other_changed, config.gone_after
+        )
         handlers = {
-            publisher.topic(topic): self._ignoring_retained(topic, handler)
+            reports.topic(topic): self._ignoring_retained(topic, handler)
             for topic, handler in self._handlers.items()
             if topic in config.version.received
         }
         mqtt = MqttConnection(
-            config.broker,
+            self._broker,
             client_id=self._name,
-            last_will=publisher.last_will,
-            handlers={**handlers, publisher.topic(Topic.CONNECTION): self._other.received},
+            last_will=reports.last_will,
+            handlers={**handlers, reports.topic(Topic.CONNECTION): self._other.received},
             on_connected=self._connected,
         )
-        self._reports.use(publisher, mqtt)
+        reports.use(mqtt)
         await mqtt.run()
 
     def _ended(self, task: asyncio.Task[None]) -> None:

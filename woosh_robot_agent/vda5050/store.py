@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
 import json
 import logging
@@ -9,7 +10,7 @@ import os
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -22,21 +23,14 @@ from woosh_robot_agent.vda5050.orders.actions import Memory
 T = TypeVar("T")
 
 
-def to_plain(value: Any) -> Any:
-    """Return a value as dictionaries, lists, strings, numbers, bools and None."""
-    if is_dataclass(value):
-        return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, tuple | list):
-        return [to_plain(each) for each in value]
-    if isinstance(value, Mapping):
-        return {key: to_plain(each) for key, each in value.items()}
-    return value
+def to_json(value: Any) -> bytes:
+    """Return an instance of a dataclass as JSON."""
+    plain = asdict(value)
+    return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
 
 
 def from_plain(cls: type[T], data: Any) -> T:
-    """Return the dataclass instance for data from `to_plain`.
+    """Return the dataclass instance for data from `to_json`.
 
     Unknown fields are ignored, and missing ones take their defaults.
 
@@ -88,6 +82,8 @@ _FORMAT = 1
 """Version of the file format."""
 _MAX_SIZE = 16 * 2**20
 """Maximum size of a file that is read, in bytes."""
+_SAVE_WITHIN = 2.0
+"""Maximum delay before the progress of the order and of instant actions is saved, in seconds."""
 _MAX_NAME = 200
 """Maximum length of a file's name without its suffix, in characters."""
 
@@ -97,16 +93,12 @@ class Record:
     """Content of the state file.
 
     Attributes:
-        robot_id: number of the robot.
         serial_number: serial number that the robot reports.
         task_id: id of the robot's task that drives the current leg; 0 without one.
-        order: state of the order.
-        instant_actions: states of the instant actions.
         known_ids: ids of the last instant actions.
         last_motion: id of the last instant action that moves something; empty without one.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
-        format: version of the file format.
     """
 
     robot_id: int = 0
@@ -150,6 +142,10 @@ class Store:
         self._lock: IO[bytes] | None = None
         self._record = Record()
         """The record that was saved last."""
+        self._next = self._record
+        """The record to save."""
+        self._timer: asyncio.TimerHandle | None = None
+        """Saves `_next` later; None if it has been saved."""
         self._log = LogOnce(_LOG)
         self.error: VehicleError | None = None
 
@@ -185,12 +181,41 @@ class Store:
             self.close()
             raise
 
-    def can_wait(self, record: Record) -> bool:
-        """Return True if a record may be saved later, because without it nothing is done twice.
+    def save(self, record: Record) -> None:
+        """Save a record, but keep the saved header ids.
 
-        It may if it differs from the saved one only in the progress of the order and of the instant
-        actions.
+        What keeps something from being done twice is on the disk on return. A record that differs
+        only in the progress of the order and of the instant actions is saved soon: each file takes
+        milliseconds, in which nothing else happens.
+
+        If saving fails, the file is removed, because an old record could make the vehicle repeat
+        what it has done.
         """
+        self._next = record
+        if not self._can_wait(record):
+            self._save_next()
+        elif self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(_SAVE_WITHIN, self._save_next)
+
+    def save_header_ids(self, header_ids: Mapping[str, int]) -> None:
+        """Save the header id of each topic with which to continue after a restart."""
+        self._save(replace(self._record, header_ids=dict(header_ids)))
+
+    def close(self) -> None:
+        """Save what was to be saved soon, and unlock the file for other processes."""
+        if self._timer is not None:
+            self._save_next()
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _save_next(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._save(replace(self._next, header_ids=self._record.header_ids))
+
+    def _can_wait(self, record: Record) -> bool:
         saved, order = self._record, self._record.order
         progress = replace(
             record.order,
@@ -209,24 +234,6 @@ class Store:
         )
         return self.error is None and same == saved
 
-    def save(self, record: Record) -> None:
-        """Save a record, but keep the saved header ids.
-
-        If that fails, the file is removed, because an old record could make the vehicle repeat what
-        it has done.
-        """
-        self._save(replace(record, header_ids=self._record.header_ids))
-
-    def save_header_ids(self, header_ids: Mapping[str, int]) -> None:
-        """Save the header id of each topic with which to continue after a restart."""
-        self._save(replace(self._record, header_ids=dict(header_ids)))
-
-    def close(self) -> None:
-        """Unlock the file for other processes."""
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
-
     def _save(self, record: Record) -> None:
         if record == self._record and self.error is None:
             return
@@ -234,7 +241,7 @@ class Store:
         if self._path is None or self._lock is None:
             return
         try:
-            _replace(self._path, json.dumps(to_plain(record), separators=(",", ":")).encode())
+            replace_file(self._path, to_json(record))
         except OSError as error:
             self._failed(self._path, error)
         else:
@@ -282,7 +289,7 @@ class Store:
         )
 
 
-def _replace(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes) -> None:
     """Write a file atomically: at any moment it has either its old or its new content."""
     new = path.with_suffix(".new")
     with new.open("wb") as file:

@@ -1,4 +1,1 @@
-"""The actions that a vehicle can perform.
-
-Each action is a class that implements `performer.Performer`; `registry.py` lists them.
-"""
+"""The actions that a vehicle can perform, each a function; `runner.ACTIONS` lists them."""

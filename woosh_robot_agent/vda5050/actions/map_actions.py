@@ -1,4 +1,4 @@
-"""Actions that download, enable and delete maps."""
+"""Actions that download, enable and delete maps, and set the position of the robot on one."""
 
 from __future__ import annotations
 
@@ -19,19 +19,18 @@ from typing import TypeVar
 from urllib.parse import urlsplit
 
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchMap
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.pb.util.common_pb2 import FileData
-from woosh_robot_agent.vda5050.actions.performer import Context, PlainPerformer, Report
-from woosh_robot_agent.vda5050.actions.robot_calls import ActionFailedError, Objection
-from woosh_robot_agent.vda5050.messages.factsheet import (
-    STANDSTILL,
-    ActionType,
-    ParameterType,
-    Scope,
+from woosh_robot_agent.pb.util.common_pb2 import FileData, Pose2D
+from woosh_robot_agent.vda5050.actions.performing import (
+    INSTANT,
+    NOT_ON_EDGES,
+    Run,
+    vehicle_action,
 )
-from woosh_robot_agent.vda5050.messages.order import Action
-from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
+from woosh_robot_agent.vda5050.execution import Execution
+from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ParameterType
+from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.robot.maps import StoredMap
 
 T = TypeVar("T")
@@ -104,12 +103,13 @@ def is_link(link: str) -> bool:
     return parts.scheme in ("http", "https") and bool(parts.hostname)
 
 
-def fetch(link: str, expected: str = "") -> bytes:
+def fetch(link: str, expected: str = "", max_duration: float = _MAX_DURATION) -> bytes:
     """Fetch a file; this blocks.
 
     Args:
         link: http or https URL.
         expected: hash of the file in hexadecimal; empty for no check.
+        max_duration: maximum duration of the download, in seconds.
 
     Raises:
         MapFileError: it cannot be fetched, is too large or too slow, or has another hash.
@@ -125,7 +125,7 @@ def fetch(link: str, expected: str = "") -> bytes:
     ):
         opener.add_handler(handler())
     data = bytearray()
-    deadline = time.monotonic() + _MAX_DURATION
+    deadline = time.monotonic() + max_duration
     try:
         with opener.open(link, timeout=_DOWNLOAD_TIMEOUT) as response:
             while len(data) <= _MAX_BYTES and (chunk := response.read1(_CHUNK)):
@@ -168,163 +168,177 @@ def unpack(data: bytes) -> dict[str, bytes]:
 
 
 _TIMEOUT = 10.0
-"""Maximum time until the robot reports its new map after it has accepted it, in seconds."""
+"""Maximum time until the robot reports its new map or position after it has accepted it, in
+seconds."""
 _MAP_ID = ParameterType("mapId", "STRING", "name of the map")
 _MAP_VERSION = ParameterType("mapVersion", "STRING", "version of the map")
-_LINK = "mapDownloadLink"
-_HASH = "mapHash"
 
 
-async def switch_map(context: Context, name: str, version: str | None = None) -> None:
+async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     """Let the robot use a map, unless it does already.
 
     Args:
-        context: objects that all actions share.
-        name: name of the map.
         version: version that the map must have; None for any.
 
     Raises:
         ActionFailedError: there is no such map, or the robot refused it.
         LinkError: the robot could not be reached.
     """
-    await context.maps.read()
-    found = [each for each in context.maps.find(name, version) if _is_current(context, each)]
-    if found:
+    execution = run.execution
+    await execution.maps.read()
+    if any(_is_current(execution, each) for each in execution.maps.find(name, version)):
         return
-    chosen = _single(context, name, version)
-    context.require_no_leg()
-    await context.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
-    if not await context.conditions.wait(lambda: _is_current(context, chosen), _TIMEOUT):
-        raise ActionFailedError(f"the robot does not report that it uses the map {name}")
+    chosen = _single(execution, name, version)
+    run.require_no_leg()
+    await run.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
+    await run.wait(
+        lambda: _is_current(execution, chosen),
+        _TIMEOUT,
+        f"the robot does not report that it uses the map {name}",
+    )
     # a robot that stands does not push its pose, which now belongs to this map
-    answer = await context.chassis.request(context.requests.empty(PoseSpeed))
+    answer = await run.link.ask(PoseSpeed())
     if isinstance(answer.body, PoseSpeed):
-        context.facts.remember_pose(answer.body)
+        execution.facts.remember_pose(answer.body)
 
 
-class EnableMap(PlainPerformer):
-    """Lets the robot use a map."""
+@vehicle_action(
+    "enableMap",
+    NOT_ON_EDGES,
+    "use a map, instead of the one that is used now; the position stays the same",
+    _MAP_ID,
+    _MAP_VERSION,
+    blocking=STANDSTILL,
+    repeatable=True,
+)
+async def enable_map(run: Run) -> None:
+    """Let the robot use a map."""
+    await _switch_map(run, run.given["mapId"], run.given["mapVersion"])
 
-    type = ActionType(
-        "enableMap",
-        frozenset({Scope.INSTANT, Scope.NODE}),
-        "use a map, instead of the one that is used now; the position stays the same",
-        (_MAP_ID, _MAP_VERSION),
+
+_POSITION = (
+    ParameterType("x", "FLOAT", "position in the map, in m"),
+    ParameterType("y", "FLOAT", "position in the map, in m"),
+    ParameterType("theta", "FLOAT", "heading, in rad"),
+    _MAP_ID,
+    ParameterType("lastNodeId", "STRING", "node on which the vehicle stands", True),
+)
+
+
+async def _init_position(run: Run) -> None:
+    """Initialise the robot at a pose; change the map first if necessary."""
+    execution, given = run.execution, run.given
+
+    def is_there() -> bool:
+        place = execution.facts.position
+        return place is not None and place.initialised and place.map_id == given["mapId"]
+
+    run.require_no_leg()
+    await _switch_map(run, given["mapId"])
+    await run.request(InitRobot(pose=Pose2D(x=given["x"], y=given["y"], theta=given["theta"])))
+    await run.wait(is_there, _TIMEOUT, "the robot has not found its position: see its errors")
+    if "lastNodeId" in given:
+        execution.order.placed(given["lastNodeId"])
+
+
+init_position, initialize_position = (
+    vehicle_action(
+        name,
+        NOT_ON_EDGES,
+        "set the map and the position of the vehicle",
+        *_POSITION,
         blocking=STANDSTILL,
-        repeatable=True,
-    )
-
-    async def perform(self, action: Action, report: Report) -> str:
-        given = action.parameters
-        await switch_map(self._context, given["mapId"], given["mapVersion"])
-        return ""
+        version=version,
+    )(_init_position)
+    for name, version in (("initPosition", "2"), ("initializePosition", "3"))
+)
 
 
-class DeleteMap(PlainPerformer):
-    """Deletes a map on the robot."""
-
-    type = ActionType(
-        "deleteMap",
-        frozenset({Scope.INSTANT}),
-        "delete a map that is not used now",
-        (_MAP_ID, _MAP_VERSION),
-        repeatable=True,
-    )
-
-    async def perform(self, action: Action, report: Report) -> str:
-        context, given = self._context, action.parameters
-        await context.maps.read()
-        found = _single(context, given["mapId"], given["mapVersion"])
-        if _is_current(context, found):
-            raise ActionFailedError(f"the robot uses the map {found.name}: enable another one")
-        is_last = len(context.maps.of_scene(found.scene)) == 1
-        name = "" if is_last else found.name  # no scene is empty: delete it with its last map
-        await context.request(Delete(scene_name=found.scene, map_name=name))
-        await context.maps.read()
-        return ""
+@vehicle_action(
+    "deleteMap",
+    INSTANT,
+    "delete a map that is not used now",
+    _MAP_ID,
+    _MAP_VERSION,
+    repeatable=True,
+)
+async def delete_map(run: Run) -> None:
+    """Delete a map on the robot."""
+    maps = run.execution.maps
+    await maps.read()
+    found = _single(run.execution, run.given["mapId"], run.given["mapVersion"])
+    if _is_current(run.execution, found):
+        raise ActionFailedError(f"the robot uses the map {found.name}: enable another one")
+    is_last = len(maps.of_scene(found.scene)) == 1
+    name = "" if is_last else found.name  # no scene is empty: delete it with its last map
+    await run.request(Delete(scene_name=found.scene, map_name=name))
+    await maps.read()
 
 
-class DownloadMap(PlainPerformer):
-    """Fetches the files of a scene, and stores them on the robot."""
-
-    type = ActionType(
-        "downloadMap",
-        frozenset({Scope.INSTANT}),
-        "fetch a map, and store it on the robot in a scene of its name",
-        (
-            _MAP_ID,
-            _MAP_VERSION,
-            ParameterType(
-                _LINK, "STRING", "http or https URL of a ZIP file with the files of a scene"
-            ),
-            ParameterType(
-                _HASH, "STRING", f"hash of the ZIP file in hexadecimal: {', '.join(HASHES)}", True
-            ),
-        ),
-        repeatable=True,
-    )
-
-    def __init__(self, context: Context) -> None:
-        super().__init__(context)
-        self._one_at_a_time = asyncio.Lock()
-
-    def check(self, action: Action) -> Objection | None:
-        given = action.parameters
-        if not is_link(given[_LINK]):
-            return Objection(f"{_LINK} must be an http or https URL", _LINK)
-        if _HASH in given and len(given[_HASH]) not in HASHES.values():
-            return Objection(f"{_HASH} must be a hash of {', '.join(HASHES)}", _HASH)
-        return None
-
-    async def perform(self, action: Action, report: Report) -> str:
-        report(ActionStatus.INITIALIZING)
-        async with self._one_at_a_time:
-            return await self._download(action, report)
-
-    async def _download(self, action: Action, report: Report) -> str:
-        context, given = self._context, action.parameters
-        name, version = given["mapId"], given["mapVersion"]
-        await context.maps.read()
-        self._check_is_new(name)
-        report(ActionStatus.RUNNING)
-        try:
-            link, expected = given[_LINK], given.get(_HASH, "")
-            files = await in_thread(lambda: unpack(fetch(link, expected)))
-        except MapFileError as error:
-            raise ActionFailedError(str(error)) from None
-        datas = [FileData(name=each, data=content) for each, content in files.items()]
-        await context.request(Upload(scene_name=name, file_datas=datas, method=Upload.kFull))
-        await context.maps.read()
-        stored = [each for each in context.maps.of_scene(name) if each.name == name]
-        if not stored or stored[0].version not in (version, ""):
-            await context.request(Delete(scene_name=name))
-            await context.maps.read()
-            what = f"version {stored[0].version} of the map" if stored else "no map of this name"
-            raise ActionFailedError(f"the file has {what}, not version {version} of {name}")
-        return ""
-
-    def _check_is_new(self, name: str) -> None:
-        """Check that the download replaces nothing.
-
-        Raises:
-            ActionFailedError: it would.
-        """
-        library = self._context.maps
-        if library.find(name) or library.of_scene(name):
-            raise ActionFailedError(
-                f"the robot has a map or scene {name} already, and keeps one version of a map: "
-                "delete it first",
-                ErrorType.DUPLICATE_MAP,
-            )
+@vehicle_action(
+    "downloadMap",
+    INSTANT,
+    "fetch a map, and store it on the robot in a scene of its name",
+    _MAP_ID,
+    _MAP_VERSION,
+    ParameterType(
+        "mapDownloadLink",
+        "STRING",
+        "http or https URL of a ZIP file with the files of a scene",
+        valid=is_link,
+        must_be="an http or https URL",
+    ),
+    ParameterType(
+        "mapHash",
+        "STRING",
+        f"hash of the ZIP file in hexadecimal: {', '.join(HASHES)}",
+        True,
+        valid=lambda value: len(value) in HASHES.values(),
+        must_be=f"a hash of {', '.join(HASHES)}",
+    ),
+    repeatable=True,
+)
+async def download_map(run: Run) -> None:
+    """Fetch the files of a scene, and store them on the robot."""
+    run.report(ActionStatus.INITIALIZING)
+    async with run.execution.maps.downloading:
+        await _download(run)
 
 
-def _single(context: Context, name: str, version: str | None) -> StoredMap:
+async def _download(run: Run) -> None:
+    maps, given = run.execution.maps, run.given
+    name, version = given["mapId"], given["mapVersion"]
+    await maps.read()
+    if maps.find(name) or maps.of_scene(name):
+        raise ActionFailedError(
+            f"the robot has a map or scene {name} already, and keeps one version of a map: "
+            "delete it first",
+            ErrorType.DUPLICATE_MAP,
+        )
+    run.report(ActionStatus.RUNNING)
+    try:
+        link, expected = given["mapDownloadLink"], given.get("mapHash", "")
+        files = await in_thread(lambda: unpack(fetch(link, expected)))
+    except MapFileError as error:
+        raise ActionFailedError(str(error)) from None
+    datas = [FileData(name=each, data=content) for each, content in files.items()]
+    await run.request(Upload(scene_name=name, file_datas=datas, method=Upload.kFull))
+    await maps.read()
+    stored = [each for each in maps.of_scene(name) if each.name == name]
+    if not stored or stored[0].version not in (version, ""):
+        await run.request(Delete(scene_name=name))
+        await maps.read()
+        what = f"version {stored[0].version} of the map" if stored else "no map of this name"
+        raise ActionFailedError(f"the file has {what}, not version {version} of {name}")
+
+
+def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
     """Return the map with a name and version.
 
     Raises:
         ActionFailedError: there is none, or several scenes have one.
     """
-    found = context.maps.find(name, version)
+    found = execution.maps.find(name, version)
     if len(found) == 1:
         return found[0]
     what = f"map {name}" if version is None else f"version {version} of the map {name}"
@@ -334,8 +348,8 @@ def _single(context: Context, name: str, version: str | None) -> StoredMap:
     raise ActionFailedError(f"several scenes of the robot have {what}: {scenes}; rename one")
 
 
-def _is_current(context: Context, stored: StoredMap) -> bool:
-    info = context.facts.info
+def _is_current(execution: Execution, stored: StoredMap) -> bool:
+    info = execution.facts.info
     return info is not None and (info.scene.scene_name, info.scene.map_name) == (
         stored.scene,
         stored.name,

@@ -1,32 +1,70 @@
-"""Execution of actions as asyncio tasks, with a report of each change of their status."""
+"""The actions of a vehicle, and their execution as asyncio tasks."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Mapping
 from itertools import takewhile
-from typing import Protocol
+from pathlib import Path
 
 from woosh_robot_agent.link import LinkError
-from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.actions.robot_calls import ActionFailedError, Pause
+from woosh_robot_agent.vda5050.actions import control, map_actions, work
+from woosh_robot_agent.vda5050.actions.performing import Run, VehicleAction
+from woosh_robot_agent.vda5050.execution import Execution
+from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes
 from woosh_robot_agent.vda5050.messages.order import Action
-from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
+from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
+from woosh_robot_agent.vda5050.messages.versions import Version
 from woosh_robot_agent.vda5050.orders.actions import startable
+from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
+from woosh_robot_agent.vda5050.reports import Reports
+
+ACTIONS: Mapping[str, VehicleAction] = {
+    action.type.name: action
+    for action in (
+        control.start_pause,
+        control.stop_pause,
+        control.cancel_order,
+        control.factsheet_request,
+        control.state_request,
+        work.start_charging,
+        work.stop_charging,
+        work.pick,
+        work.drop,
+        map_actions.enable_map,
+        map_actions.download_map,
+        map_actions.delete_map,
+        work.lift_to,
+        work.step,
+        work.rotate,
+        work.switch_footprint,
+        work.speak,
+        map_actions.init_position,
+        map_actions.initialize_position,
+        control.clear_instant_actions,
+        control.log_report,
+    )
+}
+"""All actions, by name."""
+
+
+def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
+    """Return the actions of a vehicle, by name.
+
+    Args:
+        can_log: the vehicle has a folder for log reports.
+    """
+    return {
+        name: action.type
+        for name, action in ACTIONS.items()
+        if version.number.startswith(action.version)
+        and (can_log or action is not control.log_report)
+    }
+
 
 _LOG = logging.getLogger(__name__)
 _ENDED = "the action was ended"
-
-
-class Watcher(Protocol):
-    """Receives the progress of actions."""
-
-    def action_changed(self, action_id: str, status: ActionStatus, result: str) -> None:
-        """Take the new status of an action, and its result."""
-
-    def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
-        """Take the reason why an action failed by itself; called before its new status."""
 
 
 class ActionRunner:
@@ -34,98 +72,52 @@ class ActionRunner:
 
     An action of an order is started here once the order permits it. Actions of the order and
     instant actions wait for each other if their blocking types demand it.
-
-    Args:
-        registry: the actions of the vehicle.
-        pause: the pause of the vehicle, in which no action starts that moves something.
-        may_act: returns True while actions may begin that do not ignore the blocking types.
-        is_driving: returns True while the vehicle drives along the order.
-        watcher: receives the progress of the actions.
     """
 
-    def __init__(
-        self,
-        registry: Registry,
-        pause: Pause,
-        may_act: Callable[[], bool],
-        is_driving: Callable[[], bool],
-        watcher: Watcher,
-    ) -> None:
-        self._registry = registry
-        self._pause = pause
-        self._may_act = may_act
-        self._is_driving = is_driving
-        self._watcher = watcher
+    def __init__(self, execution: Execution, reports: Reports, log_folder: Path | None) -> None:
+        self._execution = execution
+        self._reports = reports
+        self._log_folder = log_folder
         self._waiting: list[Action] = []
         """Actions that have not started, in the order in which they must start."""
-        self._active: dict[str, Action] = {}
-        """Actions that run and for which others may have to wait, by id."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._closing = False
+        """Tasks of the actions that run, by id."""
 
-    @property
-    def busy(self) -> bool:
-        """True while an action runs for which others may have to wait."""
-        return bool(self._active)
+    def obey(self, command: Perform | EndAction) -> None:
+        """Start an action as soon as its blocking type permits, or end it.
 
-    def start(self, action: Action, *, at_once: bool = False) -> None:
-        """Start an action as soon as its blocking type permits.
-
-        Args:
-            action: the action.
-            at_once: ignore the blocking types.
+        An action that is ended fails, unless it ends by itself before.
         """
-        if at_once:
-            self._launch(action)
-            return
-        self._waiting.append(action)
-        self.poll()
-        if action in self._waiting:
-            self._watcher.action_changed(action.id, ActionStatus.WAITING, "")
-
-    def poll(self) -> None:
-        """Start the actions that may start now."""
-        if self._closing or not self._may_act():
-            return
-        waiting = self._waiting
-        if self._pause.wanted:
-            waiting = list(takewhile(lambda each: not self._moves(each), waiting))
-        count = startable(waiting, self._active.values(), driving=self._is_driving())
-        started, self._waiting = self._waiting[:count], self._waiting[count:]
-        for action in started:
-            self._active[action.id] = action
-            self._launch(action)
-
-    def end(self, action: Action) -> None:
-        """End an action; it fails, unless it ends by itself before."""
-        if action in self._waiting:
+        action = command.action
+        if isinstance(command, Perform):
+            if command.at_once:
+                self._launch(action)
+            else:
+                self._waiting.append(action)
+                self._execution.action_changed(action.id, ActionStatus.WAITING)
+                self.poll()
+        elif action in self._waiting:
             self._waiting.remove(action)
-            self._watcher.action_changed(action.id, ActionStatus.FAILED, _ENDED)
+            self._execution.action_changed(action.id, ActionStatus.FAILED, _ENDED)
         elif action.id in self._tasks:
             self._tasks[action.id].cancel()
 
-    def end_all(self) -> None:
-        """End all actions; they fail."""
-        waiting, self._waiting = self._waiting, []
-        for action in waiting:
-            self._watcher.action_changed(action.id, ActionStatus.FAILED, _ENDED)
-        for task in tuple(self._tasks.values()):
-            task.cancel()
-
-    async def close(self) -> None:
-        """Stop following the actions. The robot goes on with them."""
-        self._closing = True
-        running = tuple(self._tasks.values())
-        for task in running:
-            task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
-
-    def _moves(self, action: Action) -> bool:
-        return self._registry.get(action.type).type.pausable
+    def poll(self) -> None:
+        """Start the actions that may start now."""
+        execution, waiting = self._execution, self._waiting
+        if self._execution.link.is_closing or not execution.may_act:
+            return
+        if execution.pause_wanted:
+            waiting = list(takewhile(lambda each: not ACTIONS[each.type].type.pausable, waiting))
+        active = execution.active
+        count = startable(waiting, active.values(), driving=execution.is_driving)
+        started, self._waiting = self._waiting[:count], self._waiting[count:]
+        for action in started:
+            active[action.id] = action
+            self._launch(action)
 
     def _launch(self, action: Action) -> None:
-        work = self._run(action)
-        running = asyncio.get_running_loop().create_task(work, name=f"vda5050 {action.type}")
+        running = self._execution.link.work.start(self._run(action))
         self._tasks[action.id] = running
         running.add_done_callback(lambda task: self._done(action, task))
 
@@ -136,13 +128,14 @@ class ActionRunner:
 
     async def _run(self, action: Action) -> None:
         def report(status: ActionStatus) -> None:
-            self._watcher.action_changed(action.id, status, "")
+            self._execution.action_changed(action.id, status)
 
-        performer = self._registry.get(action.type)
+        kind = ACTIONS[action.type]
+        run = Run(action, report, self._execution, self._reports, self._log_folder)
         # an action that moves something is RUNNING once the robot has accepted it
-        report(ActionStatus.INITIALIZING if performer.type.pausable else ActionStatus.RUNNING)
+        report(ActionStatus.INITIALIZING if kind.type.pausable else ActionStatus.RUNNING)
         try:
-            result = await performer.perform(action, report)
+            result = await kind.perform(run)
         except asyncio.CancelledError:
             self._ended(action, ActionStatus.FAILED, _ENDED)
             raise
@@ -154,15 +147,15 @@ class ActionRunner:
             _LOG.exception("%s failed because of an error of the program", action.type)
             self._failed(action, "an error of the program; see its log", ErrorType.ACTION)
         else:
-            self._ended(action, ActionStatus.FINISHED, result)
+            self._ended(action, ActionStatus.FINISHED, result or "")
 
     def _failed(self, action: Action, reason: str, kind: ErrorType) -> None:
         _LOG.warning("%s failed: %s", action.type, reason)
-        self._watcher.action_failed(action, reason, kind)
+        self._execution.action_failed(action, reason, kind)
         self._ended(action, ActionStatus.FAILED, reason)
 
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
-        self._active.pop(action.id, None)
+        self._execution.active.pop(action.id, None)
         self._tasks.pop(action.id, None)
-        if not self._closing:
-            self._watcher.action_changed(action.id, status, result)
+        if not self._execution.link.is_closing:
+            self._execution.action_changed(action.id, status, result)

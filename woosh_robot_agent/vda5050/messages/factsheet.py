@@ -1,11 +1,14 @@
-"""The factsheet: properties and capabilities of a vehicle."""
+"""The factsheet: properties and capabilities of a vehicle, with the check of actions."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any, TypeAlias
 
-from woosh_robot_agent.vda5050.messages.order import BlockingType
+from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 
 STANDSTILL = frozenset({BlockingType.SOFT, BlockingType.HARD})
 """Blocking types for actions that need a standing vehicle."""
@@ -35,20 +38,74 @@ class Scope(Enum):
 
 
 @dataclass(frozen=True)
+class Objection:
+    """A reason why the vehicle cannot perform an action.
+
+    Attributes:
+        parameter: key of the wrong or missing parameter; empty if it is not about a parameter.
+    """
+
+    reason: str
+    parameter: str = ""
+
+    @property
+    def references(self) -> dict[str, str]:
+        """References for the error that reports it."""
+        return {"actionParameter": self.parameter} if self.parameter else {}
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+_DATA_TYPES: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "FLOAT": (_is_number, "a finite number"),
+    "STRING": (lambda value: isinstance(value, str) and bool(value), "a text that is not empty"),
+    "BOOL": (lambda value: isinstance(value, bool), "true or false"),
+}
+"""Functions that return True for a valid value, and descriptions of valid values, by data type."""
+
+
+@dataclass(frozen=True)
 class ParameterType:
     """A parameter of an action.
 
     Attributes:
-        key: name of the parameter.
-        type: data type, e.g. `FLOAT`.
-        description: meaning and unit.
+        type: data type: FLOAT, STRING or BOOL.
         optional: True if it may be left out.
+        valid: returns True for a valid value of the data type; None if all are valid.
+        must_be: description of the valid values.
     """
 
     key: str
     type: str
     description: str
     optional: bool = False
+    valid: Callable[[Any], bool] | None = None
+    must_be: str = ""
+
+    def defect(self, value: Any) -> str:
+        """Return what a value must be, and is not; empty if it is valid."""
+        fits, description = _DATA_TYPES[self.type]
+        if not fits(value):
+            return description
+        return "" if self.valid is None or self.valid(value) else self.must_be
+
+
+def number(
+    key: str, description: str, lowest: float, highest: float = math.inf, *, optional: bool = False
+) -> ParameterType:
+    """Return a parameter that is a number within limits, which are permitted values too."""
+    limits = f"at least {lowest:g}" if highest == math.inf else f"within {lowest:g} to {highest:g}"
+    return ParameterType(
+        key, "FLOAT", description, optional, lambda value: lowest <= value <= highest, limits
+    )
+
+
+def choice(key: str, choices: Collection[str]) -> ParameterType:
+    """Return a parameter that is one of some texts."""
+    text = f"one of {', '.join(choices)}"
+    return ParameterType(key, "STRING", text, valid=lambda value: value in choices, must_be=text)
 
 
 @dataclass(frozen=True)
@@ -57,9 +114,6 @@ class ActionType:
 
     Attributes:
         name: name of the action, e.g. `pick`.
-        scopes: where it may be requested.
-        description: what it does.
-        parameters: its parameters.
         result: meaning of the result; empty if there is none.
         blocking: blocking types that it may have on nodes and edges.
         pausable: it moves something; it is paused with the vehicle.
@@ -75,6 +129,42 @@ class ActionType:
     pausable: bool = False
     repeatable: bool = False
 
+    def objection(self, action: Action, scope: Scope) -> Objection | None:
+        """Return why an action of this type is impossible in a place; None if it is possible."""
+        if scope not in self.scopes:
+            places = " or ".join(sorted(each.value.lower() for each in self.scopes))
+            return Objection(
+                f"{self.name} is not possible as {scope.value.lower()} action, only as {places} "
+                "action"
+            )
+        if scope is not Scope.INSTANT and action.blocking not in self.blocking:
+            permitted = " or ".join(sorted(each.value for each in self.blocking))
+            return Objection(
+                f"{self.name} needs blockingType {permitted}, not {action.blocking.value}"
+            )
+        given, known = action.parameters, {each.key: each for each in self.parameters}
+        for key in given:
+            if key not in known:
+                return Objection(f"{self.name} has no parameter {key}", key)
+        for key, parameter in known.items():
+            if key not in given:
+                if not parameter.optional:
+                    return Objection(f"{self.name} needs the parameter {key}", key)
+            elif defect := parameter.defect(given[key]):
+                return Objection(f"the parameter {key} of {self.name} must be {defect}", key)
+        return None
+
+
+ActionTypes: TypeAlias = Mapping[str, ActionType]
+"""The actions of a vehicle, by name."""
+
+
+def objection(types: ActionTypes, action: Action, scope: Scope) -> Objection | None:
+    """Return why the vehicle cannot perform an action; None if it can."""
+    if action.type not in types:
+        return Objection(f"the vehicle has no action {action.type}")
+    return types[action.type].objection(action, scope)
+
 
 @dataclass(frozen=True)
 class OptionalParameter:
@@ -82,7 +172,6 @@ class OptionalParameter:
 
     Attributes:
         name: full name, e.g. `order.edges.maxSpeed`.
-        description: further information.
     """
 
     name: str
@@ -90,26 +179,38 @@ class OptionalParameter:
 
 
 @dataclass(frozen=True)
+class Limits:
+    """Figures of the factsheet that the robot does not report, and options of the messages.
+
+    Attributes:
+        max_speed: maximum speed, in m/s.
+        max_acceleration: maximum acceleration, in m/s².
+        min_state_interval: minimum time between two states, in seconds.
+        state_interval: maximum time between two states, in seconds.
+        visualization_interval: time between two visualizations while it moves, in seconds.
+        driving_state_interval: maximum time between two states while it moves, in seconds; 0 for
+            `state_interval`.
+        maps_in_state: True if the state lists the maps on the robot.
+    """
+
+    max_speed: float = 1.0
+    max_acceleration: float = 0.5
+    min_state_interval: float = 0.1
+    state_interval: float = 30.0
+    visualization_interval: float = 1.0
+    driving_state_interval: float = 0.0
+    maps_in_state: bool = True
+
+
+@dataclass(frozen=True)
 class Factsheet:
     """Properties and capabilities of a vehicle. Lengths are in metres, masses in kilograms.
 
     Attributes:
-        series: name of the model.
-        description: description of the model; may be empty.
-        kinematics: how it can move.
-        vehicle_class: what it is made for.
         max_load: maximum mass of the load.
-        length: length of the vehicle.
-        width: width of the vehicle.
-        height: height of the vehicle.
-        max_speed: maximum speed, in m/s.
-        max_acceleration: maximum acceleration, in m/s².
+        limits: limits that the robot does not report.
         outline: corners of the outline in the vehicle's frame.
-        actions: actions that it can perform.
         optional_parameters: optional fields that it obeys.
-        min_state_interval: minimum time between two states, in seconds.
-        state_interval: maximum time between two states, in seconds.
-        visualization_interval: time between two visualizations while it moves, in seconds.
         versions: versions of its software, by name.
     """
 
@@ -121,12 +222,8 @@ class Factsheet:
     length: float
     width: float
     height: float
-    max_speed: float
-    max_acceleration: float
+    limits: Limits
     outline: tuple[tuple[float, float], ...]
     actions: tuple[ActionType, ...]
     optional_parameters: tuple[OptionalParameter, ...]
-    min_state_interval: float
-    state_interval: float
-    visualization_interval: float
     versions: tuple[tuple[str, str], ...] = ()

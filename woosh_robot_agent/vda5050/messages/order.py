@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, TypeAlias
+from typing import Any
 
 MAX_MESSAGE_SIZE = 2 * 2**20
 """Maximum length of a message, in bytes."""
@@ -52,7 +51,6 @@ class Action:
     """An action of a node, of an edge or of an instantActions message.
 
     Attributes:
-        id: unique id.
         type: name of the action, e.g. `pick`.
         blocking: what may happen while it runs.
         parameters: values by key.
@@ -82,7 +80,6 @@ class NodePosition:
     Attributes:
         x: position in the map frame, in metres.
         y: position in the map frame, in metres.
-        map_id: id of the map.
         theta: heading that the vehicle must have on the node, in radians; None for any.
         deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
             for the normal tolerance of the robot.
@@ -98,6 +95,11 @@ class NodePosition:
     deviation_theta: float = 0.0
     ellipse: Ellipse | None = None
 
+    @property
+    def point(self) -> tuple[float, float]:
+        """The place without the heading, in metres."""
+        return self.x, self.y
+
 
 @dataclass(frozen=True)
 class Node:
@@ -108,7 +110,6 @@ class Node:
         sequence_id: position among the nodes and edges of the order.
         released: True if the node belongs to the base, False if to the horizon.
         position: position; None if the order has none.
-        actions: actions to perform on the node.
         description: further information; may be empty.
         mark: number of the mark by which the robot drives to the node; empty if it drives to the
             position.
@@ -137,9 +138,7 @@ class Trajectory:
     """A curve as a NURBS.
 
     Attributes:
-        degree: degree of the curve.
         knots: knot vector, from 0 to 1.
-        points: control points.
     """
 
     degree: int
@@ -152,14 +151,10 @@ class Edge:
     """An edge of an order.
 
     Attributes:
-        id: id of the edge.
         sequence_id: position among the nodes and edges of the order.
-        start_node_id: id of the node at its start.
-        end_node_id: id of the node at its end.
         released: True if the edge belongs to the base, False if to the horizon.
         max_speed: maximum speed on the edge, in m/s; None without a limit.
         trajectory: curve to drive along; None if the robot plans its path.
-        actions: actions to perform on the edge.
         description: further information; may be empty.
         unsupported: names of the fields that are set although the robot cannot obey them.
     """
@@ -181,10 +176,6 @@ class Order:
     """An order or an update of an order.
 
     Attributes:
-        id: id of the order.
-        update_id: number of the update.
-        nodes: nodes in the order of traversal.
-        edges: edges between them.
         unsupported: names of the fields that are set although the robot cannot obey them.
     """
 
@@ -194,65 +185,7 @@ class Order:
     edges: tuple[Edge, ...]
     unsupported: tuple[str, ...] = ()
 
-
-Point: TypeAlias = tuple[float, float]
-
-_PRECISION = 0.02
-"""Maximum distance of a simplified path from the original one, in metres."""
-_MAX_OFFSET = 1.0
-"""Maximum distance of the vehicle from a path that it follows, in metres."""
-
-
-def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
-    """Return the rest of a path from the position of the vehicle, simplified.
-
-    Args:
-        path: points of the path.
-        here: position of the vehicle.
-
-    Returns:
-        At least two points, the first of which is the position; empty if there is no path ahead.
-    """
-    if not path:
-        return []
-    nearest = min(range(len(path)), key=lambda index: math.dist(path[index], here))
-    if math.dist(path[nearest], here) > _MAX_OFFSET:
-        return []
-    if nearest + 1 < len(path) and _is_behind(path[nearest], path[nearest + 1], here):
-        nearest += 1
-    ahead = [here, *(point for point in path[nearest:] if point != here)]
-    return _simplified(ahead) if len(ahead) > 1 else []
-
-
-def _is_behind(point: Point, following: Point, here: Point) -> bool:
-    """Return True if the vehicle has passed a point on its way to the following one."""
-    along = (following[0] - point[0], following[1] - point[1])
-    return along[0] * (here[0] - point[0]) + along[1] * (here[1] - point[1]) > 0
-
-
-def _simplified(path: Sequence[Point]) -> list[Point]:
-    """Simplify a path with the Ramer-Douglas-Peucker algorithm."""
-    kept = {0, len(path) - 1}
-    sections = [(0, len(path) - 1)]
-    while sections:
-        first, last = sections.pop()
-        offsets = [
-            (_offset(path[index], path[first], path[last]), index)
-            for index in range(first + 1, last)
-        ]
-        if offsets and max(offsets)[0] > _PRECISION:
-            middle = max(offsets)[1]
-            kept.add(middle)
-            sections += [(first, middle), (middle, last)]
-    return [path[index] for index in sorted(kept)]
-
-
-def _offset(point: Point, start: Point, end: Point) -> float:
-    """Return the distance of a point from a line between two points, in metres."""
-    along = (end[0] - start[0], end[1] - start[1])
-    across = (point[0] - start[0], point[1] - start[1])
-    length = along[0] ** 2 + along[1] ** 2
-    part = 0.0
-    if length:
-        part = min(1.0, max(0.0, (along[0] * across[0] + along[1] * across[1]) / length))
-    return math.hypot(across[0] - part * along[0], across[1] - part * along[1])
+    @property
+    def parts(self) -> tuple[Node | Edge, ...]:
+        """All nodes, then all edges."""
+        return (*self.nodes, *self.edges)

@@ -69,47 +69,40 @@ class ErrorType(str, Enum):
 
 
 @dataclass(frozen=True)
-class Reference:
-    """A reference from an error to what it is about.
-
-    Attributes:
-        key: name of the field, e.g. `orderId`.
-        value: its value.
-    """
-
-    key: str
-    value: str
-
-
-@dataclass(frozen=True)
 class VehicleError:
     """An error in the state of a vehicle.
 
     Attributes:
-        type: type of the error.
-        level: severity.
-        description: what happened.
         hint: what to do about it; may be empty.
-        references: what the error is about.
+        references: what the error is about: keys such as `orderId`, and values.
     """
 
     type: str
     level: ErrorLevel
     description: str
     hint: str = ""
-    references: tuple[Reference, ...] = ()
+    references: tuple[tuple[str, str], ...] = ()
 
 
 class RejectedError(Exception):
-    """An order or an action is rejected.
-
-    Attributes:
-        error: the error to report.
-    """
+    """An order or an action is rejected."""
 
     def __init__(self, error: VehicleError) -> None:
         super().__init__(error.description)
         self.error = error
+
+
+class ActionFailedError(Exception):
+    """An action failed. The text is the reason.
+
+    Args:
+        reason: the reason.
+        kind: type of the error that reports it.
+    """
+
+    def __init__(self, reason: str, kind: ErrorType = ErrorType.ACTION) -> None:
+        super().__init__(reason)
+        self.kind = kind
 
 
 def warning(
@@ -122,7 +115,7 @@ def warning(
         description,
         hint,
         tuple(
-            Reference(key, str(each))
+            (key, str(each))
             for key, value in references.items()
             for each in (value if isinstance(value, list) else [value])
         ),
@@ -146,15 +139,6 @@ class OperatingMode(Enum):
     MANUAL = "MANUAL"
     SERVICE = "SERVICE"
     TEACH_IN = "TEACHIN"
-
-
-class EmergencyStop(Enum):
-    """Emergency stop, by how it is acknowledged."""
-
-    NONE = "NONE"
-    """No emergency stop is active."""
-    MANUAL = "MANUAL"
-    """It must be acknowledged at the vehicle."""
 
 
 class ActionStatus(Enum):
@@ -186,9 +170,6 @@ class ActionState:
     """The state of an action.
 
     Attributes:
-        id: id of the action.
-        type: name of the action.
-        status: its status.
         result: result or reason of a failure; may be empty.
         description: further information from the order; may be empty.
         instant: it was requested by an instantActions message.
@@ -210,7 +191,6 @@ class Position:
         x: position in the map frame, in metres.
         y: position in the map frame, in metres.
         theta: heading, in radians.
-        map_id: id of the map.
         initialised: the vehicle knows its position.
     """
 
@@ -219,6 +199,11 @@ class Position:
     theta: float
     map_id: str
     initialised: bool
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """The place without the heading, in metres."""
+        return self.x, self.y
 
 
 @dataclass(frozen=True)
@@ -235,7 +220,6 @@ class Battery:
 
     Attributes:
         charge: charge, in percent.
-        charging: the battery is being charged.
         health: health, in percent; None if the robot does not report it.
     """
 
@@ -249,7 +233,6 @@ class Map:
     """A map on the vehicle.
 
     Attributes:
-        id: id of the map.
         version: version of its data; may be empty.
         enabled: the vehicle uses it now.
     """
@@ -267,11 +250,8 @@ class OrderStatus:
         order_id: id of the current or last order; empty without any.
         update_id: number of its last update.
         last_node_id: id of the last node that was reached; empty without any.
-        last_node_sequence_id: its sequence id.
         nodes: nodes still to be reached, the horizon included.
         edges: edges still to be left, the horizon included.
-        actions: states of the actions.
-        paused: the vehicle is paused.
         new_base_request: the vehicle is about to reach the end of the base.
         distance_since_last_node: distance driven since the last node, in metres; None if unknown.
     """
@@ -294,15 +274,12 @@ class RobotStatus:
 
     Attributes:
         driving: the robot drives or turns.
-        mode: operating mode.
-        battery: state of the battery.
-        emergency_stop: the active emergency stop.
+        emergency_stop: an emergency stop is active, which must be acknowledged at the vehicle.
         field_violation: an obstacle is in the protective field.
         position: position; None if the robot did not report one.
         velocity: velocity; None if the robot did not report one.
         loaded: the robot carries a load; None if it does not detect loads.
         maps: maps on the robot; None if unknown.
-        errors: errors of the robot.
         blocked: the robot stands before an obstacle.
         path: points of the path that the robot follows, in metres; empty without one.
     """
@@ -310,7 +287,7 @@ class RobotStatus:
     driving: bool
     mode: OperatingMode
     battery: Battery
-    emergency_stop: EmergencyStop
+    emergency_stop: bool
     field_violation: bool
     position: Position | None = None
     velocity: Velocity | None = None
@@ -326,8 +303,6 @@ class VehicleState:
     """The complete state of a vehicle.
 
     Attributes:
-        order: progress of the order.
-        robot: state of the robot.
         errors: errors about orders and actions, and those of the robot.
     """
 

@@ -1,5 +1,5 @@
-"""Acceptance and execution of orders, as a state machine without I/O and clocks.
+"""Acceptance and execution of orders and instant actions, as state machines without I/O and clocks.
 
-`OrderMachine` takes events (an order, a new position, the end of a drive or of an action) and
-returns commands (drive a leg, perform an action). The caller executes the commands.
+`OrderMachine` and `InstantActions` take events (an order, a new position, the end of a drive or of
+an action) and return commands (drive a leg, perform an action). The caller executes the commands.
 """

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from woosh_robot_agent.vda5050.messages.order import Action, Edge, Node
 from woosh_robot_agent.vda5050.messages.state import ActionState, ActionStatus, VehicleError
-from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform, stops
+from woosh_robot_agent.vda5050.orders.legs import Command, EndAction, Perform, stops
 
 
 def startable(waiting: Sequence[Action], running: Iterable[Action], *, driving: bool) -> int:
@@ -37,7 +37,6 @@ class ActionMemory:
     """State of the actions of an order.
 
     Attributes:
-        states: states of all actions.
         triggered: triggered actions that have not started.
         running: actions that have started and not ended.
         of_edge: actions of the edge that the vehicle is on.
@@ -61,7 +60,6 @@ class Memory:
         edges: edges still to be left.
         on_edge: the vehicle is on the first of the edges.
         leg_length: number of nodes of the current leg that are still to be reached; 0 without one.
-        actions: the actions.
         canceling: True while the order is being cancelled.
         cancelled: True if the order was cancelled.
         holds: names of the holds that keep the vehicle from driving.
@@ -87,57 +85,46 @@ class OrderActions:
 
     An action is triggered when its node is reached or its edge entered, and starts when its
     blocking type permits it.
+
+    Attributes:
+        triggered: triggered actions that have not started, in the order in which they must start.
+        running: actions that have started and not ended, by id.
+        commands: commands that start and end actions; the owner takes them.
     """
 
     def __init__(self) -> None:
         self._states: dict[str, ActionState] = {}
         """States of all actions, by id."""
-        self._triggered: list[Action] = []
-        """Triggered actions that have not started, in the order in which they must start."""
-        self._running: dict[str, Action] = {}
-        """Actions that have started and not ended, by id."""
+        self.triggered: list[Action] = []
+        self.running: dict[str, Action] = {}
         self._of_edge: tuple[Action, ...] = ()
         """Actions of the edge that the vehicle is on."""
+        self.commands: list[Command] = []
 
     @property
     def states(self) -> tuple[ActionState, ...]:
         """States of all actions."""
         return tuple(self._states.values())
 
-    @property
-    def are_running(self) -> bool:
-        """True while an action runs."""
-        return bool(self._running)
-
-    @property
-    def are_open(self) -> bool:
-        """True while an action runs, or is triggered."""
-        return bool(self._running or self._triggered)
-
-    @property
-    def are_triggered(self) -> bool:
-        """True while an action is triggered and has not started."""
-        return bool(self._triggered)
-
     def forbid_driving(self) -> bool:
         """Return True if the vehicle must not drive because of a running or triggered action."""
-        return stops((*self._triggered, *self._running.values()))
+        return stops((*self.triggered, *self.running.values()))
 
     @property
     def memory(self) -> ActionMemory:
         """State that must survive a restart of the program."""
         return ActionMemory(
             states=self.states,
-            triggered=tuple(self._triggered),
-            running=tuple(self._running.values()),
+            triggered=tuple(self.triggered),
+            running=tuple(self.running.values()),
             of_edge=self._of_edge,
         )
 
     def restore(self, memory: ActionMemory) -> None:
         """Restore the actions after a restart; those that ran count as running."""
         self._states = {state.id: state for state in memory.states}
-        self._triggered = list(memory.triggered)
-        self._running = {action.id: action for action in memory.running}
+        self.triggered = list(memory.triggered)
+        self.running = {action.id: action for action in memory.running}
         self._of_edge = memory.of_edge
 
     def ids_without(self, parts: Iterable[Node | Edge]) -> set[str]:
@@ -165,7 +152,7 @@ class OrderActions:
 
     def reach(self, node: Node) -> None:
         """Trigger the actions of a node."""
-        self._triggered += node.actions
+        self.triggered += node.actions
 
     def miss(self, node: Node) -> None:
         """Let the actions of a node fail: the vehicle was seen only when it was far past it."""
@@ -175,32 +162,30 @@ class OrderActions:
     def enter(self, edge: Edge) -> None:
         """Trigger the actions of an edge."""
         self._of_edge = edge.actions
-        self._triggered += edge.actions
+        self.triggered += edge.actions
 
-    def leave_edge(self) -> list[EndAction]:
-        """Return the commands that end the actions of the edge that the vehicle leaves."""
-        commands = []
+    def leave_edge(self) -> None:
+        """End the actions of the edge that the vehicle leaves."""
         for action in self._of_edge:
-            if action in self._triggered:
-                self._triggered.remove(action)
+            if action in self.triggered:
+                self.triggered.remove(action)
                 self.changed(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
-            elif action.id in self._running:
-                commands.append(EndAction(action))
+            elif action.id in self.running:
+                self.commands.append(EndAction(action))
         self._of_edge = ()
-        return commands
 
-    def start(self, *, driving: bool) -> list[Perform]:
-        """Return the commands that start the actions that may start now.
+    def start(self, *, driving: bool) -> None:
+        """Start the actions that may start now.
 
         Args:
             driving: True if the vehicle drives.
         """
-        count = startable(self._triggered, self._running.values(), driving=driving)
-        started, self._triggered = self._triggered[:count], self._triggered[count:]
+        count = startable(self.triggered, self.running.values(), driving=driving)
+        started, self.triggered = self.triggered[:count], self.triggered[count:]
         for action in started:
-            self._running[action.id] = action
+            self.running[action.id] = action
             self.changed(action.id, ActionStatus.INITIALIZING)
-        return [Perform(action) for action in started]
+            self.commands.append(Perform(action))
 
     def changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Take the new status of an action."""
@@ -209,19 +194,19 @@ class OrderActions:
             return
         self._states[action_id] = replace(state, status=status, result=result)
         if status.ended:
-            self._running.pop(action_id, None)
+            self.running.pop(action_id, None)
 
     def interrupt(self, reason: str) -> Sequence[Action]:
         """Let running actions fail, and return them."""
-        interrupted = tuple(self._running.values())
+        interrupted = tuple(self.running.values())
         for action in interrupted:
             self.changed(action.id, ActionStatus.FAILED, reason)
         return interrupted
 
-    def cancel(self, reason: str) -> list[EndAction]:
-        """Let waiting actions fail, and return the commands that end running ones."""
+    def cancel(self, reason: str) -> None:
+        """Let waiting actions fail, and end running ones; drop the commands so far."""
         for action_id, state in self._states.items():
-            if action_id not in self._running and not state.status.ended:
+            if action_id not in self.running and not state.status.ended:
                 self._states[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)
-        self._triggered.clear()
-        return [EndAction(action) for action in self._running.values()]
+        self.triggered.clear()
+        self.commands[:] = [EndAction(action) for action in self.running.values()]

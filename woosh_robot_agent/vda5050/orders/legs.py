@@ -1,108 +1,17 @@
-"""The legs of an order, which the robot drives one by one, with curves and commands."""
+"""The legs of an order, which the robot drives one by one, their speed, and the commands."""
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from itertools import pairwise
 from typing import TypeAlias
 
-from woosh_robot_agent.vda5050.messages.order import (
-    MAX_CONTROL_POINTS,
-    MAX_DEGREE,
-    Action,
-    Edge,
-    Node,
-    Trajectory,
-)
-
-_SPACING = 0.25
-"""Usual distance between two points along a curve, in metres."""
-_MAX_POINTS = 100
-"""Approximate maximum number of points along a curve; on a longer one they are farther apart."""
-_SAMPLES = 8
-"""Number of points in each span of the knots by which the length of the curve is estimated."""
-
-Point = tuple[float, float]
-"""Position in the map frame, in metres."""
-
-
-def curve_defect(trajectory: Trajectory) -> str:
-    """Return the defect of a trajectory; empty if it has none."""
-    degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
-    numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
-    if not all(map(math.isfinite, (degree, *numbers))):
-        return "a number is not finite"
-    if degree != int(degree) or degree < 1:
-        return f"its degree is not a positive integer: {degree}"
-    if degree > MAX_DEGREE:
-        return f"its degree is above {MAX_DEGREE}: {degree:g}"
-    if len(points) > MAX_CONTROL_POINTS:
-        return f"it has more than {MAX_CONTROL_POINTS} control points: {len(points)}"
-    if len(points) <= degree:
-        return f"degree {degree} needs at least {int(degree) + 1} control points: {len(points)}"
-    if len(knots) != len(points) + degree + 1:
-        return (
-            f"{len(points)} control points of degree {int(degree)} need "
-            f"{len(points) + int(degree) + 1} knots: {len(knots)}"
-        )
-    if any(after < before for before, after in pairwise(knots)):
-        return "its knots decrease"
-    if knots[int(degree)] == knots[len(points)]:
-        return "its knots are all equal"
-    if any(point.weight <= 0 for point in points):
-        return "a weight is not positive"
-    return ""
-
-
-@functools.lru_cache(maxsize=256)
-def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
-    """Return points along a trajectory without a defect, its start and end included."""
-    degree, knots = int(trajectory.degree), trajectory.knots
-    spans = [
-        span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
-    ]
-    lengths = [_length(_points_of_span(trajectory, span, _SAMPLES)) for span in spans]
-    spacing = max(_SPACING, sum(lengths) / _MAX_POINTS)
-    points = [_point(trajectory, spans[0], knots[spans[0]])]
-    for span, length in zip(spans, lengths, strict=True):
-        # a straight line needs only its end
-        count = 1 if degree == 1 else max(degree, math.ceil(length / spacing))
-        points += _points_of_span(trajectory, span, count)[1:]
-    return tuple(points)
-
-
-def _length(points: list[Point]) -> float:
-    return sum(math.dist(before, after) for before, after in pairwise(points))
-
-
-def _points_of_span(trajectory: Trajectory, span: int, count: int) -> list[Point]:
-    """Return the start of a span of the knots and `count` points after it."""
-    start, end = trajectory.knots[span : span + 2]
-    steps = [start + (end - start) * step / count for step in range(count)]
-    return [_point(trajectory, span, at) for at in (*steps, end)]
-
-
-def _point(trajectory: Trajectory, span: int, at: float) -> Point:
-    """Return the point of a curve at a parameter in a span of its knots, by de Boor's algorithm."""
-    degree, knots = int(trajectory.degree), trajectory.knots
-    control = trajectory.points[span - degree : span + 1]
-    # in homogeneous coordinates a rational curve is an ordinary one
-    values = [(each.x * each.weight, each.y * each.weight, each.weight) for each in control]
-    for level in range(1, degree + 1):
-        for index in range(degree, level - 1, -1):
-            low = knots[span - degree + index]
-            width = knots[index + 1 + span - level] - low
-            part = (at - low) / width if width else 0.0
-            values[index] = tuple(  # type: ignore[assignment]
-                (1 - part) * before + part * after
-                for before, after in zip(values[index - 1], values[index], strict=True)
-            )
-    x, y, weight = values[degree]
-    return x / weight, y / weight
-
+from woosh_robot_agent.vda5050.messages.geometry import Point, curve_points, nearest_on_line
+from woosh_robot_agent.vda5050.messages.order import Action, Edge, Node
+from woosh_robot_agent.vda5050.messages.state import Position
 
 _MAX_POSES = 150
 """Maximum number of poses in a task of the robot; a chassis may refuse longer paths."""
@@ -113,7 +22,6 @@ class Leg:
     """A part of an order that the robot drives without a stop.
 
     Attributes:
-        edges: edges in the order of traversal.
         nodes: the node at the end of each edge.
     """
 
@@ -171,7 +79,6 @@ def changes_way(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
 
     Args:
         before: the edge to the node.
-        node: the node.
         edge: the edge after the node.
         following: the node at its end.
     """
@@ -181,6 +88,63 @@ def changes_way(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
     return here is None or there is None or here.map_id != there.map_id
 
 
+_BASE_IS_SHORT = 3.0
+"""Length of the rest of the base below which the vehicle asks for more, in metres."""
+_BRAKING = 1.5
+"""Distance from a slower edge at which the vehicle begins to slow down, in metres."""
+
+
+def needs_base(nodes: Sequence[Node], position: Position | None) -> bool:
+    """Return True if the vehicle needs more of the horizon released.
+
+    It does on the last edge of the base, and if the rest of the base is short.
+
+    Args:
+        nodes: nodes still to be reached, the horizon included.
+        position: position of the vehicle; None if unknown.
+    """
+    base = [node for node in nodes if node.released]
+    if len(base) == len(nodes):
+        return False
+    if len(base) <= 1:
+        return True
+    return position is not None and max(_distances(base, position)) < _BASE_IS_SHORT
+
+
+def speed_limit(edges: Sequence[Edge], nodes: Sequence[Node], position: Position | None) -> float:
+    """Return the speed that the vehicle must not exceed, in m/s; infinite without a limit.
+
+    Args:
+        edges: rest of the leg; the vehicle is on the first edge.
+        nodes: the node at the end of each of them.
+        position: position of the vehicle; None if unknown.
+    """
+    limits = [edge.max_speed for edge in edges[:1]]
+    if position is not None:
+        ahead = zip(edges[1:], _distances(nodes, position), strict=False)
+        limits += [edge.max_speed for edge, distance in ahead if distance < _BRAKING]
+        if len(edges) > 1 and _is_near_edge(position.point, *nodes[:2]):
+            limits.append(edges[1].max_speed)  # the robot may have missed the node before it
+    return min((limit for limit in limits if limit is not None), default=math.inf)
+
+
+def _is_near_edge(here: Point, start: Node, end: Node) -> bool:
+    if start.position is None or end.position is None:
+        return False
+    line = start.position.point, end.position.point
+    return math.dist(here, nearest_on_line(here, *line)) < _BRAKING
+
+
+def _distances(nodes: Sequence[Node], position: Position) -> Iterator[float]:
+    """Yield the distance to each node along the nodes before it, in metres."""
+    distance, here = 0.0, position.point
+    for node in nodes:
+        if node.position is not None:
+            distance += math.dist(here, node.position.point)
+            here = node.position.point
+        yield distance
+
+
 @dataclass(frozen=True)
 class Drive:
     """Drive a leg, and report its end with `OrderMachine.drive_ended`."""
@@ -188,26 +152,27 @@ class Drive:
     leg: Leg
 
 
-@dataclass(frozen=True)
-class CancelDrive:
-    """Cancel the drive, and report its end with `OrderMachine.drive_ended`."""
+class Control(Enum):
+    """Command about the drive of a leg; about any task or action of the robot, too.
 
+    After a cancellation, report the end of the drive with `OrderMachine.drive_ended`.
+    """
 
-@dataclass(frozen=True)
-class PauseDrive:
-    """Pause the drive."""
-
-
-@dataclass(frozen=True)
-class ResumeDrive:
-    """Resume the paused drive."""
+    PAUSE = "pause"
+    RESUME = "resumption"
+    CANCEL = "cancellation"
 
 
 @dataclass(frozen=True)
 class Perform:
-    """Perform an action, and report its progress with `OrderMachine.action_changed`."""
+    """Perform an action, and report its progress with `action_changed`.
+
+    Attributes:
+        at_once: do not wait for other actions, nor for a standstill.
+    """
 
     action: Action
+    at_once: bool = False
 
 
 @dataclass(frozen=True)
@@ -217,5 +182,5 @@ class EndAction:
     action: Action
 
 
-Command: TypeAlias = Drive | CancelDrive | PauseDrive | ResumeDrive | Perform | EndAction
+Command: TypeAlias = Drive | Control | Perform | EndAction
 """Any command of the state machine."""

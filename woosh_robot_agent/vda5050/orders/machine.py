@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable
-from itertools import takewhile
+from collections.abc import Callable
 
 from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
 from woosh_robot_agent.vda5050.messages.state import (
@@ -13,23 +11,21 @@ from woosh_robot_agent.vda5050.messages.state import (
     ErrorType,
     OrderStatus,
     Position,
-    Reference,
     VehicleError,
     warning,
 )
 from woosh_robot_agent.vda5050.orders.actions import Memory, OrderActions
 from woosh_robot_agent.vda5050.orders.legs import (
-    CancelDrive,
     Command,
+    Control,
     Drive,
     Leg,
-    PauseDrive,
-    ResumeDrive,
+    needs_base,
     next_leg,
+    speed_limit,
     stops,
 )
-from woosh_robot_agent.vda5050.orders.outlook import needs_base, speed_limit
-from woosh_robot_agent.vda5050.orders.reach import Tolerance, Whereabouts
+from woosh_robot_agent.vda5050.orders.reach import Route, in_sequence
 from woosh_robot_agent.vda5050.orders.structure import Verdict, check_action_ids, check_start, judge
 
 _RESTARTED = "the connector was restarted while the action ran"
@@ -42,30 +38,16 @@ class OrderMachine:
 
     Call a method for each event, and then `poll` for the commands.
 
-    Args:
-        tolerance: minimum tolerance at nodes.
-
     Attributes:
         error: why the order cannot go on until it is cancelled; None if it can.
     """
 
-    def __init__(self, tolerance: Tolerance | None = None) -> None:
-        self._place = Whereabouts(tolerance or Tolerance())
+    def __init__(self) -> None:
+        self._actions = OrderActions()
+        self._route = Route(self._actions)
         self.error: VehicleError | None = None
         self._order: Order | None = None
         """The order or update that was taken last."""
-        self._last_node: Node | None = None
-        """The node that was reached last."""
-        self._nodes: deque[Node] = deque()
-        """Nodes still to be reached."""
-        self._edges: deque[Edge] = deque()
-        """Edges still to be left; the vehicle is on the first one if `_on_edge`."""
-        self._on_edge = False
-        self._actions = OrderActions()
-        self._leg: Leg | None = None
-        """The leg that the vehicle drives."""
-        self._commands: list[Command] = []
-        """Commands that `poll` has not returned yet."""
         self._canceling = False
         self._cancelled = False
         """True if the order was cancelled."""
@@ -85,26 +67,33 @@ class OrderMachine:
     @property
     def busy(self) -> bool:
         """True if the vehicle executes an order, or waits for an update of it."""
-        return bool(self._nodes or self._edges or self._leg or self._actions.are_open)
+        route = self._route
+        return bool(
+            route.nodes
+            or route.edges
+            or route.leg
+            or self._actions.running
+            or self._actions.triggered
+        )
 
     @property
     def driving(self) -> bool:
         """True if the vehicle drives a leg."""
-        return self._leg is not None
+        return self._route.leg is not None
 
     @property
     def acting(self) -> bool:
         """True while an action of the order runs."""
-        return self._actions.are_running
+        return bool(self._actions.running)
 
     @property
     def errors(self) -> tuple[VehicleError, ...]:
         """Why the order does not go on; empty while it does."""
         if self.error is not None:
             return (self.error,)
-        node = self._nodes[0] if self._nodes and self._nodes[0].released else None
-        here = self._place.position
-        if node is None or here is None or self._place.is_on_map_of(node):
+        route, here = self._route, self._route.position
+        node = route.nodes[0] if route.nodes and route.nodes[0].released else None
+        if node is None or here is None or route.is_on_map_of(node):
             return ()
         if self._actions.forbid_driving():
             return ()  # an action may bring the vehicle to the other map
@@ -113,7 +102,7 @@ class OrderMachine:
                 ErrorType.DRIVING,
                 f"the vehicle waits before node {node.id}: it is on map {here.map_id}",
                 "enable the map of the node, or cancel the order with cancelOrder",
-                orderId=self._order.id if self._order else "",
+                orderId=self.order_id,
                 nodeId=node.id,
                 mapId=node.position.map_id if node.position else "",
             ),
@@ -127,37 +116,59 @@ class OrderMachine:
     @property
     def has_ended(self) -> bool:
         """True once the drive and all actions of a cancelled order have ended."""
-        return self._canceling and self._leg is None and not self._actions.are_running
+        return self._canceling and not self.driving and not self._actions.running
+
+    @property
+    def order_id(self) -> str:
+        """Id of the current or last order; empty without any."""
+        return self._order.id if self._order else ""
+
+    @property
+    def _update_id(self) -> int:
+        return self._order.update_id if self._order else 0
 
     @property
     def status(self) -> OrderStatus:
         """Progress of the order."""
-        order, last = self._order, self._last_node
+        route, last = self._route, self._route.last_node
         return OrderStatus(
-            order_id=order.id if order else "",
-            update_id=order.update_id if order else 0,
+            order_id=self.order_id,
+            update_id=self._update_id,
             last_node_id=last.id if last else "",
             last_node_sequence_id=last.sequence_id if last else 0,
-            nodes=tuple(self._nodes),
-            edges=tuple(self._edges),
+            nodes=tuple(route.nodes),
+            edges=tuple(route.edges),
             actions=self._actions.states,
-            new_base_request=not self._canceling and needs_base(self._nodes, self._place.position),
-            distance_since_last_node=None if last is None else self._place.driven,
+            new_base_request=self._needs_base,
+            distance_since_last_node=None if last is None else route.driven,
         )
+
+    @property
+    def progress(self) -> tuple[Node | None, bool]:
+        """What is published at once when the vehicle has moved: last node, request of a base."""
+        return self._route.last_node, self._needs_base
+
+    @property
+    def _needs_base(self) -> bool:
+        return not self._canceling and needs_base(self._route.nodes, self._route.position)
 
     @property
     def speed_limit(self) -> float | None:
         """Maximum speed now, in m/s; infinite without a limit, None while no leg is driven."""
-        if self._leg is None:
+        if (leg := self._route.leg) is None:
             return None
-        rest = self._leg.edges.index(self._edges[0])
-        return speed_limit(self._leg.edges[rest:], self._leg.nodes[rest:], self._place.position)
+        rest = leg.edges.index(self._route.edges[0])
+        return speed_limit(leg.edges[rest:], leg.nodes[rest:], self._route.position)
 
     @property
     def _decision_point(self) -> Node | None:
         """Last node of the base, or the last one that was reached."""
-        released = [node for node in self._nodes if node.released]
-        return released[-1] if released else self._last_node
+        released = [node for node in self._route.nodes if node.released]
+        return released[-1] if released else self._route.last_node
+
+    def has_action(self, action_id: str) -> bool:
+        """Return True if an action of the order has this id."""
+        return any(each.id == action_id for each in self._actions.states)
 
     # Events
 
@@ -165,7 +176,6 @@ class OrderMachine:
         """Take an order or an update.
 
         Args:
-            order: the order.
             check: raises a RejectedError if the vehicle cannot perform the order.
 
         Raises:
@@ -180,15 +190,22 @@ class OrderMachine:
         )
         if verdict is Verdict.KNOWN:
             return verdict
+        horizon: list[Node | Edge] = []
         if verdict is Verdict.UPDATE:
-            horizon = [part for part in _parts_of(self._nodes, self._edges) if not part.released]
+            horizon = [part for part in self._route.parts if not part.released]
             check_action_ids(order, self._actions.ids_without(horizon))
         check(order)  # first: on an unknown map, the vehicle stands nowhere
         if verdict is Verdict.NEW:
-            check_start(order, self._place.stands_on)
-            self._take(order)
+            check_start(order, self._route.stands_on)
+            self.error = None
+            self._cancelled = False
+            self._actions.clear()
+            self._actions.add(in_sequence(order.nodes, order.edges))
+            self._route.begin(order)
         else:
-            self._append(order)
+            self._actions.remove(horizon)
+            self._route.append(order)
+            self._actions.add(in_sequence(order.nodes[1:], order.edges))
         self._order = order
         return verdict
 
@@ -198,14 +215,14 @@ class OrderMachine:
         Args:
             node_id: id of the node; empty if the vehicle stands on none.
         """
-        number = self._last_node.sequence_id if self._last_node and self.busy else 0
-        self._last_node = Node(node_id, number) if node_id else None
-        self._place.left()
+        last = self._route.last_node
+        number = last.sequence_id if last and self.busy else 0
+        self._route.place(Node(node_id, number) if node_id else None)
 
     def forget_left_node(self) -> None:
         """Forget the last node, unless the vehicle stands on it; not during an order."""
-        last = self._last_node
-        if last is not None and not self.busy and not self._place.stands_on(last):
+        last = self._route.last_node
+        if last is not None and not self.busy and not self._route.stands_on(last):
             self.placed("")
 
     def moved(
@@ -214,32 +231,19 @@ class OrderMachine:
         """Take a new position, and find the nodes of the leg that the vehicle has passed.
 
         Args:
-            position: the position.
             by_itself: an action may have moved the vehicle.
             confirmed: the robot has confirmed, over the current link, that it drives the leg.
         """
-        leg = self._leg
-        self._place.moved(
-            position,
-            by_itself=by_itself,
-            on_leg=leg is not None,
-            confirmed=confirmed,
+        self._route.moved(
+            position, by_itself=by_itself, confirmed=confirmed, passes=not self._canceling
         )
-        if leg is None or self._canceling:
-            return
-        ahead = takewhile(lambda node: node is not leg.goal, tuple(self._nodes))
-        for _ in range(self._place.reached(tuple(self._edges), ahead)):
-            self._reach(passing=True)
-            self._enter_edge()
 
     def lose_track(self) -> None:
         """Pass no node until the robot confirms the drive: it may have been moved, or restarted.
 
         To be called when the link to the robot is lost.
         """
-        self._place.doubtful = True
-        if self._leg is not None:
-            self._place.lose_track()
+        self._route.lose_track()
 
     def drive_ended(self, reason: str = "") -> None:
         """Take the end of the drive.
@@ -247,27 +251,25 @@ class OrderMachine:
         Args:
             reason: why it did not reach the goal of the leg; empty if it did.
         """
-        leg, self._leg = self._leg, None
-        if leg is None or self._canceling:
-            return
-        if reason:
-            node = self._nodes[0]
+        route = self._route
+        if route.leg is None or self._canceling:
+            route.leg = None
+        elif reason:
+            route.leg = None
+            node = route.nodes[0]
             self.error = self._stuck(
                 ErrorType.DRIVING,
                 f"the robot did not reach node {node.id}: {reason}",
-                Reference("nodeId", node.id),
-                Reference("edgeId", self._edges[0].id),
+                ("nodeId", node.id),
+                ("edgeId", route.edges[0].id),
             )
-            return
-        while self._last_node is not leg.goal:
-            self._reach(passing=self._nodes[0] is not leg.goal)
-            if self._last_node is not leg.goal:
-                self._enter_edge()
+        else:
+            route.arrive()
 
     def drive_unsent(self) -> None:
         """The command to drive was not sent: command it again when the vehicle may drive."""
-        self._leg = None
-        self._place.doubtful = True
+        self._route.leg = None
+        self._route.doubtful = True
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Take the new status of an action that was started by a `Perform` command."""
@@ -293,9 +295,9 @@ class OrderMachine:
         """
         self._canceling = self._cancelled = True
         self.error = None
-        self._commands = [*self._actions.cancel(reason)]
-        if self._leg is not None:
-            self._commands.append(CancelDrive())
+        self._actions.cancel(reason)
+        if self.driving:
+            self._command(Control.CANCEL)
 
     def poll(self, *, may_drive: bool = True, may_empty: bool = True) -> list[Command]:
         """Return the commands that follow from the events so far.
@@ -313,34 +315,32 @@ class OrderMachine:
             if may_drive and not self.held:
                 while self._start_drive():
                     self._start_actions()
-        commands, self._commands = self._commands, []
+        commands, self._actions.commands = self._actions.commands, []
         return commands
 
     def empty(self) -> None:
         """Remove what is left of a cancelled order that has ended."""
         self._canceling = False
-        self._on_edge = False
-        self._nodes.clear()
-        self._edges.clear()
+        self._route.empty()
 
     def doubt_place(self) -> None:
         """Check the position of the vehicle before the order goes on: it may have been moved."""
-        self._place.doubtful = True
+        self._route.doubtful = True
 
     # Memory
 
     @property
     def memory(self) -> Memory:
         """State that must survive a restart of the program."""
-        order, leg = self._order, self._leg
-        ends = (leg is not None and node is leg.goal for node in self._nodes)
+        route, leg = self._route, self._route.leg
+        ends = (leg is not None and node is leg.goal for node in route.nodes)
         return Memory(
-            order_id=order.id if order else "",
-            update_id=order.update_id if order else 0,
-            last_node=self._last_node,
-            nodes=tuple(self._nodes),
-            edges=tuple(self._edges),
-            on_edge=self._on_edge,
+            order_id=self.order_id,
+            update_id=self._update_id,
+            last_node=route.last_node,
+            nodes=tuple(route.nodes),
+            edges=tuple(route.edges),
+            on_edge=route.on_edge,
             leg_length=next((index + 1 for index, ends_leg in enumerate(ends) if ends_leg), 0),
             actions=self._actions.memory,
             canceling=self._canceling,
@@ -357,17 +357,15 @@ class OrderMachine:
         if not memory.order_id:
             return
         self._order = Order(memory.order_id, memory.update_id, (), ())
-        self._last_node = memory.last_node
-        self._nodes, self._edges = deque(memory.nodes), deque(memory.edges)
-        self._on_edge = memory.on_edge
+        route = self._route
+        route.restore(memory.last_node, memory.nodes, memory.edges, on_edge=memory.on_edge)
         self._actions.restore(memory.actions)
         if length := memory.leg_length:
-            self._leg = Leg(memory.edges[:length], memory.nodes[:length])
+            route.leg = Leg(memory.edges[:length], memory.nodes[:length])
         self._cancelled = memory.cancelled
         self._holds = set(memory.holds)
         self.error = memory.error
         self._is_held = None if self.held else False
-        self._place.restored(self._last_node)
         for action in self._actions.interrupt(_RESTARTED):
             if stops((action,)):
                 self.interrupt(action.id)
@@ -382,128 +380,77 @@ class OrderMachine:
             reason: why that is not known.
         """
         if self.busy and self.error is None:
-            self.error = self._stuck(
-                ErrorType.INTERRUPTED, reason, Reference("actionId", action_id)
-            )
+            self.error = self._stuck(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
 
     # Steps
 
     def _is_in_place(self, *, may_drive: bool) -> bool:
         """Return True unless the order must wait until the position is known and was checked."""
-        last = self._last_node
-        goes_on = self._actions.are_triggered or (self._edges and self._edges[0].released)
-        if not self._place.doubtful or self._leg is not None or not goes_on:
+        route = self._route
+        last = route.last_node
+        goes_on = self._actions.triggered or (route.edges and route.edges[0].released)
+        if not route.doubtful or self.driving or not goes_on:
             return True
         if last is not None and last.position is not None:
-            if self._place.position is None or not may_drive:
+            if route.position is None or not may_drive:
                 return False
-            if (
-                not (self._place.stands_on(last) or self._place.is_where_it_stood())
-                and self.error is None
-            ):
+            is_there = route.stands_on(last) or route.is_where_it_stood()
+            if not is_there and self.error is None:
                 self.error = self._stuck(
                     ErrorType.INTERRUPTED,
                     f"the robot was moved away from node {last.id}",
-                    Reference("nodeId", last.id),
+                    ("nodeId", last.id),
                 )
-        self._place.doubtful = False
+        route.doubtful = False
         return True
 
-    def _stuck(self, kind: ErrorType, reason: str, *references: Reference) -> VehicleError:
+    def _stuck(self, kind: ErrorType, reason: str, *references: tuple[str, str]) -> VehicleError:
         """Return the error of an order that cannot go on."""
         return VehicleError(
             kind.value,
             ErrorLevel.FATAL,
             reason,
             "remove the cause, then cancel the order with cancelOrder and send a new one",
-            (Reference("orderId", self._order.id if self._order else ""), *references),
+            (("orderId", self.order_id), *references),
         )
 
-    def _take(self, order: Order) -> None:
-        self.error = None
-        self._cancelled = False
-        self._actions.clear()
-        self._actions.add(_parts_of(order.nodes, order.edges))
-        self._on_edge = False
-        self._nodes = deque(order.nodes)
-        self._edges = deque(order.edges)
-        self._reach()
-
-    def _append(self, order: Order) -> None:
-        """Replace the horizon by the nodes and edges of an update."""
-        parts = _parts_of(self._nodes, self._edges)
-        self._actions.remove(part for part in parts if not part.released)
-        self._nodes = deque(node for node in self._nodes if node.released)
-        self._edges = deque(edge for edge in self._edges if edge.released)
-        nodes = order.nodes[1:]
-        self._nodes += nodes
-        self._edges += order.edges
-        self._actions.add(_parts_of(nodes, order.edges))
-
-    def _reach(self, *, passing: bool = False) -> None:
-        """Leave the current edge, if any, and reach the next node.
-
-        Args:
-            passing: the vehicle does not stop there, and may be past it by now.
-        """
-        if self._on_edge:
-            self._on_edge = False
-            self._edges.popleft()
-            self._commands += self._actions.leave_edge()
-        self._last_node = self._nodes.popleft()
-        is_past = passing and self._place.is_far_from(self._last_node)
-        self._place.left()
-        if is_past:
-            self._actions.miss(self._last_node)
-        else:
-            self._actions.reach(self._last_node)
-
-    def _enter_edge(self) -> None:
-        self._on_edge = True
-        self._actions.enter(self._edges[0])
+    def _command(self, command: Command) -> None:
+        self._actions.commands.append(command)
 
     def _start_actions(self) -> None:
         if self.error is None:
-            self._commands += self._actions.start(driving=self.driving)
+            self._actions.start(driving=self.driving)
 
     def _hold_drive(self) -> None:
         """Pause or resume the drive."""
-        if self._leg is not None and self._is_held != self.held:
+        if self.driving and self._is_held != self.held:
             self._is_held = self.held
-            self._commands.append(PauseDrive() if self.held else ResumeDrive())
+            self._command(Control.PAUSE if self.held else Control.RESUME)
 
     def _start_drive(self) -> bool:
         """Start the next leg; return True if the next node was reached without driving."""
-        if self._leg is not None or self.error is not None or self._actions.forbid_driving():
+        route = self._route
+        if self.driving or self.error is not None or self._actions.forbid_driving():
             return False
-        leg = next_leg(self._edges, self._nodes)
-        if leg is None or not self._place.is_on_map_of(leg.nodes[0]):
+        leg = next_leg(route.edges, route.nodes)
+        if leg is None or not route.is_on_map_of(leg.nodes[0]):
             return False
-        if not self._on_edge:
-            self._enter_edge()
+        if not route.on_edge:
+            route.enter_edge()
             self._start_actions()
             if self._actions.forbid_driving():
                 return False
-        last = self._last_node
-        if last is not None and self._place.stands_on_both(last, leg.nodes[0]):
-            self._reach()
+        if route.reach_in_place(leg.nodes[0]):
             return True
-        if (distance := self._place.distance_to_way(leg)) > _MAX_APPROACH:
+        if (distance := route.distance_to_way(leg)) > _MAX_APPROACH:
             self.error = self._stuck(
                 ErrorType.DRIVING,
                 f"the trajectory of edge {leg.edges[0].id} begins {distance:.1f} m away",
-                Reference("nodeId", leg.nodes[0].id),
-                Reference("edgeId", leg.edges[0].id),
+                ("nodeId", leg.nodes[0].id),
+                ("edgeId", leg.edges[0].id),
             )
             return False
-        self._leg = leg
+        route.depart(leg)
         self._is_held = False
-        self._place.departed()
-        self._commands.append(Drive(leg))
+        self._command(Drive(leg))
         return False
-
-
-def _parts_of(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edge]:
-    """Return nodes and edges in the order of traversal."""
-    parts: list[Node | Edge] = [*nodes, *edges]
-    return sorted(parts, key=lambda part: part.sequence_id)

@@ -1,61 +1,71 @@
-"""Where the vehicle is, and why a node counts as reached.
+"""The rest of an order, where the vehicle is on it, and why a node counts as reached.
 
 A node counts as reached for one of these reasons, and for no other:
 
-- The vehicle stands on it: the first node of an order, or one at the place of the last node.
-- The vehicle passes it on a leg, within the permitted deviation.
-- The vehicle passes a later node of the leg, after the way to there.
-- The drive of the leg has ended without a failure; `OrderMachine.drive_ended` takes this one.
+- The vehicle stands on it: the first node of an order (`begin`), or one at the place of the last
+  node (`reach_in_place`).
+- The vehicle passes it on a leg, within the permitted deviation, or passes a later node of the leg
+  after the way to there (`moved`). Without a link, no node is passed until the robot confirms that
+  it drives the leg: it may have been moved, or restarted elsewhere.
+- The drive of the leg has ended without a failure (`arrive`).
+
+Its actions are triggered then. They fail if the vehicle was first seen when it was far past the
+node.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import pairwise, takewhile
 
+from woosh_robot_agent.vda5050.messages.geometry import Point, curve_points, nearest_on_line
 from woosh_robot_agent.vda5050.messages.order import Edge, Node, NodePosition, Order
 from woosh_robot_agent.vda5050.messages.state import Position
-from woosh_robot_agent.vda5050.orders.legs import Leg, curve_points, stops
+from woosh_robot_agent.vda5050.orders.actions import OrderActions
+from woosh_robot_agent.vda5050.orders.legs import Leg
 
 _SAME_PLACE = 0.01
 """Distance of two nodes that are at the same place, in metres."""
 _MAX_STEP = 1.0
 """Maximum distance between two reports of a vehicle that drives, in metres; beyond, it has jumped.
 A robot sends five reports per second."""
-
 _UNSEEN_WAY = math.sqrt(2.0)
 """Length of a way that was driven without a link, per distance of its ends: round a corner."""
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """Minimum tolerance at a node; a smaller permitted deviation is raised to it.
-
-    Attributes:
-        xy: distance, in metres.
-        theta: angle, in radians.
-    """
-
-    xy: float = 0.25
-    theta: float = 0.1
+TOLERANCE = 0.25
+"""Deviation from a node that counts as none, in metres; a smaller permitted one is raised to it."""
+_ANGLE = 0.1
+"""The same for the heading, in radians."""
 
 
-class Whereabouts:
-    """The position of the vehicle, and what it says about nodes.
+class Route:
+    """The rest of an order, and the place of the vehicle on it.
 
     Args:
-        tolerance: deviation from a node that counts as none.
+        actions: the actions of the order; reached nodes and entered edges trigger theirs.
 
     Attributes:
+        last_node: the node that was reached last; None if there is none.
+        nodes: nodes still to be reached.
+        edges: edges still to be left; the vehicle is on the first one if `on_edge`.
+        on_edge: the vehicle is on an edge.
+        leg: the leg that the vehicle drives; None without one.
         position: the last position; None if unknown.
         driven: distance since the last node, in metres; None if unknown.
         doubtful: True if the vehicle may have been moved away from the last node.
     """
 
-    def __init__(self, tolerance: Tolerance) -> None:
-        self._tolerance = tolerance
+    def __init__(self, actions: OrderActions) -> None:
+        self._actions = actions
+        self.last_node: Node | None = None
+        self.nodes: deque[Node] = deque()
+        self.edges: deque[Edge] = deque()
+        self.on_edge = False
+        self.leg: Leg | None = None
         self.position: Position | None = None
         self.driven: float | None = 0.0
         self.doubtful = False
@@ -72,59 +82,116 @@ class Whereabouts:
         self._lost_at: Position | NodePosition | None = None
         """Where it was before that; None if unknown."""
 
-    def moved(self, position: Position, *, by_itself: bool, on_leg: bool, confirmed: bool) -> None:
-        """Take a new position.
+    # The order
+
+    @property
+    def parts(self) -> list[Node | Edge]:
+        """Nodes and edges still to be reached and left, in the order of traversal."""
+        return in_sequence(self.nodes, self.edges)
+
+    def begin(self, order: Order) -> None:
+        """Begin a new order: the vehicle stands on its first node."""
+        self.nodes, self.edges = deque(order.nodes), deque(order.edges)
+        self.on_edge = False
+        self._reach()
+
+    def append(self, order: Order) -> None:
+        """Replace the horizon by the nodes and edges of an update."""
+        self.nodes = deque(node for node in self.nodes if node.released)
+        self.edges = deque(edge for edge in self.edges if edge.released)
+        self.nodes += order.nodes[1:]
+        self.edges += order.edges
+
+    def empty(self) -> None:
+        """Remove what is left of the order."""
+        self.on_edge = False
+        self.nodes.clear()
+        self.edges.clear()
+
+    def restore(
+        self, last_node: Node | None, nodes: Iterable[Node], edges: Iterable[Edge], *, on_edge: bool
+    ) -> None:
+        """Go on after a restart of the program: only the node that was reached last is known."""
+        self.last_node = last_node
+        self.nodes, self.edges, self.on_edge = deque(nodes), deque(edges), on_edge
+        self.driven = None
+        self.doubtful = self._is_lost = True
+        self._left = self._lost_at = None if last_node is None else last_node.position
+
+    # Reasons why a node counts as reached
+
+    def stands_on(self, node: Node) -> bool:
+        """Return True if the vehicle stands on a node, within the permitted deviation."""
+        if node.position is None or self.position is None:
+            return False
+        return is_reached(node.position, None, self.position)
+
+    def place(self, node: Node | None) -> None:
+        """Set the last node: the vehicle was told that it stands there, or on none."""
+        self.last_node = node
+        self._leave()
+
+    def reach_in_place(self, node: Node) -> bool:
+        """Reach the next node if it is at the place of the last one, and the vehicle stands there.
 
         Args:
-            position: the position.
+            node: the next node.
+        """
+        last = self.last_node
+        if last is None or last.position is None or node.position is None or node.mark:
+            return False
+        if math.dist(node.position.point, last.position.point) >= _SAME_PLACE:
+            return False
+        if not self.stands_on(node):
+            return False
+        self._reach()
+        return True
+
+    def moved(self, position: Position, *, by_itself: bool, confirmed: bool, passes: bool) -> None:
+        """Take a new position, and reach the nodes of the leg that the vehicle has passed.
+
+        Args:
             by_itself: an action may have moved the vehicle.
-            on_leg: the vehicle drives a leg.
             confirmed: the robot has confirmed, over the current link, that it drives the leg.
+            passes: passed nodes count.
         """
         last, self.position = self.position, position
         before = None if self._is_lost else last
         step = _distance(before, position)
         if step > _MAX_STEP:
             before, step = None, 0.0
-        if self._is_lost and on_leg and confirmed:
+        leg = self.leg
+        if self._is_lost and leg is not None and confirmed:
             gap = _distance(self._lost_at, position)
             step = gap if math.isfinite(gap) else 0.0
             self._way += step * (_UNSEEN_WAY - 1.0)
             self._is_lost = False
-        self._before = before
+        if position != last or before is None:
+            self._before = before
         self._way += step
         self.driven = None if self.driven is None else self.driven + step
         is_on_other_map = last is not None and last.map_id != position.map_id
-        if by_itself or (on_leg and not self._is_lost) or is_on_other_map:
+        if by_itself or (leg is not None and not self._is_lost) or is_on_other_map:
             self._stand = position
         elif position != last:
             self.doubtful = True
+        if leg is None or not passes:
+            return
+        ahead = takewhile(lambda node: node is not leg.goal, tuple(self.nodes))
+        for _ in range(self._passed(position, tuple(self.edges), ahead)):
+            self._reach(passing=True)
+            self.enter_edge()
 
-    def lose_track(self) -> None:
-        """Count no node of the leg until the robot confirms that it drives it.
+    def arrive(self) -> None:
+        """Reach the goal of the leg: its drive has ended without a failure."""
+        leg, self.leg = self.leg, None
+        while leg is not None and self.last_node is not leg.goal:
+            self._reach(passing=self.nodes[0] is not leg.goal)
+            if self.last_node is not leg.goal:
+                self.enter_edge()
 
-        The link is lost: the robot may have been moved, or restarted elsewhere.
-        """
-        if not self._is_lost:
-            self._is_lost, self._lost_at = True, self.position
-
-    def restored(self, last: Node | None) -> None:
-        """Know nothing but the node that was reached last, after a restart of the program."""
-        self.driven = None
-        self.doubtful = self._is_lost = True
-        self._left = self._lost_at = None if last is None else last.position
-
-    def departed(self) -> None:
-        """Begin a leg, at a place that was checked."""
-        self._is_lost = False
-
-    def left(self) -> None:
-        """Measure the way from here: the vehicle has reached a node."""
-        self.driven, self._way, self._left = 0.0, 0.0, self.position
-        self._is_lost = False
-
-    def reached(self, edges: Iterable[Edge], nodes: Iterable[Node]) -> int:
-        """Return how many of the next nodes of the leg the vehicle has reached by its last move.
+    def _passed(self, here: Position, edges: Iterable[Edge], nodes: Iterable[Node]) -> int:
+        """Return how many of the next nodes of the leg the vehicle has passed by its last move.
 
         A node that was missed counts with the next one that is passed, once the vehicle has driven
         as far as to the missed one at least, and moves away from it: the way there may lead past
@@ -134,9 +201,9 @@ class Whereabouts:
             edges: the edge to each of the nodes.
             nodes: the nodes that are passed without a stop, in their order.
         """
-        here, before = self.position, self._before
-        if here is None or self._is_lost:
+        if self._is_lost:
             return 0
+        before = self._before
         count, way = 0, 0.0
         start: Position | NodePosition | None = self._left
         for number, (edge, node) in enumerate(zip(edges, nodes, strict=False)):
@@ -144,9 +211,11 @@ class Whereabouts:
             if place is None:
                 break
             is_next = number == count or (self._way >= way and self._leaves(start))
-            if is_next and is_reached(place, before, here, self._tolerance):
+            if is_next and is_reached(place, before, here):
                 count = number + 1
-                before = None if before is None else _nearest(place, before, here)
+                if before is not None and before.map_id == here.map_id:
+                    x, y = nearest_on_line(place.point, before.point, here.point)
+                    before = replace(here, x=x, y=y)
             way += _length(edge, start, place)
             start = place
         return count
@@ -157,7 +226,25 @@ class Whereabouts:
             return False
         return _distance(self.position, place) >= _distance(self._before, place)
 
-    def is_far_from(self, node: Node) -> bool:
+    def _reach(self, *, passing: bool = False) -> None:
+        """Leave the current edge, if any, and reach the next node.
+
+        Args:
+            passing: the vehicle does not stop there, and may be past it by now.
+        """
+        if self.on_edge:
+            self.on_edge = False
+            self.edges.popleft()
+            self._actions.leave_edge()
+        self.last_node = self.nodes.popleft()
+        is_past = passing and self._is_far_from(self.last_node)
+        self._leave()
+        if is_past:
+            self._actions.miss(self.last_node)
+        else:
+            self._actions.reach(self.last_node)
+
+    def _is_far_from(self, node: Node) -> bool:
         """Return True if the vehicle is so far from a node that it must have passed it unseen.
 
         That is, further than it drives between two reports. Actions of the node would happen
@@ -169,27 +256,29 @@ class Whereabouts:
         radius = place.deviation_xy
         if place.ellipse is not None:
             radius = max(place.ellipse.a, place.ellipse.b)
-        return _distance(here, place) > max(radius, self._tolerance.xy) + _MAX_STEP
+        return _distance(here, place) > max(radius, TOLERANCE) + _MAX_STEP
 
-    def stands_on(self, node: Node) -> bool:
-        """Return True if the vehicle stands on a node, within the permitted deviation."""
-        if node.position is None or self.position is None:
-            return False
-        return is_reached(node.position, None, self.position, self._tolerance)
+    # The leg, and doubts about the place
 
-    def stands_on_both(self, last: Node, node: Node) -> bool:
-        """Return True if two nodes are at the same place, and the vehicle stands there."""
-        if last.position is None or node.position is None or node.mark:
-            return False
-        apart = math.hypot(node.position.x - last.position.x, node.position.y - last.position.y)
-        return apart < _SAME_PLACE and self.stands_on(node)
+    def enter_edge(self) -> None:
+        """Enter the next edge."""
+        self.on_edge = True
+        self._actions.enter(self.edges[0])
+
+    def depart(self, leg: Leg) -> None:
+        """Begin a leg, at a place that was checked."""
+        self.leg = leg
+        self._is_lost = False
+
+    def lose_track(self) -> None:
+        """Take note that the link is lost: the robot may be moved, or restarted elsewhere."""
+        self.doubtful = True
+        if self.leg is not None and not self._is_lost:
+            self._is_lost, self._lost_at = True, self.position
 
     def is_where_it_stood(self) -> bool:
         """Return True if the vehicle is where it has brought itself."""
-        here, stand = self.position, self._stand
-        if here is None or stand is None or here.map_id != stand.map_id:
-            return False
-        return math.hypot(here.x - stand.x, here.y - stand.y) <= self._tolerance.xy
+        return _distance(self._stand, self.position) <= TOLERANCE
 
     def is_on_map_of(self, node: Node) -> bool:
         """Return True if the vehicle is on the map of a node, or that is unknown."""
@@ -199,65 +288,55 @@ class Whereabouts:
 
     def distance_to_way(self, leg: Leg) -> float:
         """Return the distance to the trajectory with which a leg begins, in metres; 0 without."""
-        trajectory, here = leg.edges[0].trajectory, self.position
-        if trajectory is None or here is None:
+        trajectory = leg.edges[0].trajectory
+        if trajectory is None or self.position is None:
             return 0.0
-        x, y = curve_points(trajectory)[0]
-        return math.hypot(x - here.x, y - here.y)
+        return math.dist(curve_points(trajectory)[0], self.position.point)
+
+    def _leave(self) -> None:
+        """Measure the way from here: the vehicle has reached a node."""
+        self.driven, self._way, self._left = 0.0, 0.0, self.position
+        self._is_lost = False
 
 
-def is_reached(
-    node: NodePosition, before: Position | None, now: Position, tolerance: Tolerance
-) -> bool:
+def in_sequence(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edge]:
+    """Return nodes and edges in the order of traversal."""
+    parts: list[Node | Edge] = [*nodes, *edges]
+    return sorted(parts, key=lambda part: part.sequence_id)
+
+
+def is_reached(node: NodePosition, before: Position | None, now: Position) -> bool:
     """Return True if the vehicle has passed a node on its way from one position to the next.
 
     Args:
-        node: position of the node.
         before: last position of the vehicle; None if there was none.
-        now: position of the vehicle.
-        tolerance: minimum tolerance.
     """
     if node.map_id != now.map_id:
         return False
-    if not _is_within(node, now if before is None else before, now, tolerance.xy):
+    if before is None or before.map_id != now.map_id:
+        before = now
+    if not _is_within(node, before, now):
         return False
     if node.theta is None:
         return True
     error = math.remainder(node.theta - now.theta, math.tau)
-    return abs(error) <= max(abs(node.deviation_theta), tolerance.theta)
+    return abs(error) <= max(abs(node.deviation_theta), _ANGLE)
 
 
-def _is_within(node: NodePosition, before: Position, now: Position, tolerance: float) -> bool:
+def _is_within(node: NodePosition, before: Position, now: Position) -> bool:
     """Return True if a straight way leads through the permitted deviation from a node."""
     if node.ellipse is None:
-        return _distance_to_way(node, before, now) <= max(node.deviation_xy, tolerance)
-    a, b = max(node.ellipse.a, tolerance), max(node.ellipse.b, tolerance)
+        nearest = nearest_on_line(node.point, before.point, now.point)
+        return math.dist(node.point, nearest) <= max(node.deviation_xy, TOLERANCE)
+    a, b = max(node.ellipse.a, TOLERANCE), max(node.ellipse.b, TOLERANCE)
     cos, sin = math.cos(node.ellipse.theta), math.sin(node.ellipse.theta)
 
-    def scaled(place: Position) -> Position:
+    def scaled(place: Position) -> Point:
         """Return the place in axes in which the ellipse is a circle of radius 1 at the origin."""
         x, y = place.x - node.x, place.y - node.y
-        return replace(place, x=(x * cos + y * sin) / a, y=(y * cos - x * sin) / b)
+        return (x * cos + y * sin) / a, (y * cos - x * sin) / b
 
-    origin = replace(node, x=0.0, y=0.0)
-    return _distance_to_way(origin, scaled(before), scaled(now)) <= 1.0
-
-
-def _distance_to_way(node: NodePosition, before: Position, now: Position) -> float:
-    """Return the distance of a node from the straight way between two positions, in metres."""
-    nearest = _nearest(node, before, now)
-    return math.hypot(node.x - nearest.x, node.y - nearest.y)
-
-
-def _nearest(node: NodePosition, before: Position, now: Position) -> Position:
-    """Return the position nearest to a node on the straight way between two positions."""
-    along_x, along_y = now.x - before.x, now.y - before.y
-    length = along_x**2 + along_y**2
-    if not length or before.map_id != now.map_id:
-        return now
-    part = ((node.x - before.x) * along_x + (node.y - before.y) * along_y) / length
-    part = min(1.0, max(0.0, part))
-    return replace(now, x=before.x + part * along_x, y=before.y + part * along_y)
+    return math.hypot(*nearest_on_line((0.0, 0.0), scaled(before), scaled(now))) <= 1.0
 
 
 def _length(edge: Edge, start: Position | NodePosition | None, end: NodePosition) -> float:
@@ -271,48 +350,4 @@ def _distance(start: Position | NodePosition | None, end: Position | NodePositio
     """Return the distance of two places, in metres; infinite if it is unknown."""
     if start is None or end is None or start.map_id != end.map_id:
         return math.inf
-    return math.hypot(end.x - start.x, end.y - start.y)
-
-
-FindMark = Callable[[str, str], NodePosition | None]
-"""Returns the position of a mark by its number and the id of a map; None if there is none."""
-
-
-def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
-    """Return an order in which each node to drive to by a mark has the number of the mark.
-
-    This applies to a node whose id is the number of a mark if the node has no position, or if it is
-    at the position of the mark and has an action that forbids driving. A node without a position
-    gets that of the mark.
-
-    Args:
-        order: the order.
-        map_id: id of the map for nodes without a position.
-        find: finds marks.
-    """
-    return replace(order, nodes=tuple(_with_mark(node, map_id, find) for node in order.nodes))
-
-
-def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
-    place = node.position
-    mark = find(node.id, map_id if place is None else place.map_id)
-    if mark is None:
-        return node
-    if place is None:
-        # the robot itself chooses the heading at a mark
-        return replace(node, mark=node.id, position=replace(mark, theta=None))
-    if stops(node.actions) and _is_at(place, mark):
-        return replace(node, mark=node.id)
-    return node
-
-
-def _is_at(place: NodePosition, mark: NodePosition) -> bool:
-    """Return True if a robot at a mark is within the permitted deviation from a node."""
-    tolerance = Tolerance()
-    distance = math.hypot(place.x - mark.x, place.y - mark.y)
-    if distance > max(place.deviation_xy, tolerance.xy):
-        return False
-    if place.theta is None or mark.theta is None:
-        return True
-    error = math.remainder(place.theta - mark.theta, math.tau)
-    return abs(error) <= max(abs(place.deviation_theta), tolerance.theta)
+    return math.dist(start.point, end.point)

@@ -1,13 +1,21 @@
-"""Which orders and updates are accepted: their structure, and how they join the current order."""
+"""Which orders and updates are accepted, how they join the current order, and their marks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from enum import Enum
 from itertools import pairwise
 
-from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
-from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError, rejection
+from woosh_robot_agent.vda5050.messages.order import Edge, Node, NodePosition, Order
+from woosh_robot_agent.vda5050.messages.state import (
+    ErrorType,
+    Position,
+    RejectedError,
+    rejection,
+)
+from woosh_robot_agent.vda5050.orders.legs import stops
+from woosh_robot_agent.vda5050.orders.reach import is_reached
 
 
 def check_structure(order: Order) -> None:
@@ -60,8 +68,7 @@ def check_action_ids(order: Order, used: Collection[str]) -> None:
     """
     seen = set(used)
     known = order.nodes[0] if used else None
-    parts: tuple[Node | Edge, ...] = (*order.nodes, *order.edges)
-    for part in parts:
+    for part in order.parts:
         for action in part.actions if part is not known else ():
             if action.id in seen:
                 raise _malformed(order, "two actions have the same id", actionId=action.id)
@@ -74,8 +81,7 @@ def check_instant_ids(order: Order, taken: Collection[str]) -> None:
     Raises:
         RejectedError: one has.
     """
-    parts: tuple[Node | Edge, ...] = (*order.nodes, *order.edges)
-    for action in (each for part in parts for each in part.actions):
+    for action in (each for part in order.parts for each in part.actions):
         if action.id in taken:
             raise _malformed(order, "an instant action has this id", actionId=action.id)
 
@@ -108,7 +114,6 @@ def judge(
     """Decide what to do with an order. A new one also needs `check_start`.
 
     Args:
-        order: the order that arrived.
         current: the last order or update that the vehicle took; None if there was none.
         busy: True if the vehicle executes the current order, or waits for an update of it.
         cancelled: True if the current order was cancelled.
@@ -174,7 +179,6 @@ def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
     """Check that a new order begins where the vehicle stands.
 
     Args:
-        order: the order that arrived.
         in_reach: returns True if the vehicle stands on a node or within its permitted deviation.
 
     Raises:
@@ -188,3 +192,40 @@ def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
             "start the order where the vehicle stands, or permit a larger deviation",
             nodeId=order.nodes[0].id,
         )
+
+
+FindMark = Callable[[str, str], NodePosition | None]
+"""Returns the position of a mark by its number and the id of a map; None if there is none."""
+
+
+def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
+    """Return an order in which each node to drive to by a mark has the number of the mark.
+
+    This applies to a node whose id is the number of a mark if the node has no position, or if it is
+    at the position of the mark and has an action that forbids driving. A node without a position
+    gets that of the mark.
+
+    Args:
+        map_id: id of the map for nodes without a position.
+    """
+    return replace(order, nodes=tuple(_with_mark(node, map_id, find) for node in order.nodes))
+
+
+def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
+    place = node.position
+    mark = find(node.id, map_id if place is None else place.map_id)
+    if mark is None:
+        return node
+    if place is None:
+        # the robot itself chooses the heading at a mark
+        return replace(node, mark=node.id, position=replace(mark, theta=None))
+    if stops(node.actions) and _is_at(place, mark):
+        return replace(node, mark=node.id)
+    return node
+
+
+def _is_at(place: NodePosition, mark: NodePosition) -> bool:
+    """Return True if a robot at a mark is within the permitted deviation from a node."""
+    theta = place.theta if mark.theta is None else mark.theta
+    here = Position(mark.x, mark.y, theta or 0.0, place.map_id, initialised=True)
+    return is_reached(place, None, here)

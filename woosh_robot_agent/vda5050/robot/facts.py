@@ -5,13 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.convert.converter import RequestMaker
-from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState
+from woosh_robot_agent.link import Answer, LinkError
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -28,9 +26,9 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
 )
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.who_drives import REPORT_GAP
-from woosh_robot_agent.vda5050.background import BackgroundTasks
-from woosh_robot_agent.vda5050.messages.state import RobotStatus
+from woosh_robot_agent.vda5050.messages.state import OperatingMode, Position, RobotStatus
 from woosh_robot_agent.vda5050.robot import status
+from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
 _PARTS: tuple[type[Message], ...] = (
@@ -51,26 +49,11 @@ class RobotFacts:
     """The last reports of the robot. Used in the event loop of the link.
 
     The state is computed on demand. After a new pose, only position and velocity are updated.
-
-    Args:
-        chassis: the link.
-        requests: addresses the requests.
-        on_moved: called with each report of a pose.
-        on_changed: called when another report has arrived.
     """
 
-    def __init__(
-        self,
-        chassis: ChassisClient,
-        requests: RequestMaker,
-        on_moved: Callable[[], None],
-        on_changed: Callable[[], None],
-    ) -> None:
-        self._chassis = chassis
-        self._requests = requests
-        self._values = LastKnown(chassis)
-        self._on_moved = on_moved
-        self._on_changed = on_changed
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self._values = LastKnown(link.chassis)
         self._status: RobotStatus | None = None
         self._is_current = False
         """True if `_status` is up to date, except for the position."""
@@ -80,15 +63,11 @@ class RobotFacts:
         """Loop time of the last report of a pose."""
         self._silence: asyncio.TimerHandle | None = None
         """Asks a robot that moves for its pose, if it does not report it; None while it stands."""
-        self._question: asyncio.Task[None] | None = None
-        """The last query of the pose; None before the first one."""
-        self._tasks = BackgroundTasks("vda5050 pose")
-        self._closing = False
-        chassis.on_snapshot(lambda info: self._changed())
-        chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
+        link.chassis.on_snapshot(lambda info: self._changed())
+        link.chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
         for part in _PARTS:
-            chassis.subscribe_raw(part, lambda body: self._changed())
-        chassis.subscribe_raw(NavPath, lambda body: self._path_changed())
+            link.chassis.subscribe_raw(part, lambda body: self._changed())
+        link.chassis.subscribe_raw(NavPath, lambda body: self._path_changed())
 
     @property
     def info(self) -> RobotInfo | None:
@@ -114,34 +93,45 @@ class RobotFacts:
         self._is_current, self._is_moved = True, False
         return self._status
 
+    @property
+    def position(self) -> Position | None:
+        """The position of the robot; None if it is on no map, or unknown."""
+        return None if self.status is None else self.status.position
+
+    @property
+    def is_automatic(self) -> bool:
+        """True while the robot is in automatic mode."""
+        return self.status is not None and self.status.mode is OperatingMode.AUTOMATIC
+
+    @property
+    def is_charging(self) -> bool:
+        """True while the battery is being charged."""
+        return self.status is not None and self.status.battery.charging
+
+    @property
+    def is_driving(self) -> bool:
+        """True while the robot moves, by its last report."""
+        return self.status is not None and self.status.driving
+
     def remember_pose(self, pose: PoseSpeed) -> None:
         """Store a pose that was asked for."""
         self._values.remember(pose)
         self._moved()
 
-    async def close(self) -> None:
-        """Ask no more."""
-        self._closing = True
-        if self._silence is not None:
-            self._silence.cancel()
-        await self._tasks.close()
-
     def _moved(self) -> None:
         self._heard_at = asyncio.get_running_loop().time()
         self._is_moved = True
-        self._on_moved()
+        self._link.moved()
         self._expect_report()
 
     def _changed(self) -> None:
         self._is_current = False
-        self._on_changed()
+        self._link.changed()
         self._expect_report()
 
     def _expect_report(self) -> None:
         """Expect the next report of a robot that moves. One that stands reports nothing."""
-        if self._closing or self._silence is not None:
-            return
-        if self.status is not None and self.status.driving:
+        if self._silence is None and self.is_driving and not self._link.is_closing:
             loop = asyncio.get_running_loop()
             due = max(loop.time(), self._heard_at + REPORT_GAP)
             self._silence = loop.call_at(due, self._check_silence)
@@ -150,11 +140,10 @@ class RobotFacts:
         """Ask for the pose if it was not reported: the report of the standstill may be lost."""
         self._silence = None
         now = asyncio.get_running_loop().time()
-        if now >= self._heard_at + REPORT_GAP and self.status is not None and self.status.driving:
+        if now >= self._heard_at + REPORT_GAP and self.is_driving and not self._link.is_closing:
             self._heard_at = now
-            is_asking = self._question is not None and not self._question.done()
-            if self._chassis.state is LinkState.READY and not is_asking:
-                self._question = self._tasks.start(self._ask())
+            if self._link.ready:
+                self._link.work.start_once(self._ask, self)
         self._expect_report()
 
     async def _ask(self) -> None:
@@ -163,7 +152,7 @@ class RobotFacts:
                 self.remember_pose(answer.body)
 
         try:
-            await self._chassis.request(self._requests.empty(PoseSpeed), tap=found)
+            await self._link.ask(PoseSpeed(), tap=found)
         except LinkError as error:
             _LOG.debug("no answer about the pose: %s", error)  # asked again
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
+from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneDataEasy, SceneList
 from woosh_robot_agent.pb.map.mark_pb2 import Pose
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.vda5050.messages.order import NodePosition
 from woosh_robot_agent.vda5050.messages.state import Map
+from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
 _READY_TIMEOUT = 5.0
@@ -26,7 +26,6 @@ class StoredMap:
     """A map on the robot.
 
     Attributes:
-        scene: name of its scene.
         name: name of the map, unique in its scene; the standard's mapId.
         version: version of the map, as a string; empty if the robot does not report it.
     """
@@ -36,22 +35,30 @@ class StoredMap:
     version: str
 
 
-class MapLibrary:
-    """The maps on the robot. They are read at each connection, and when the map changes.
+class RobotMaps:
+    """The maps on the robot, and the marks of its scene. Used in the event loop of the link.
 
-    Args:
-        chassis: the link; used in its event loop only.
-        on_changed: called when the list has changed.
+    They are read at each connection, and when the map changes.
+
+    Attributes:
+        downloading: held while a map is downloaded.
     """
 
-    def __init__(self, chassis: ChassisClient, on_changed: Callable[[], None]) -> None:
-        self._chassis = chassis
-        self._on_changed = on_changed
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self.downloading = asyncio.Lock()
         self._maps: tuple[StoredMap, ...] | None = None
-        self._reading: asyncio.Task[None] | None = None
+        self._scene = ""
+        """Name of the robot's scene."""
+        self._marks: dict[tuple[str, str], NodePosition] = {}
+        """Positions of the marks, by the id of the map and the number of the mark."""
         self._log = LogOnce(_LOG)
-        chassis.on_snapshot(lambda info: self._refresh())
-        chassis.subscribe_raw(Scene, lambda body: self._refresh())
+        link.chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
+        link.chassis.subscribe(Scene, self._scene_reported)
+
+    def find_mark(self, number: str, map_id: str) -> NodePosition | None:
+        """Return the position of a mark, with its heading; None if the map has no such mark."""
+        return self._marks.get((map_id, number))
 
     def listed(self, info: RobotInfo) -> tuple[Map, ...] | None:
         """Return the maps for the state; None if they are unknown.
@@ -70,7 +77,6 @@ class MapLibrary:
         """Return the maps with a name and version.
 
         Args:
-            name: name of the map.
             version: version of the map; None for any. A map of unknown version matches all.
         """
         return [
@@ -89,7 +95,7 @@ class MapLibrary:
         Raises:
             LinkError: the robot did not answer.
         """
-        answer = await self._chassis.request(SceneList())
+        answer = await self._link.ask(SceneList())
         if not isinstance(answer.body, SceneList) or not answer.ok:
             reason = answer.msg or answer.defect
             self._log.warn("list", f"the robot did not send the list of its maps: {reason}")
@@ -101,107 +107,41 @@ class MapLibrary:
             maps += [StoredMap(scene.name, name, versions.get(name, "")) for name in scene.maps]
         if tuple(maps) != self._maps:
             self._maps = tuple(maps)
-            self._on_changed()
-
-    async def close(self) -> None:
-        """Stop reading."""
-        if self._reading is not None:
-            self._reading.cancel()
-            await asyncio.gather(self._reading, return_exceptions=True)
+            self._link.changed()
 
     async def _versions(self, scene: str) -> dict[str, str]:
         """Return the versions of the maps of a scene, by their names."""
-        answer = await self._chassis.request(SceneDataEasy(name=scene))
+        answer = await self._link.ask(SceneDataEasy(name=scene))
         if not isinstance(answer.body, SceneDataEasy):
             return {}
         return {each.name: str(each.version) for each in answer.body.maps}
 
-    def _refresh(self) -> None:
-        if self._reading is not None:
-            self._reading.cancel()
-        work = self._read_when_ready()
-        self._reading = asyncio.get_running_loop().create_task(work, name="vda5050 maps")
-
-    async def _read_when_ready(self) -> None:
-        try:
-            await self._chassis.wait_ready(_READY_TIMEOUT)  # the snapshot comes shortly before
-            await self.read()
-        except LinkError as error:
-            _LOG.debug("the list of maps was not read: %s", error)  # a reconnect reads it again
-
-
-_RETRY = 5.0
-"""Pause before the marks are requested again after a request without an answer, in seconds."""
-
-
-class RobotMarks:
-    """The marks of the robot's scene. Used in the event loop of the link.
-
-    Args:
-        chassis: the link.
-        on_changed: called when the marks of a scene have arrived.
-    """
-
-    def __init__(self, chassis: ChassisClient, on_changed: Callable[[], None]) -> None:
-        self._chassis = chassis
-        self._on_changed = on_changed
-        self._scene = ("", 0)
-        """Name and version of the robot's scene."""
-        self._marks: dict[tuple[str, str], NodePosition] = {}
-        """Positions of the marks, by the id of the map and the number of the mark."""
-        self._request: asyncio.Task[None] | None = None
-        self._log = LogOnce(_LOG)
-        chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
-        chassis.on_state(self._link_changed)
-        chassis.subscribe(Scene, self._scene_reported)
-
-    def find(self, number: str, map_id: str) -> NodePosition | None:
-        """Return the position of a mark, with its heading; None if the map has no such mark."""
-        return self._marks.get((map_id, number))
-
-    async def close(self) -> None:
-        """Stop waiting for an answer."""
-        if self._request is not None:
-            self._request.cancel()
-            await asyncio.gather(self._request, return_exceptions=True)
-
-    def _link_changed(self, state: LinkState) -> None:
-        if state is LinkState.READY:
-            self._request_marks(self._scene)
-        elif self._request is not None:
-            self._request.cancel()
-
     def _scene_reported(self, scene: Scene) -> None:
-        before, self._scene = self._scene, (scene.scene_name, scene.version)
-        if self._scene[0] != before[0]:
-            self._marks = {}
-        if self._scene != before and self._chassis.state is LinkState.READY:
-            self._request_marks(self._scene)
+        if scene.scene_name != self._scene:
+            self._scene, self._marks = scene.scene_name, {}
+        self._link.work.start(self._refresh(), self)
 
-    def _request_marks(self, scene: tuple[str, int]) -> None:
-        if self._request is not None:
-            self._request.cancel()
-        if not scene[0]:
-            return
-        self._request = asyncio.get_running_loop().create_task(
-            self._read(scene[0]), name="vda5050 marks"
-        )
-
-    async def _read(self, scene: str) -> None:
+    async def _refresh(self) -> None:
         while True:
             try:
-                answer = await self._chassis.request(SceneData(name=scene))
-                break
+                await self._link.chassis.wait_ready(_READY_TIMEOUT)  # comes after the snapshot
+                await self.read()
+                await self._read_marks(self._scene)
             except LinkError as error:
-                self._log.warn(scene, f"the marks of scene {scene} are unknown for now: {error}")
-            await asyncio.sleep(_RETRY)  # cancelled when the link is lost
-        self._log.clear()
+                if not self._link.ready:
+                    return  # a reconnect reads it again
+                self._log.warn("maps", f"the maps and marks are unknown for now: {error}")
+            else:
+                return
+            await asyncio.sleep(self._link.timing.ask_again_after)
+
+    async def _read_marks(self, scene: str) -> None:
+        if not scene:
+            return
+        answer = await self._link.ask(SceneData(name=scene))
         if not answer.ok or not isinstance(answer.body, SceneData):
-            _LOG.warning(
-                "the marks of scene %s are unknown, because the robot sent none: %s",
-                scene,
-                answer.msg,
-            )
+            text = f"the marks of scene {scene} are unknown, because the robot sent none"
+            self._log.warn("marks", f"{text}: {answer.msg}")
             return
         self._marks = {
             (area.name or str(area.id), storage.identity.no): place
@@ -209,7 +149,7 @@ class RobotMarks:
             for storage in area.mark_info.storages
             if (place := _place(storage.pose, area.name or str(area.id))) is not None
         }
-        self._on_changed()
+        self._link.changed()
 
 
 def _place(pose: Pose, map_id: str) -> NodePosition | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
@@ -26,16 +25,15 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     Factsheet,
     Kinematics,
+    Limits,
     OptionalParameter,
     VehicleClass,
 )
 from woosh_robot_agent.vda5050.messages.state import (
     Battery,
-    EmergencyStop,
     ErrorLevel,
     OperatingMode,
     Position,
-    Reference,
     RobotStatus,
     VehicleError,
     Velocity,
@@ -60,7 +58,7 @@ def code_errors(codes: AbnormalCodes) -> tuple[VehicleError, ...]:
             level=_LEVELS[code.level],
             description=explained(code.code, code.msg),
             hint=_HINT,
-            references=(Reference("statusCode", str(code.code)),),
+            references=(("statusCode", str(code.code)),),
         )
         for code in latest.values()
     )
@@ -86,9 +84,7 @@ def robot_status(info: RobotInfo) -> RobotStatus:
         driving=drives(info),
         mode=operating_mode(info),
         battery=_battery(info.battery),
-        emergency_stop=EmergencyStop.MANUAL
-        if info.device_state.hardware & DeviceState.kEmgBtn
-        else EmergencyStop.NONE,
+        emergency_stop=bool(info.device_state.hardware & DeviceState.kEmgBtn),
         field_violation=field_violated(info.abnormal_codes),
         position=position(info),
         velocity=velocity(info),
@@ -210,30 +206,6 @@ OPTIONAL_PARAMETERS = (
 """Optional fields of the standard that the connector obeys."""
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Limits of the robot that it does not report, and options of the state.
-
-    Attributes:
-        max_speed: maximum speed, in m/s.
-        max_acceleration: maximum acceleration, in m/s².
-        min_state_interval: minimum time between two states, in seconds.
-        state_interval: maximum time between two states, in seconds.
-        visualization_interval: time between two visualizations while it moves, in seconds.
-        driving_state_interval: maximum time between two states while it moves, in seconds; 0 for
-            `state_interval`.
-        maps_in_state: True if the state lists the maps on the robot.
-    """
-
-    max_speed: float = 1.0
-    max_acceleration: float = 0.5
-    min_state_interval: float = 0.1
-    state_interval: float = 30.0
-    visualization_interval: float = 1.0
-    driving_state_interval: float = 0.0
-    maps_in_state: bool = True
-
-
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
     """Return the factsheet of a robot."""
     general: General = info.genral
@@ -251,13 +223,9 @@ def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) 
         length=size.length * _MM,
         width=size.width * _MM,
         height=size.height * _MM,
-        max_speed=limits.max_speed,
-        max_acceleration=limits.max_acceleration,
         outline=points(info.model.model),
+        limits=limits,
         actions=actions,
         optional_parameters=OPTIONAL_PARAMETERS,
-        min_state_interval=limits.min_state_interval,
-        state_interval=limits.state_interval,
-        visualization_interval=limits.visualization_interval,
         versions=tuple((key, value) for key, value in versions if value),
     )

@@ -6,13 +6,13 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
-from woosh_robot_agent.link.reports import RecentDict
-from woosh_robot_agent.vda5050.actions.performer import VehicleControls
-from woosh_robot_agent.vda5050.actions.registry import Registry
-from woosh_robot_agent.vda5050.actions.robot_calls import Objection
-from woosh_robot_agent.vda5050.actions.runner import ActionRunner
-from woosh_robot_agent.vda5050.actions.standard import StartPause, StopPause
-from woosh_robot_agent.vda5050.messages.factsheet import ActionType, Scope
+from woosh_robot_agent.vda5050.messages.factsheet import (
+    ActionType,
+    ActionTypes,
+    Objection,
+    Scope,
+    objection,
+)
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import (
     ActionState,
@@ -21,7 +21,11 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleError,
     warning,
 )
+from woosh_robot_agent.vda5050.orders.legs import Perform
+from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 
+START_PAUSE, STOP_PAUSE, CANCEL_ORDER = "startPause", "stopPause", "cancelOrder"
+"""Names of actions with rules of their own."""
 _MAX_STATES = 200
 """Maximum number of instant actions in the state. If there are more, the oldest ended ones are
 forgotten; a new one fails if as many still run."""
@@ -38,22 +42,20 @@ class InstantActions:
     """Instant actions since the last order.
 
     Args:
-        registry: the actions of the vehicle.
-        runner: performs them.
-        vehicle: is held while an action forbids driving.
+        order: the current order; it does not drive while an instant action forbids it.
 
     Attributes:
-        errors: errors of actions that failed.
+        commands: commands that start actions; the owner takes them.
         last_motion: id of the last instant action that moves something; empty without one.
     """
 
-    def __init__(self, registry: Registry, runner: ActionRunner, vehicle: VehicleControls) -> None:
-        self._registry = registry
-        self._runner = runner
-        self._vehicle = vehicle
+    def __init__(self, types: ActionTypes, order: OrderMachine) -> None:
+        self._types = types
+        self._order = order
         self._states: dict[str, ActionState] = {}
-        self._known: RecentDict[str, None] = RecentDict(_MAX_KNOWN)
-        """Ids of the last instant actions."""
+        self._known: dict[str, None] = {}
+        """Ids of the last instant actions, the oldest first."""
+        self.commands: list[Perform] = []
         self._pause_again: dict[str, Action] = {}
         """The next startPause for one that has not ended, by their id; performed after its end."""
         self.last_motion = ""
@@ -86,24 +88,17 @@ class InstantActions:
     def receive(self, actions: Sequence[Action]) -> None:
         """Perform instant actions. One that is not performed because of its id gets an error."""
         for action in actions:
-            if action.type == StopPause.type.name:
+            if action.type == STOP_PAUSE:
                 self._pause_again.clear()
             if self._is_pausing(action):  # a stopPause may have come in between
                 self._pause_again[action.id] = action
                 continue
             if reason := self._reuse_objection(action):
-                self._add_error(
-                    warning(
-                        ErrorType.INSTANT_ACTION,
-                        reason,
-                        "use each actionId once",
-                        actionId=action.id,
-                        actionType=action.type,
-                    )
-                )
+                self._refuse(action, Objection(reason), "use each actionId once")
                 continue
+            for ids in (self._known, self._states):
+                ids.pop(action.id, None)  # the new one is the last one
             self._known[action.id] = None
-            self._states.pop(action.id, None)  # the new state is the last one
             self._states[action.id] = ActionState(
                 action.id,
                 action.type,
@@ -111,23 +106,14 @@ class InstantActions:
                 description=action.description,
                 instant=True,
             )
-            objection = self._registry.objection(action, Scope.INSTANT)
-            if sum(not state.status.ended for state in self._states.values()) > _MAX_STATES:
-                objection = Objection(f"more than {_MAX_STATES} instant actions run")
-            if objection is not None:
-                self._add_error(
-                    warning(
-                        ErrorType.INSTANT_ACTION,
-                        objection.reason,
-                        "see the factsheet for the actions of the vehicle",
-                        actionId=action.id,
-                        actionType=action.type,
-                        **objection.references,
-                    )
-                )
-                self.changed(action.id, ActionStatus.FAILED, objection.reason)
+            wrong = objection(self._types, action, Scope.INSTANT)
+            if len(self.ids_in_state(ended=False)) > _MAX_STATES:
+                wrong = Objection(f"more than {_MAX_STATES} instant actions run")
+            if wrong is not None:
+                self._refuse(action, wrong, "see the factsheet for the actions of the vehicle")
+                self.changed(action.id, ActionStatus.FAILED, wrong.reason)
             else:
-                self._start(action, self._registry.get(action.type).type)
+                self._start(action, self._types[action.type])
         self._forget_oldest()
 
     def restore(
@@ -135,16 +121,13 @@ class InstantActions:
         states: Sequence[ActionState],
         known_ids: Sequence[str],
         holds: Sequence[str],
-        *,
-        again: str,
     ) -> list[str]:
-        """Restore the states after a restart. Actions that ran have failed.
+        """Restore the states after a restart. Actions that ran have failed, except `cancelOrder`.
 
         Args:
             states: the states, which may be a second old.
             known_ids: ids of the last instant actions.
             holds: names of the holds that kept the vehicle from driving.
-            again: type of the actions that are performed again; they must be harmless.
 
         Returns:
             The ids of the actions that forbade driving; the robot may go on with them.
@@ -154,14 +137,14 @@ class InstantActions:
             self._states[state.id] = state
             if state.status.ended:
                 continue
-            if state.type == again:
+            if state.type == CANCEL_ORDER:
                 action = Action(state.id, state.type, description=state.description)
-                self._runner.start(action, at_once=True)
+                self.commands.append(Perform(action, at_once=True))
             else:
                 self.changed(state.id, ActionStatus.FAILED, "the connector was restarted")
         interrupted = [hold for hold in holds if hold.startswith(_HOLD)]
         for hold in interrupted:
-            self._vehicle.release(hold)
+            self._order.release(hold)
         return [hold.removeprefix(_HOLD) for hold in interrupted]
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
@@ -171,7 +154,7 @@ class InstantActions:
             return False
         self._states[action_id] = replace(state, status=status, result=result)
         if status.ended:
-            self._vehicle.release(_hold_of(action_id))
+            self._order.release(_hold_of(action_id))
             if again := self._pause_again.pop(action_id, None):
                 self.receive([again])
         return True
@@ -188,36 +171,49 @@ class InstantActions:
     def _start(self, action: Action, kind: ActionType) -> None:
         if kind.scopes == {Scope.INSTANT}:
             # it controls the vehicle, so it waits for nothing, whatever its blockingType
-            self._runner.start(action, at_once=True)
+            self.commands.append(Perform(action, at_once=True))
             return
         if kind.pausable:
             self.last_motion = action.id
         if action.blocking not in kind.blocking:
             action = replace(action, blocking=BlockingType.HARD)
         if action.blocking.stops:
-            self._vehicle.hold(_hold_of(action.id))
-        self._runner.start(action)
+            self._order.hold(_hold_of(action.id))
+        self.commands.append(Perform(action))
 
     def _is_pausing(self, action: Action) -> bool:
         """Return True for a startPause if the one with its id has not ended."""
         state = self._states.get(action.id)
         if state is None or state.status.ended:
             return False
-        return state.type == action.type == StartPause.type.name
+        return state.type == action.type == START_PAUSE
 
     def _reuse_objection(self, action: Action) -> str:
         """Return why an action cannot have its id; empty if it can."""
         state = self._states.get(action.id)
         if state is not None and not state.status.ended:
             return f"the {state.type} with this id has not ended"
-        if self._vehicle.order_has_action(action.id):
+        if self._order.has_action(action.id):
             return "an action of the order has this id"
-        if action.id in self._known and not self._registry.may_repeat(action.type):
+        kind = self._types.get(action.type)
+        if action.id in self._known and not (kind is not None and kind.repeatable):
             return (
                 "an instant action with this id was received before, and "
                 f"{action.type} is not performed again"
             )
         return ""
+
+    def _refuse(self, action: Action, wrong: Objection, hint: str) -> None:
+        self._add_error(
+            warning(
+                ErrorType.INSTANT_ACTION,
+                wrong.reason,
+                hint,
+                actionId=action.id,
+                actionType=action.type,
+                **wrong.references,
+            )
+        )
 
     def _add_error(self, error: VehicleError) -> None:
         """Report an error, unless it is reported already."""
@@ -230,6 +226,8 @@ class InstantActions:
         ended = [key for key, state in self._states.items() if state.status.ended]
         for key in ended[: max(0, surplus)]:
             del self._states[key]
+        for key in tuple(self._known)[:-_MAX_KNOWN]:
+            del self._known[key]
 
 
 def _hold_of(action_id: str) -> str:

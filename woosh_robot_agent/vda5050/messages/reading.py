@@ -1,10 +1,11 @@
-"""Messages of master control, checked by the published JSON schemas, and read."""
+"""The messages of the master control: checked by the published JSON schemas, and read."""
 
 from __future__ import annotations
 
 import functools
 import itertools
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,22 @@ from woosh_robot_agent.vda5050.messages.order import (
     MAX_MESSAGE_SIZE,
     MAX_TEXT,
     Action,
+    BlockingType,
+    ControlPoint,
+    Edge,
+    Ellipse,
+    Node,
+    NodePosition,
     Order,
+    Trajectory,
 )
-from woosh_robot_agent.vda5050.messages.protocol import Identity, Topic, Version
 from woosh_robot_agent.vda5050.messages.state import (
     ErrorType,
     RejectedError,
     VehicleError,
     warning,
 )
+from woosh_robot_agent.vda5050.messages.versions import OBEYED_ANYWAY, Identity, Topic, Version
 
 SCHEMAS = Path(__file__).with_name("schemas")
 """Folder of the schemas, with a folder for each version of the standard."""
@@ -77,7 +85,15 @@ def read_order(payload: bytes, version: Version, identity: Identity) -> Order:
     Raises:
         RejectedError: the message is malformed, or not for this vehicle.
     """
-    return version.order(_parse(payload, version, identity, Topic.ORDER))
+    message = _parse(payload, version, identity, Topic.ORDER)
+    nodes = {node["sequenceId"]: node["nodeId"] for node in message["nodes"]}
+    return Order(
+        id=message["orderId"],
+        update_id=int(message["orderUpdateId"]),
+        nodes=tuple(_node(version, node) for node in message["nodes"]),
+        edges=tuple(_edge(version, edge, nodes) for edge in message["edges"]),
+        unsupported=_unsupported(version, message),
+    )
 
 
 def read_instant_actions(payload: bytes, version: Version, identity: Identity) -> list[Action]:
@@ -90,7 +106,7 @@ def read_instant_actions(payload: bytes, version: Version, identity: Identity) -
     message = _parse(payload, version, identity, topic)
     if (count := len(message["actions"])) > MAX_INSTANT_ACTIONS:
         raise _rejected(topic, message, f"has {count} actions, more than {MAX_INSTANT_ACTIONS}")
-    return version.instant_actions(message)
+    return [_action(version, action) for action in message["actions"]]
 
 
 def refusal_of_zone_set(payload: bytes, version: Version, identity: Identity) -> VehicleError:
@@ -106,6 +122,102 @@ def refusal_of_zone_set(payload: bytes, version: Version, identity: Identity) ->
         topic=Topic.ZONE_SET.value,
         zoneSetId=message["zoneSet"]["zoneSetId"],
     )
+
+
+def _unsupported(version: Version, order: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of fields of an order, or of its actions, that the robot cannot obey."""
+    if not version.is_3:
+        return ("zoneSetId",) if order.get("zoneSetId") else ()
+    parts = (*order["nodes"], *order["edges"])
+    retriable = any(action.get("retriable") for part in parts for action in part["actions"])
+    return ("retriable",) if retriable else ()
+
+
+def _node(version: Version, node: Mapping[str, Any]) -> Node:
+    position = node.get("nodePosition")
+    return Node(
+        id=node["nodeId"],
+        sequence_id=int(node["sequenceId"]),
+        released=node["released"],
+        position=None if position is None else _position(position),
+        actions=tuple(_action(version, action) for action in node["actions"]),
+        description=node.get(version.name("nodeDescription"), ""),
+    )
+
+
+def _position(position: Mapping[str, Any]) -> NodePosition:
+    radius, ellipse = position.get("allowedDeviationXY", 0.0), None
+    if isinstance(radius, dict):  # in version 3
+        if radius["a"] != radius["b"]:
+            ellipse = Ellipse(radius["a"], radius["b"], radius["theta"])
+        radius = min(radius["a"], radius["b"])
+    return NodePosition(
+        x=position["x"],
+        y=position["y"],
+        map_id=position["mapId"],
+        theta=position.get("theta"),
+        deviation_xy=radius,
+        deviation_theta=position.get("allowedDeviationTheta", 0.0),
+        ellipse=ellipse,
+    )
+
+
+def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -> Edge:
+    """Return a received edge.
+
+    Args:
+        nodes: ids of the nodes of the order, by their sequence ids.
+    """
+    trajectory = edge.get("trajectory")
+    number = int(edge["sequenceId"])
+    ends = nodes.get(number - 1, ""), nodes.get(number + 1, "")  # version 3 does not name them
+    if not version.is_3:
+        ends = edge["startNodeId"], edge["endNodeId"]
+    return Edge(
+        id=edge["edgeId"],
+        sequence_id=number,
+        start_node_id=ends[0],
+        end_node_id=ends[1],
+        released=edge["released"],
+        max_speed=edge.get(version.name("maxSpeed")),
+        trajectory=None if trajectory is None else _trajectory(trajectory),
+        actions=tuple(_action(version, action) for action in edge["actions"]),
+        description=edge.get(version.name("edgeDescription"), ""),
+        unsupported=tuple(
+            name
+            for name in version.refused
+            if name in edge and not (name in OBEYED_ANYWAY and OBEYED_ANYWAY[name](edge))
+        ),
+    )
+
+
+def _action(version: Version, action: Mapping[str, Any]) -> Action:
+    return Action(
+        id=action["actionId"],
+        type=action["actionType"],
+        blocking=BlockingType(action["blockingType"]),
+        parameters={each["key"]: each["value"] for each in action.get("actionParameters", ())},
+        description=action.get(version.name("actionDescription"), ""),
+    )
+
+
+def _trajectory(trajectory: Mapping[str, Any]) -> Trajectory:
+    points = trajectory["controlPoints"]
+    degree = int(trajectory.get("degree", 1))  # JSON permits 3.0 for an integer
+    return Trajectory(
+        degree=degree,
+        knots=tuple(trajectory.get("knotVector") or _uniform_knots(degree, len(points))),
+        points=tuple(
+            ControlPoint(point["x"], point["y"], point.get("weight", 1.0)) for point in points
+        ),
+    )
+
+
+def _uniform_knots(degree: int, points: int) -> list[float]:
+    """Return uniform knots of a curve that begins and ends at its outer control points."""
+    spans = max(1, points - degree)
+    inner = [number / spans for number in range(1, spans)]
+    return [0.0] * (degree + 1) + inner + [1.0] * (degree + 1)
 
 
 def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -> dict[str, Any]:

@@ -1,0 +1,169 @@
+"""Actions that control the vehicle itself: pause, cancellation, requests, and log reports."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from google.protobuf.json_format import MessageToDict
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCodes
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskHistory
+from woosh_robot_agent.vda5050.actions.performing import (
+    INSTANT,
+    NOT_ON_EDGES,
+    Run,
+    vehicle_action,
+)
+from woosh_robot_agent.vda5050.messages.factsheet import ParameterType
+from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ErrorType
+from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE, STOP_PAUSE
+from woosh_robot_agent.vda5050.orders.legs import Control
+
+
+@vehicle_action(START_PAUSE, INSTANT, "stop, and pause the order and its actions", repeatable=True)
+async def start_pause(run: Run) -> None:
+    """Pause the drive and the actions that move something."""
+    execution, limit = run.execution, run.link.timing.pause_within
+    execution.pause(True)
+    await run.wait(
+        lambda: (execution.paused and execution.at_rest) or not execution.pause_wanted,
+        limit,
+        # the robot must not drive on because it was slow to obey, so the pause stays wanted
+        f"the robot did not pause and stop within {limit:g} s; it is told again until it does, or "
+        "until a stopPause",
+    )
+    if not execution.pause_wanted:
+        raise ActionFailedError("a stopPause arrived in the meantime")
+
+
+@vehicle_action(STOP_PAUSE, INSTANT, "resume the order and its actions", repeatable=True)
+async def stop_pause(run: Run) -> None:
+    """Resume the drive and the paused actions, also if a button on the robot has paused them."""
+    execution, limit = run.execution, run.link.timing.pause_within
+    if execution.pause_wanted:
+        execution.pause(False)
+    elif execution.paused:
+        execution.drive.want(Control.RESUME)
+    await run.wait(
+        lambda: not execution.paused or execution.pause_wanted,
+        limit,
+        f"the robot did not resume within {limit:g} s",
+    )
+    if execution.pause_wanted:
+        raise ActionFailedError("a startPause arrived in the meantime")
+
+
+@vehicle_action(
+    CANCEL_ORDER,
+    INSTANT,
+    "stop, and cancel the order",
+    ParameterType("orderId", "STRING", "order to cancel; any order if missing", True),
+    repeatable=True,
+)
+async def cancel_order(run: Run) -> None:
+    """Cancel the current order, wait until everything has stopped, and empty the order."""
+    execution, order = run.execution, run.execution.order
+    if not (order.busy or order.canceling):
+        raise ActionFailedError("there is no order to cancel", ErrorType.NO_ORDER_TO_CANCEL)
+    if run.given.get("orderId", order.order_id) != order.order_id:
+        raise ActionFailedError(
+            f"the vehicle executes order {order.order_id}, not {run.given['orderId']}",
+            ErrorType.NO_ORDER_TO_CANCEL,
+        )
+    if not order.canceling:
+        order.cancel()
+    run.link.changed()
+    await run.link.conditions.wait(
+        lambda: not order.canceling or (order.has_ended and execution.at_rest)
+    )
+    if order.canceling:
+        order.empty()
+
+
+@vehicle_action("stateRequest", INSTANT, "publish the state", repeatable=True)
+async def state_request(run: Run) -> None:
+    """Publish the state."""
+    run.reports.changed()
+
+
+@vehicle_action("factsheetRequest", INSTANT, "publish the factsheet", repeatable=True)
+async def factsheet_request(run: Run) -> None:
+    """Publish the factsheet."""
+    run.reports.publish_factsheet()
+
+
+@vehicle_action(
+    "clearInstantActions",
+    NOT_ON_EDGES,
+    "remove the instant actions that have ended from the state",
+    repeatable=True,
+    version="3",
+)
+async def clear_instant_actions(run: Run) -> None:
+    """Forget the instant actions that have ended."""
+    run.execution.instant.forget_ended()
+
+
+_MAX_REPORTS = 100
+"""Maximum number of reports of a robot; the oldest ones are deleted."""
+_PREFIX = "log_report_"
+
+
+@vehicle_action(
+    "logReport",
+    INSTANT,
+    "store the state of the robot, its last tasks and status codes in a file",
+    ParameterType("reason", "STRING", "reason, which the report repeats"),
+    result="path of the file in the folder of the reports",
+    repeatable=True,
+)
+async def log_report(run: Run) -> str:
+    """Store what the robot reports, in a subfolder for each robot, and return the path in it."""
+    info, folder = run.execution.facts.info, run.log_folder
+    if info is None or folder is None:
+        raise ActionFailedError("the robot has not reported its state yet")
+    now = datetime.fromtimestamp(time.time(), timezone.utc)
+    content = {
+        "time": now.isoformat(),
+        "reason": run.given["reason"],
+        "robot": _as_dict(info),
+        "taskHistory": await _asked(run, TaskHistory()),
+        "statusCodes": await _asked(run, StatusCodes()),
+    }
+    name = f"{_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
+    path = folder / str(info.genral.serial_number or info.robot_id) / name
+    try:
+        await asyncio.to_thread(_store, path, json.dumps(content, indent=1, ensure_ascii=False))
+    except OSError as error:
+        raise ActionFailedError(f"the report cannot be stored: {error}") from None
+    return str(path.relative_to(folder))
+
+
+async def _asked(run: Run, query: Message) -> dict[str, Any] | str:
+    """Return what the robot answers, or the reason why it does not."""
+    try:
+        answer = await run.link.ask(query)
+    except LinkError as error:
+        return str(error)
+    if not answer.ok or answer.body is None:
+        return f"the robot refused {full_name(query)}: {answer.msg or answer.defect}"
+    return _as_dict(answer.body)
+
+
+def _as_dict(message: Message) -> dict[str, Any]:
+    return MessageToDict(message, preserving_proto_field_name=True)
+
+
+def _store(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, "utf-8")
+    for old in sorted(path.parent.glob(f"{_PREFIX}*.json"))[:-_MAX_REPORTS]:
+        old.unlink(missing_ok=True)

@@ -1,0 +1,150 @@
+"""What an action of the vehicle is, and what its function gets to perform it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import Answer
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.vda5050.execution import Execution
+from woosh_robot_agent.vda5050.messages.factsheet import ActionType, ParameterType, Scope
+from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
+from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus
+from woosh_robot_agent.vda5050.reports import Reports
+from woosh_robot_agent.vda5050.robot.link import RobotLink
+
+REACH = 3.0
+"""Maximum distance of a mark at which an action docks, in metres; the master control has released
+no way to a farther one."""
+ANYWHERE = frozenset(Scope)
+INSTANT = frozenset({Scope.INSTANT})
+NOT_ON_EDGES = frozenset({Scope.INSTANT, Scope.NODE})
+ON_NODES = frozenset({Scope.NODE})
+ALL_BLOCKING = frozenset(BlockingType)
+
+
+@dataclass(frozen=True)
+class Run:
+    """An action that is being performed.
+
+    Attributes:
+        action: the action.
+        report: called with each change of the status between its start and its end.
+        execution: the order, and what the robot does.
+        reports: messages of the vehicle.
+        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
+    """
+
+    action: Action
+    report: Callable[[ActionStatus], None]
+    execution: Execution
+    reports: Reports
+    log_folder: Path | None
+
+    @property
+    def link(self) -> RobotLink:
+        """The link to the robot."""
+        return self.execution.link
+
+    @property
+    def given(self) -> Mapping[str, Any]:
+        """Values of the parameters, by key; their types have been checked."""
+        return self.action.parameters
+
+    async def request(self, message: Message) -> Answer:
+        """Send a request that moves nothing, and return the answer.
+
+        Raises:
+            ActionFailedError: the robot refused it.
+            LinkError: it was not sent or not answered.
+        """
+        answer = await self.link.ask(message)
+        if not answer.ok:
+            raise ActionFailedError(f"the robot refused {full_name(message)}: {answer.msg}")
+        return answer
+
+    async def call(self, command: Message) -> str:
+        """Execute an action of the robot's own; see `RobotCalls.perform`."""
+        return await self.execution.calls.perform(command, self.report)
+
+    async def wait(self, condition: Callable[[], bool], timeout: float, failure: str) -> None:
+        """Wait until a condition of the vehicle holds.
+
+        Raises:
+            ActionFailedError: it does not within `timeout` seconds; the text is `failure`.
+        """
+        if not await self.link.conditions.wait(condition, timeout):
+            raise ActionFailedError(failure)
+
+    def require_near(self, mark: str) -> None:
+        """Check that the robot stands at a mark, or so near that it only has to dock.
+
+        Raises:
+            ActionFailedError: it does not, or the map has no such mark.
+        """
+        here = self.execution.facts.position
+        place = None if here is None else self.execution.maps.find_mark(mark, here.map_id)
+        if here is None or place is None:
+            raise ActionFailedError(f"the robot knows no mark {mark} on its map")
+        distance = math.dist(place.point, here.point)
+        if distance > REACH:
+            raise ActionFailedError(
+                f"mark {mark} is {distance:.1f} m away, more than {REACH:g} m: drive to it first"
+            )
+
+    def require_no_leg(self) -> None:
+        """Check that the robot does not drive along an order.
+
+        Raises:
+            ActionFailedError: it does.
+        """
+        if self.execution.order.driving:
+            raise ActionFailedError(
+                "the vehicle drives along an order: wait until it stands on a node, or cancel it"
+            )
+
+
+Perform: TypeAlias = Callable[[Run], Awaitable[str | None]]
+"""Coroutine function that performs an action, and returns its result, if it has one.
+
+When it is cancelled, it ends what it has begun at the robot. It raises an ActionFailedError if the
+action failed, and a LinkError if the robot could not be reached.
+"""
+
+
+@dataclass(frozen=True)
+class VehicleAction:
+    """An action that the vehicle can perform.
+
+    Attributes:
+        type: name, scopes and parameters, for the factsheet and for the check of orders.
+        version: first number of the only version of the standard that has it; empty for all.
+    """
+
+    type: ActionType
+    perform: Perform
+    version: str = ""
+
+
+def vehicle_action(
+    name: str,
+    scopes: frozenset[Scope],
+    description: str,
+    *parameters: ParameterType,
+    result: str = "",
+    blocking: Collection[BlockingType] = ALL_BLOCKING,
+    pausable: bool = False,
+    repeatable: bool = False,
+    version: str = "",
+) -> Callable[[Perform], VehicleAction]:
+    """Return a decorator that makes a function an action; see `ActionType` for the arguments."""
+    kind = ActionType(
+        name, scopes, description, parameters, result, frozenset(blocking), pausable, repeatable
+    )
+    return lambda perform: VehicleAction(kind, perform, version)

@@ -1,0 +1,275 @@
+"""Actions in which the robot does something: charging, loads, its lift, steps, turns, words."""
+
+from __future__ import annotations
+
+import math
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.pb.map import storage_edit_pb2
+from woosh_robot_agent.pb.map.mark_pb2 import Storages
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, SwitchFootPrint
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak as SpeakRequest
+from woosh_robot_agent.pb.ros.action_pb2 import (
+    ChargeControl,
+    LiftControl,
+    LiftControl3,
+    StepControl,
+)
+from woosh_robot_agent.pb.util import action_pb2, robot_pb2
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.vda5050.actions.performing import (
+    ANYWHERE,
+    NOT_ON_EDGES,
+    ON_NODES,
+    REACH,
+    Run,
+    vehicle_action,
+)
+from woosh_robot_agent.vda5050.messages.factsheet import (
+    STANDSTILL,
+    ParameterType,
+    choice,
+    number,
+)
+from woosh_robot_agent.vda5050.messages.state import ActionFailedError
+
+_STATION = "stationName"
+_CHARGE_TIMEOUT = 30.0
+"""Maximum time until the robot reports that it does not charge any more, in seconds."""
+
+
+@vehicle_action(
+    "startCharging",
+    NOT_ON_EDGES,
+    "dock at a charger and charge; the action ends when the battery is being charged",
+    ParameterType(
+        _STATION,
+        "STRING",
+        f"number of the charger's mark, within {REACH:g} m; without it, the nearest one",
+        True,
+    ),
+    blocking=STANDSTILL,
+    pausable=True,
+)
+async def start_charging(run: Run) -> None:
+    """Dock at a charger and charge, by a task of the robot, which goes on."""
+    facts = run.execution.facts
+    if facts.is_charging:
+        return
+    run.require_no_leg()
+    mark = run.given.get(_STATION) or await _nearest_charger(run)
+    run.require_near(mark)
+    request = ExecTask(type=task.kCharge, mark_no=mark)
+    await run.execution.tasks.perform(request, run.report, lambda: facts.is_charging)
+
+
+async def _nearest_charger(run: Run) -> str:
+    """Return the number of the nearest charger.
+
+    Raises:
+        ActionFailedError: there is none within reach.
+    """
+    here = run.execution.facts.position
+    answer = await run.request(storage_edit_pb2.Storages())
+    distances = []
+    for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
+        pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
+        if here is not None:
+            distances.append((math.dist((pose.x, pose.y), here.point), charger.identity.no))
+    if not distances or min(distances)[0] > REACH:
+        raise ActionFailedError(
+            f"there is no charger within {REACH:g} m: drive to one, or name one as {_STATION}"
+        )
+    return min(distances)[1]
+
+
+@vehicle_action(
+    "stopCharging",
+    NOT_ON_EDGES,
+    "end charging; the robot may back out of the charger",
+    blocking=STANDSTILL,
+    pausable=True,
+)
+async def stop_charging(run: Run) -> None:
+    """Cancel the charging task, or back out of the charger if the task has ended."""
+    facts = run.execution.facts
+    info = facts.info
+    if info is None:
+        raise ActionFailedError("the robot has not reported its state yet")
+    if info.task_proc.type == task.kCharge and is_running(info.task_proc):
+        answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
+        if not answer.ok:
+            raise ActionFailedError(f"the robot refused to end its task: {answer.msg}")
+    elif facts.is_charging:
+        await run.call(ChargeControl(execute_mode=ChargeControl.kExit))
+    await run.wait(
+        lambda: not facts.is_charging,
+        _CHARGE_TIMEOUT,
+        f"the robot still charges after {_CHARGE_TIMEOUT:g} s",
+    )
+
+
+_LOAD_PARAMETERS = (
+    ParameterType(
+        _STATION,
+        "STRING",
+        f"number of the mark at which the robot docks, at most {REACH:g} m away; without it, the "
+        "lift moves where the robot stands",
+        True,
+    ),
+    ParameterType("stationType", "STRING", "accepted, but not used", True),
+    ParameterType("loadType", "STRING", "accepted, but not used", True),
+    ParameterType("loadId", "STRING", "accepted, but not used", True),
+)
+
+
+@vehicle_action(
+    "pick",
+    ON_NODES,
+    "take up a load by raising the lift",
+    *_LOAD_PARAMETERS,
+    blocking=STANDSTILL,
+    pausable=True,
+)
+async def pick(run: Run) -> str:
+    """Take up a load."""
+    return await _carry(run, LiftControl(execute_mode=LiftControl.kUp), task.kFeeding)
+
+
+@vehicle_action(
+    "drop",
+    ON_NODES,
+    "put down the load by lowering the lift",
+    *_LOAD_PARAMETERS,
+    blocking=STANDSTILL,
+    pausable=True,
+)
+async def drop(run: Run) -> str:
+    """Put down a load."""
+    return await _carry(run, LiftControl(execute_mode=LiftControl.kDown), task.kCutting)
+
+
+async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
+    """Move the lift where the robot stands, or by a task with a direction at the given mark."""
+    mark = run.given.get(_STATION)
+    if mark is None:
+        return await run.call(lift)
+    run.require_no_leg()
+    run.require_near(mark)
+    request = ExecTask(type=task.kCarry, direction=direction, mark_no=mark)
+    await run.execution.tasks.perform(request, run.report)
+    return ""
+
+
+_MIN_SPEED = 0.01
+"""Lowest speed, in m/s or rad/s."""
+_MAX_HEIGHT = 2.0
+"""Highest target of the lift, in metres. The robot does not report how high its lift goes."""
+_MAX_STEP = 10.0
+"""Longest step, in metres."""
+_MAX_TURN = 2 * math.pi
+"""Widest turn, in radians."""
+_FOOTPRINTS = {
+    "ORIGINAL": robot_pb2.kOriginal,
+    "EXPAND": robot_pb2.kExpand,
+    "SPARE": robot_pb2.kSpare,
+    "DOCK": robot_pb2.kDock,
+}
+
+
+@vehicle_action(
+    "liftTo",
+    ANYWHERE,
+    "move the lift to a height",
+    number(
+        "height",
+        f"height above the lowest position, in m, at most {_MAX_HEIGHT:g}; the robot may permit "
+        "less",
+        0.0,
+        _MAX_HEIGHT,
+    ),
+    number("speed", "speed, in m/s; the robot's own if missing", 0.001, optional=True),
+    result="report of the robot",
+    pausable=True,
+)
+async def lift_to(run: Run) -> str:
+    """Move the lift to a height."""
+    return await run.call(
+        LiftControl3(
+            execute_mode=LiftControl3.kAbsolute,
+            height=run.given["height"],
+            speed=run.given.get("speed", 0.0),
+        )
+    )
+
+
+@vehicle_action(
+    "step",
+    NOT_ON_EDGES,
+    "move straight by a distance, measured by odometry",
+    number(
+        "distance",
+        f"distance in m, at most {_MAX_STEP:g}; negative for backwards",
+        -_MAX_STEP,
+        _MAX_STEP,
+    ),
+    number("speed", "speed, in m/s; the robot's own if missing", _MIN_SPEED, optional=True),
+    ParameterType("lateral", "BOOL", "true to move to the left; only on some robots", True),
+    result="report of the robot",
+    blocking=STANDSTILL,
+    pausable=True,
+)
+async def step(run: Run) -> str:
+    """Move the robot straight by a distance."""
+    kind = StepControl.Step
+    mode = kind.kLateral if run.given.get("lateral", False) else kind.kStraight
+    return await _step(run, mode, run.given["distance"])
+
+
+@vehicle_action(
+    "rotate",
+    NOT_ON_EDGES,
+    "turn on the spot by an angle, measured by odometry",
+    number(
+        "angle",
+        "angle in rad, counter-clockwise, at most one turn either way",
+        -_MAX_TURN,
+        _MAX_TURN,
+    ),
+    number("speed", "turn rate, in rad/s; the robot's own if missing", _MIN_SPEED, optional=True),
+    result="report of the robot",
+    blocking=STANDSTILL,
+    pausable=True,
+)
+async def rotate(run: Run) -> str:
+    """Turn the robot on the spot by an angle."""
+    return await _step(run, StepControl.Step.kRotate, run.given["angle"])
+
+
+async def _step(run: Run, mode: StepControl.Step.Mode, value: float) -> str:
+    step = StepControl.Step(mode=mode, value=value, speed=run.given.get("speed", 0.0))
+    return await run.call(StepControl(steps=[step]))
+
+
+@vehicle_action(
+    "speak",
+    ANYWHERE,
+    "say a text; the action ends when the robot begins to speak",
+    ParameterType("text", "STRING", "text to say"),
+)
+async def speak(run: Run) -> None:
+    """Say a text."""
+    await run.request(SpeakRequest(text=run.given["text"]))
+
+
+@vehicle_action(
+    "switchFootprint",
+    NOT_ON_EDGES,
+    "change the outline with which the robot avoids obstacles, e.g. for a load",
+    choice("footprint", _FOOTPRINTS),
+)
+async def switch_footprint(run: Run) -> None:
+    """Change the outline with which the robot avoids obstacles."""
+    await run.request(SwitchFootPrint(type=_FOOTPRINTS[run.given["footprint"]]))

@@ -1,0 +1,311 @@
+"""The order and the instant actions of a vehicle, and what the robot does for them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+
+from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes
+from woosh_robot_agent.vda5050.messages.order import Action
+from woosh_robot_agent.vda5050.messages.state import (
+    ActionStatus,
+    ErrorType,
+    OperatingMode,
+    VehicleError,
+    warning,
+)
+from woosh_robot_agent.vda5050.messages.versions import Version, timestamp
+from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, InstantActions
+from woosh_robot_agent.vda5050.orders.legs import (
+    Command,
+    Control,
+    Drive,
+    EndAction,
+    Perform,
+    stops,
+)
+from woosh_robot_agent.vda5050.orders.machine import OrderMachine
+from woosh_robot_agent.vda5050.robot.calls import RobotCalls
+from woosh_robot_agent.vda5050.robot.facts import RobotFacts
+from woosh_robot_agent.vda5050.robot.link import RobotLink
+from woosh_robot_agent.vda5050.robot.maps import RobotMaps
+from woosh_robot_agent.vda5050.robot.tasks import (
+    UNSENT,
+    ActionTasks,
+    RobotTask,
+    SpeedLimiter,
+    leg_task,
+)
+
+_LOG = logging.getLogger(__name__)
+PAUSE = "pause"
+"""Name of the hold by which a pause stops the drive."""
+_OTHER_MOTION = (
+    "something else drives the robot",
+    "wait for its end, or cancel the order",
+)
+"""Text about a motion that is not of the vehicle, and what to do."""
+_OTHER_TASKS: dict[int | None, tuple[str, str]] = {
+    task.kCharge: (
+        "the robot executes a charging task that this vehicle has not started",
+        "end it with stopCharging, or wait for its end; switch off automatic charging at the robot "
+        "if the master control sends it to chargers",
+    ),
+    task.kParking: (
+        "the robot executes a parking task that this vehicle has not started",
+        "wait for its end; switch off automatic parking at the robot if the master "
+        "control parks it",
+    ),
+}
+"""The same for some types of tasks."""
+
+
+class Execution:
+    """Executes the order and the instant actions. Used in the event loop of the link.
+
+    Attributes:
+        types: the actions of the vehicle.
+        facts: what the robot reports.
+        maps: maps on the robot, and marks of its scene.
+        order: the current order.
+        instant: the instant actions.
+        drive: the task that drives the current leg.
+        speed: its speed limit.
+        calls: the robot's own actions.
+        tasks: tasks of actions.
+        active: actions that run and for which others may have to wait, by id.
+        is_alone: False while another connector uses the topics of the vehicle.
+        order_error: why the last order was rejected or dropped; None if one was accepted since.
+        pause_wanted: True if the vehicle is, or must be, paused.
+    """
+
+    def __init__(self, link: RobotLink, version: Version, types: ActionTypes) -> None:
+        self.link = link
+        self.version = version
+        self.types = types
+        self.facts = RobotFacts(link)
+        self.order = OrderMachine()
+        self.instant = InstantActions(types, self.order)
+        self.drive = RobotTask(link, self._drive_ended, link.changed)
+        self.speed = SpeedLimiter(link, self._speed_refused)
+        self.maps = RobotMaps(link)
+        self.calls = RobotCalls(link)
+        self.tasks = ActionTasks(link)
+        self.active: dict[str, Action] = {}
+        self.is_alone = True
+        self.order_error: VehicleError | None = None
+        self.pause_wanted = False
+        self._refused_speed = ""
+        """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
+        self._is_cut = False
+        """True from a loss of the link until all actions that ran then have ended."""
+        link.chassis.on_state(self._link_changed)
+        link.chassis.on_snapshot(lambda info: self.order.doubt_place())
+
+    # Where the vehicle is, and what it does
+
+    @property
+    def at_rest(self) -> bool:
+        """True unless the robot moves, by its last report, and nobody else drives it."""
+        if not self.facts.is_driving or not self.facts.is_automatic:
+            return True
+        return self._is_driven_otherwise
+
+    @property
+    def is_driving(self) -> bool:
+        """True while the robot drives along the order, or still moves."""
+        return (self.order.driving and not self.drive.stands) or not self.at_rest
+
+    @property
+    def may_act(self) -> bool:
+        """True if actions of the robot may begin."""
+        return self.is_alone and self.link.ready
+
+    @property
+    def paused(self) -> bool:
+        """True while the vehicle is paused."""
+        if self.pause_wanted:
+            stands = not self.order.driving or self.drive.stands
+            return stands and self.calls.stand and self.tasks.stands
+        return self.drive.paused and not self.order.held
+
+    @property
+    def _is_driven_otherwise(self) -> bool:
+        """True if something other than the order and its actions drives the robot."""
+        if self.order.driving or self.order.acting:
+            return False
+        own = self.tasks.id
+        if other := self.drive.other:
+            return other != own
+        return bool(self.link.gate.reported_owner) and not own and not self.calls.busy
+
+    @property
+    def _goes_on_charging(self) -> bool:
+        """True if the task of an action continues after the action has ended."""
+        return bool(self.tasks.id) and not self.order.driving and not self.order.acting
+
+    @property
+    def _has_lost_position(self) -> bool:
+        """True if an order must be cleared, because the position is unknown."""
+        place = self.facts.position
+        if not self.version.is_3 or place is None or place.initialised:
+            return False
+        return not (self.order.acting or self.active)  # an action may set the position
+
+    def errors(self) -> list[VehicleError]:
+        """Return the reasons why the order or the robot waits, and the error of a lost link."""
+        errors = []
+        order = self.order.status
+        if not self.link.ready:
+            chassis = self.link.chassis
+            reason = f": {chassis.last_error}" if chassis.last_error is not None else ""
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_CONNECTION,
+                    "the link to the robot is lost; its last state is from "
+                    f"{timestamp(chassis.since)}{reason}",
+                    "check that the robot is on, and that the network reaches it",
+                )
+            )
+        if self.facts.status is not None and self.facts.status.blocked:
+            place = {"orderId": order.order_id, "nodeId": order.nodes[0].id} if order.nodes else {}
+            errors.append(
+                warning(
+                    ErrorType.OBSTACLE,
+                    "an obstacle blocks the way of the robot",
+                    "clear the way, and the robot drives on; or cancel the order",
+                    **place,
+                )
+            )
+        if self.order.busy and self._is_driven_otherwise:
+            info = self.facts.info
+            kind = info.task_proc.type if info is not None and self.drive.other else None
+            cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
+            errors.append(warning(ErrorType.ROBOT_BUSY, f"the order waits, because {cause}", hint))
+        elif self.order.busy and self._goes_on_charging:
+            errors.append(
+                warning(
+                    ErrorType.ROBOT_BUSY,
+                    "the order waits, because the robot executes its charging task",
+                    "end it with stopCharging, or wait for its end",
+                )
+            )
+        return errors
+
+    # Events
+
+    def follow(self) -> None:
+        """Take the position of the robot."""
+        if (place := self.facts.position) is None:
+            return
+        self._is_cut = self._is_cut and bool(self.active)
+        # after a loss of the link, the robot may have been moved while any other action ran
+        is_acting = self.calls.moves_base if self._is_cut else bool(self.active)
+        self.order.moved(
+            place, by_itself=is_acting or self.tasks.id != 0, confirmed=self.drive.confirmed
+        )
+        if self.facts.status is not None and self.facts.status.mode is OperatingMode.MANUAL:
+            self.order.forget_left_node()
+
+    def clear_where_demanded(self) -> None:
+        """Clear the order if the robot is in a mode, or a place, in which it cannot have one."""
+        if self.facts.status is not None and not self.facts.is_automatic:
+            mode = self.facts.status.mode
+            self._clear(f"the operating mode is {mode.value}", "send a new order in mode AUTOMATIC")
+            if mode is not OperatingMode.MANUAL and not self.order.busy:
+                self.order.placed("")
+        elif self._has_lost_position:
+            self._clear(
+                "the robot does not know its position any more",
+                "initialise it, and send a new order",
+            )
+
+    def pause(self, wanted: bool) -> None:
+        """Pause or resume everything; idempotent."""
+        if wanted == self.pause_wanted:
+            return
+        self.pause_wanted = wanted
+        if wanted:
+            self.order.hold(PAUSE)
+        else:
+            self.order.release(PAUSE)
+        control = Control.PAUSE if wanted else Control.RESUME
+        self.calls.want(control)
+        self.tasks.want(control)
+        self.link.changed()
+
+    def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
+        """Take the new status of an action that was commanded."""
+        if not self.instant.changed(action_id, status, result):
+            self.order.action_changed(action_id, status, result)
+        self.link.changed()
+
+    def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
+        """Take the reason why an action failed by itself, before its new status."""
+        if kind is ErrorType.INTERRUPTED:
+            kind = ErrorType.ACTION  # the order is interrupted; the action has failed
+            if stops((action,)):
+                self.order.interrupt(action.id, reason)
+        self.instant.failed(action, reason, kind)
+
+    def _clear(self, cause: str, hint: str) -> None:
+        """Clear the order, as the standard demands in modes other than AUTOMATIC."""
+        if not self.order.busy or self.order.canceling:
+            return
+        order = self.order.order_id
+        reason = f"order {order} was cleared, because {cause}"
+        _LOG.warning("%s", reason)
+        self.order_error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order)
+        self.order.cancel(reason)
+
+    def _speed_refused(self, reason: str) -> None:
+        _LOG.error("the drive is cancelled: %s", reason)
+        self._refused_speed = reason
+        self.drive.want(Control.CANCEL)
+
+    def _drive_ended(self, reason: str) -> None:
+        if reason == UNSENT:
+            self.order.drive_unsent()
+        else:
+            self.order.drive_ended(self._refused_speed or reason)
+        self._refused_speed = ""
+        self.link.changed()
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:
+            self.order.lose_track()
+            self._is_cut = True
+        self.link.changed()
+
+    # Steps
+
+    def commands(self) -> Iterator[Perform | EndAction]:
+        """Drive as far as it follows from the events so far; yield the commands about actions.
+
+        They must be executed before the next one is taken.
+        """
+        while commands := [*self._take_instant(), *self._poll_order()]:
+            for command in commands:
+                if isinstance(command, Perform | EndAction):
+                    yield command
+                elif isinstance(command, Drive):
+                    self.drive.start(leg_task(command.leg, self.facts.position))
+                else:
+                    self.drive.want(command)
+        self.speed.limit(self.order.speed_limit)
+
+    def _take_instant(self) -> list[Perform]:
+        commands, self.instant.commands = self.instant.commands, []
+        return commands
+
+    def _poll_order(self) -> list[Command]:
+        if self._is_driven_otherwise:
+            self.order.doubt_place()
+        may_drive = self.may_act and self.facts.is_automatic and not self.tasks.id
+        return self.order.poll(
+            may_drive=may_drive and not self._is_driven_otherwise,
+            # cancelOrder empties the order itself, so that both are in the same state
+            may_empty=self.at_rest and not self.instant.runs(CANCEL_ORDER),
+        )

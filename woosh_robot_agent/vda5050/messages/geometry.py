@@ -1,0 +1,155 @@
+"""Geometry of lines, paths, and trajectories, which are NURBS."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TypeAlias
+
+from woosh_robot_agent.vda5050.messages.order import MAX_CONTROL_POINTS, MAX_DEGREE, Trajectory
+
+Point: TypeAlias = tuple[float, float]
+"""Position in the map frame, in metres."""
+
+
+def nearest_on_line(point: Point, start: Point, end: Point) -> Point:
+    """Return the point of the straight line from `start` to `end` that is nearest to a point."""
+    along = (end[0] - start[0], end[1] - start[1])
+    length = along[0] ** 2 + along[1] ** 2
+    if not length:
+        return end
+    part = ((point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]) / length
+    part = min(1.0, max(0.0, part))
+    return start[0] + part * along[0], start[1] + part * along[1]
+
+
+_SPACING = 0.25
+"""Usual distance between two points along a curve, in metres."""
+_MAX_POINTS = 100
+"""Approximate maximum number of points along a curve; on a longer one they are farther apart."""
+_SAMPLES = 8
+"""Number of points in each span of the knots by which the length of the curve is estimated."""
+
+
+def curve_defect(trajectory: Trajectory) -> str:
+    """Return the defect of a trajectory; empty if it has none."""
+    degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
+    numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
+    if not all(map(math.isfinite, (degree, *numbers))):
+        return "a number is not finite"
+    if degree != int(degree) or degree < 1:
+        return f"its degree is not a positive integer: {degree}"
+    if degree > MAX_DEGREE:
+        return f"its degree is above {MAX_DEGREE}: {degree:g}"
+    if len(points) > MAX_CONTROL_POINTS:
+        return f"it has more than {MAX_CONTROL_POINTS} control points: {len(points)}"
+    if len(points) <= degree:
+        return f"degree {degree} needs at least {int(degree) + 1} control points: {len(points)}"
+    if len(knots) != len(points) + degree + 1:
+        return (
+            f"{len(points)} control points of degree {int(degree)} need "
+            f"{len(points) + int(degree) + 1} knots: {len(knots)}"
+        )
+    if any(after < before for before, after in pairwise(knots)):
+        return "its knots decrease"
+    if knots[int(degree)] == knots[len(points)]:
+        return "its knots are all equal"
+    if any(point.weight <= 0 for point in points):
+        return "a weight is not positive"
+    return ""
+
+
+@functools.lru_cache(maxsize=256)
+def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
+    """Return points along a trajectory without a defect, its start and end included."""
+    degree, knots = int(trajectory.degree), trajectory.knots
+    spans = [
+        span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
+    ]
+    lengths = [_length(_points_of_span(trajectory, span, _SAMPLES)) for span in spans]
+    spacing = max(_SPACING, sum(lengths) / _MAX_POINTS)
+    points = [_point(trajectory, spans[0], knots[spans[0]])]
+    for span, length in zip(spans, lengths, strict=True):
+        # a straight line needs only its end
+        count = 1 if degree == 1 else max(degree, math.ceil(length / spacing))
+        points += _points_of_span(trajectory, span, count)[1:]
+    return tuple(points)
+
+
+def _length(points: list[Point]) -> float:
+    return sum(math.dist(before, after) for before, after in pairwise(points))
+
+
+def _points_of_span(trajectory: Trajectory, span: int, count: int) -> list[Point]:
+    """Return the start of a span of the knots and `count` points after it."""
+    start, end = trajectory.knots[span : span + 2]
+    steps = [start + (end - start) * step / count for step in range(count)]
+    return [_point(trajectory, span, at) for at in (*steps, end)]
+
+
+def _point(trajectory: Trajectory, span: int, at: float) -> Point:
+    """Return the point of a curve at a parameter in a span of its knots, by de Boor's algorithm."""
+    degree, knots = int(trajectory.degree), trajectory.knots
+    control = trajectory.points[span - degree : span + 1]
+    # in homogeneous coordinates a rational curve is an ordinary one
+    values = [(each.x * each.weight, each.y * each.weight, each.weight) for each in control]
+    for level in range(1, degree + 1):
+        for index in range(degree, level - 1, -1):
+            low = knots[span - degree + index]
+            width = knots[index + 1 + span - level] - low
+            part = (at - low) / width if width else 0.0
+            values[index] = tuple(  # type: ignore[assignment]
+                (1 - part) * before + part * after
+                for before, after in zip(values[index - 1], values[index], strict=True)
+            )
+    x, y, weight = values[degree]
+    return x / weight, y / weight
+
+
+_PRECISION = 0.02
+"""Maximum distance of a simplified path from the original one, in metres."""
+_MAX_OFFSET = 1.0
+"""Maximum distance of the vehicle from a path that it follows, in metres."""
+
+
+def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
+    """Return the rest of a path from the position of the vehicle, simplified.
+
+    Returns:
+        At least two points, the first of which is the position; empty if there is no path ahead.
+    """
+    if not path:
+        return []
+    nearest = min(range(len(path)), key=lambda index: math.dist(path[index], here))
+    if math.dist(path[nearest], here) > _MAX_OFFSET:
+        return []
+    if nearest + 1 < len(path) and _is_behind(path[nearest], path[nearest + 1], here):
+        nearest += 1
+    ahead = [here, *(point for point in path[nearest:] if point != here)]
+    return _simplified(ahead) if len(ahead) > 1 else []
+
+
+def _is_behind(point: Point, following: Point, here: Point) -> bool:
+    """Return True if the vehicle has passed a point on its way to the following one."""
+    along = (following[0] - point[0], following[1] - point[1])
+    return along[0] * (here[0] - point[0]) + along[1] * (here[1] - point[1]) > 0
+
+
+def _simplified(path: Sequence[Point]) -> list[Point]:
+    """Simplify a path with the Ramer-Douglas-Peucker algorithm."""
+    kept = {0, len(path) - 1}
+    sections = [(0, len(path) - 1)]
+    while sections:
+        first, last = sections.pop()
+        line = path[first], path[last]
+        offsets = [
+            (math.dist(path[index], nearest_on_line(path[index], *line)), index)
+            for index in range(first + 1, last)
+        ]
+        if offsets and max(offsets)[0] > _PRECISION:
+            middle = max(offsets)[1]
+            kept.add(middle)
+            sections += [(first, middle), (middle, last)]
+    return [path[index] for index in sorted(kept)]

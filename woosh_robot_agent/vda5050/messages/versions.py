@@ -1,0 +1,228 @@
+"""The versions of the standard: their topics, and tables of what differs between them.
+
+Inside of the connector, messages have the names of version 2.1. `reading` and `writing` translate
+them by these tables. What cannot be told by a table depends on `Version.is_3` there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from enum import Enum
+from typing import Any, NamedTuple
+
+from woosh_robot_agent.vda5050.messages.state import ErrorType
+
+
+class Topic(Enum):
+    """Last level of a topic."""
+
+    ORDER = "order"
+    INSTANT_ACTIONS = "instantActions"
+    STATE = "state"
+    VISUALIZATION = "visualization"
+    CONNECTION = "connection"
+    FACTSHEET = "factsheet"
+    ZONE_SET = "zoneSet"
+    """From version 3.0 on."""
+
+
+class PublishOptions(NamedTuple):
+    """QoS level and retain flag of a message."""
+
+    qos: int
+    retain: bool
+
+
+PUBLISHED: Mapping[Topic, PublishOptions] = {
+    Topic.STATE: PublishOptions(0, False),
+    Topic.VISUALIZATION: PublishOptions(0, False),
+    Topic.CONNECTION: PublishOptions(1, True),
+    Topic.FACTSHEET: PublishOptions(0, True),
+}
+"""Publish options of the topics of the vehicle; they are the same in all versions."""
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Identity of a vehicle, in topics and headers.
+
+    Attributes:
+        serial_number: serial number; unique for the manufacturer.
+    """
+
+    manufacturer: str
+    serial_number: str
+
+
+def timestamp(unix: float) -> str:
+    """Return a Unix time in ISO 8601, in UTC, with milliseconds."""
+    when = datetime.fromtimestamp(unix, timezone.utc)
+    return when.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _is_tangential(edge: Mapping[str, Any]) -> bool:
+    return not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
+
+
+OBEYED_ANYWAY: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
+    "orientation": _is_tangential,
+    "rotationAllowed": lambda edge: bool(edge["rotationAllowed"]),
+    "reachOrientationBeforeEntering": lambda edge: not edge["reachOrientationBeforeEntering"],
+}
+"""Functions that return True if a field of an edge that the robot cannot obey asks for what it does
+anyway: it turns where it must, and drives forwards."""
+
+
+@dataclass(frozen=True)
+class Version:
+    """A version of the standard.
+
+    Attributes:
+        number: number of the version, e.g. `2.1.0`.
+        received: topics that the vehicle subscribes to.
+        names: names of fields that differ from version 2.1; empty for a field that this version
+            does not have.
+        values: values of enumerations that differ from those of the connector.
+        refused: fields of an edge that the robot cannot obey, see also `OBEYED_ANYWAY`.
+        error_types: errorType of errors; see `error_type` for the others.
+        error_levels: errorLevel of errors, by their errorType, where the standard prescribes
+            another one than `VehicleError.level`.
+    """
+
+    number: str
+    received: frozenset[Topic]
+    refused: tuple[str, ...]
+    names: Mapping[str, str] = field(default_factory=dict)
+    values: Mapping[str, str] = field(default_factory=dict)
+    error_types: Mapping[str, str] = field(default_factory=dict)
+    error_levels: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_3(self) -> bool:
+        """True for version 3.
+
+        There, the states of instant actions stay in the state after a new order, until
+        `clearInstantActions`, and an order is cleared when the robot does not know its position any
+        more. For the differences between messages see `reading` and `writing`.
+        """
+        return self.number.startswith("3.")
+
+    def name(self, name: str) -> str:
+        """Return this version's name of a field; empty if it does not have the field."""
+        return self.names.get(name, name)
+
+    def value(self, value: str) -> str:
+        """Return this version's name of a value of an enumeration."""
+        return self.values.get(value, value)
+
+    def error_type(self, kind: str) -> str:
+        """Return the errorType for a type of errors; in version 3 all are in capitals."""
+        if kind in self.error_types:
+            return self.error_types[kind]
+        return re.sub("(?<=[a-z])(?=[A-Z])", "_", kind).upper() if self.is_3 else kind
+
+
+V2_1 = Version(
+    number="2.1.0",
+    received=frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS}),
+    refused=(
+        "corridor",
+        "direction",
+        "maxHeight",
+        "maxRotationSpeed",
+        "minHeight",
+        "orientation",
+        "rotationAllowed",
+    ),
+    values={"PAUSED": "RUNNING"},  # the published schema of the state lacks it
+    error_types={
+        ErrorType.UNSUPPORTED_PARAMETER: "orderError",
+        ErrorType.ORDER_ACTION: "orderError",
+        ErrorType.OTHER_ORDER_ACTIVE: "orderError",
+        ErrorType.NOT_AVAILABLE: "orderError",
+        ErrorType.UNKNOWN_MAP: "orderError",
+        ErrorType.OUTDATED_UPDATE: "orderUpdateError",
+        ErrorType.CHANGED_UPDATE: "orderUpdateError",
+        ErrorType.UPDATE_AFTER_CANCEL: "orderUpdateError",
+    },
+)
+
+V3_0 = Version(
+    number="3.0.0",
+    received=frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS, Topic.ZONE_SET}),
+    refused=(
+        "corridor",
+        "direction",
+        "maximumMobileRobotHeight",
+        "maximumRotationSpeed",
+        "maxRotationSpeed",  # its name in the published schema
+        "minimumLoadHandlingDeviceHeight",
+        "orientation",
+        "reachOrientationBeforeEntering",
+    ),
+    names={
+        # order, state and visualization
+        "actionDescription": "actionDescriptor",
+        "agvPosition": "mobileRobotPosition",
+        "batteryCharge": "stateOfCharge",
+        "batteryState": "powerSupply",
+        "eStop": "activeEmergencyStop",
+        "edgeDescription": "edgeDescriptor",
+        "maxSpeed": "maximumSpeed",
+        "nodeDescription": "nodeDescriptor",
+        "positionInitialized": "localized",
+        "resultDescription": "actionResult",
+        # factsheet
+        "accelerationMax": "maximumAcceleration",
+        "agvActions": "mobileRobotActions",
+        "agvClass": "mobileRobotClass",
+        "agvGeometry": "mobileRobotGeometry",
+        "agvKinematic": "mobileRobotKinematics",
+        "decelerationMax": "maximumDeceleration",
+        "heightMax": "maximumHeight",
+        "idLen": "maximumIdLength",
+        "maxArrayLens": "maximumArrayLengths",
+        "maxLoadMass": "maximumLoadMass",
+        "maxStringLens": "maximumStringLengths",
+        "minOrderInterval": "minimumOrderInterval",
+        "minStateInterval": "minimumStateInterval",
+        "msgLen": "maximumMessageLength",
+        "polygonPoints": "vertices",
+        "set": "envelope2dId",
+        "speedMax": "maximumSpeed",
+        "speedMin": "minimumSpeed",
+        "vehicleConfig": "mobileRobotConfiguration",
+        # optional parameters in the factsheet
+        "order.edges.maxSpeed": "order.edges.maximumSpeed",
+        "order.edges.rotationAllowed": "",
+    },
+    values={
+        "AUTONOMOUS": "FREELY_NAVIGATING",
+        "CONNECTIONBROKEN": "CONNECTION_BROKEN",
+        "DIFF": "DIFFERENTIAL",
+        "FLOAT": "NUMBER",
+        "OMNI": "OMNIDIRECTIONAL",
+        "TEACHIN": "TEACH_IN",
+    },
+    error_types={
+        ErrorType.VALIDATION: "VALIDATION_FAILURE",
+        ErrorType.ORDER: "INVALID_ORDER",
+        ErrorType.ORDER_ACTION: "INVALID_ORDER_ACTION",
+        ErrorType.NOT_AVAILABLE: "MOBILE_ROBOT_NOT_AVAILABLE",
+        ErrorType.UNKNOWN_MAP: "UNKNOWN_MAP_ID",
+        ErrorType.NO_ROUTE: "START_NODE_OUT_OF_RANGE",
+        ErrorType.ORDER_UPDATE: "INVALID_ORDER",
+        ErrorType.OUTDATED_UPDATE: "OUTDATED_ORDER_UPDATE",
+        ErrorType.CHANGED_UPDATE: "SAME_ORDER_UPDATE_ID",
+        ErrorType.UPDATE_AFTER_CANCEL: "ORDER_UPDATE_FOLLOWING_CANCEL",
+        ErrorType.DRIVING: "NODE_UNREACHABLE",
+        ErrorType.INSTANT_ACTION: "INVALID_INSTANT_ACTION",
+    },
+    error_levels={"UNSUPPORTED_PARAMETER": "CRITICAL", "NODE_UNREACHABLE": "CRITICAL"},
+)
+
+VERSIONS: Mapping[str, Version] = {"2.1": V2_1, "3.0": V3_0}
+"""Versions, by the value of `--version`."""

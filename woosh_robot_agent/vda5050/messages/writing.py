@@ -1,0 +1,336 @@
+"""The messages of a vehicle, without their headers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from woosh_robot_agent.vda5050.messages.factsheet import (
+    ActionType,
+    Factsheet,
+    OptionalParameter,
+    ParameterType,
+)
+from woosh_robot_agent.vda5050.messages.geometry import path_ahead
+from woosh_robot_agent.vda5050.messages.order import (
+    MAX_CONTROL_POINTS,
+    MAX_INSTANT_ACTIONS,
+    MAX_KNOTS,
+    MAX_MESSAGE_SIZE,
+    MAX_NODES,
+    MAX_TEXT,
+    Edge,
+    Node,
+    Trajectory,
+)
+from woosh_robot_agent.vda5050.messages.state import (
+    ActionState,
+    Battery,
+    ConnectionState,
+    ErrorLevel,
+    ErrorType,
+    OperatingMode,
+    RobotStatus,
+    VehicleError,
+    VehicleState,
+)
+from woosh_robot_agent.vda5050.messages.versions import Version
+
+Fields = dict[str, Any]
+
+_MAX_ANGLE = 3.14159265359
+"""Largest angle that the published schemas permit, in radians."""
+_ARRAY_LIMITS: Mapping[str, int] = {
+    "order.nodes": MAX_NODES,
+    "instantActions": MAX_INSTANT_ACTIONS,
+    "trajectory.controlPoints": MAX_CONTROL_POINTS,
+    "trajectory.knotVector": MAX_KNOTS,
+}
+_NOT_LOCALIZED = VehicleError(
+    "LOCALIZATION_ERROR",
+    ErrorLevel.FATAL,
+    "the robot does not know its position",
+    "initialise it with initializePosition",
+)
+
+
+def state_message(version: Version, state: VehicleState) -> Fields:
+    """Return a `state` message."""
+    order, robot = state.order, state.robot
+    message: Fields = {
+        "orderId": order.order_id,
+        "orderUpdateId": order.update_id,
+        "lastNodeId": order.last_node_id,
+        "lastNodeSequenceId": order.last_node_sequence_id,
+        "nodeStates": list(map(_node_state, order.nodes)),
+        "edgeStates": list(map(_edge_state, order.edges)),
+        "driving": robot.driving,
+        "paused": order.paused,
+        "newBaseRequest": order.new_base_request,
+        "batteryState": _battery(version, robot.battery),
+        "operatingMode": version.value(robot.mode.value),
+        "errors": [_error(version, each) for each in _errors(version, state)],
+        "safetyState": {
+            "eStop": "MANUAL" if robot.emergency_stop else "NONE",
+            "fieldViolation": robot.field_violation,
+        },
+    }
+    actions = [each for each in order.actions if not (version.is_3 and each.instant)]
+    message["actionStates"] = [_action_state(version, each) for each in actions]
+    if version.is_3:
+        instant = [each for each in order.actions if each.instant]
+        message["instantActionStates"] = [_action_state(version, each) for each in instant]
+        message |= _planned_path(state)
+    if order.distance_since_last_node is not None:
+        message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
+    if robot.loaded is not None:
+        message["loads"] = [{}] if robot.loaded else []  # nothing else is known about a load
+    if robot.maps is not None:
+        message["maps"] = [
+            {
+                "mapId": each.id,
+                "mapVersion": each.version,
+                "mapStatus": "ENABLED" if each.enabled else "DISABLED",
+            }
+            for each in robot.maps
+        ]
+    return _renamed(message | _motion(robot), version.names)
+
+
+def visualization_message(version: Version, robot: RobotStatus, state_id: int) -> Fields:
+    """Return a `visualization` message.
+
+    Args:
+        robot: state of the robot.
+        state_id: header id of the last state.
+    """
+    reference = {"referenceStateHeaderId": state_id} if version.is_3 else {}
+    return reference | _renamed(_motion(robot), version.names)
+
+
+def connection_message(version: Version, state: ConnectionState) -> Fields:
+    """Return a `connection` message."""
+    return {"connectionState": version.value(state.value)}
+
+
+def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
+    """Return a `factsheet` message."""
+    limits, kinematics = factsheet.limits, version.value(factsheet.kinematics.value)
+    message: Fields = {
+        "typeSpecification": _without_empty(
+            {
+                "seriesName": factsheet.series,
+                "seriesDescription": factsheet.description,
+                "agvKinematic": kinematics,
+                "agvClass": factsheet.vehicle_class.value,
+                "maxLoadMass": factsheet.max_load,
+                "localizationTypes": ["NATURAL"],
+                "navigationTypes": [version.value("AUTONOMOUS"), "VIRTUAL_LINE_GUIDED"],
+            }
+        ),
+        "physicalParameters": {
+            "speedMin": 0.0,
+            "speedMax": limits.max_speed,
+            "accelerationMax": limits.max_acceleration,
+            "decelerationMax": limits.max_acceleration,
+            "heightMax": factsheet.height,
+            "width": factsheet.width,
+            "length": factsheet.length,
+        },
+        "protocolLimits": {
+            "maxStringLens": {"msgLen": MAX_MESSAGE_SIZE, "idLen": MAX_TEXT},
+            "maxArrayLens": dict(_ARRAY_LIMITS),
+            "timing": {
+                "minOrderInterval": 0.0,
+                "minStateInterval": limits.min_state_interval,
+                "defaultStateInterval": limits.state_interval,
+                "visualizationInterval": limits.visualization_interval,
+            },
+        },
+        "protocolFeatures": {
+            "optionalParameters": [
+                _optional_parameter(version, each)
+                for each in factsheet.optional_parameters
+                if version.name(each.name)
+            ],
+            "agvActions": [_action_type(version, each) for each in factsheet.actions],
+        },
+        "agvGeometry": {"envelopes2d": [_outline(factsheet)] if factsheet.outline else []},
+        "loadSpecification": {},
+        "vehicleConfig": {
+            "versions": [{"key": key, "value": value} for key, value in factsheet.versions]
+        },
+    }
+    if version.is_3:
+        # the published schema requires the kinematics by this spelling too
+        message["typeSpecification"] |= {"supportedZones": [], "mobileRobotKinematic": kinematics}
+        message["physicalParameters"]["minimumHeight"] = factsheet.height
+    # the only name that differs in other messages, but not here
+    names = {old: new for old, new in version.names.items() if old != "actionDescription"}
+    return _renamed(message, names)
+
+
+def _renamed(message: Fields, names: Mapping[str, str]) -> Fields:
+    """Return a message with other names of fields, at any depth."""
+
+    def renamed(value: Any) -> Any:
+        if isinstance(value, dict):
+            return _renamed(value, names)
+        return list(map(renamed, value)) if isinstance(value, list) else value
+
+    return {names.get(key, key): renamed(value) for key, value in message.items()}
+
+
+def _without_empty(message: Fields) -> Fields:
+    """Return a message without its empty strings and lists."""
+    return {key: value for key, value in message.items() if value not in ("", [])}
+
+
+# Parts of the state
+
+
+def _node_state(node: Node) -> Fields:
+    state: Fields = {"nodeId": node.id, "sequenceId": node.sequence_id, "released": node.released}
+    if node.description:
+        state["nodeDescription"] = node.description
+    if (place := node.position) is not None:
+        state["nodePosition"] = {"x": place.x, "y": place.y, "mapId": place.map_id}
+        if place.theta is not None:
+            state["nodePosition"]["theta"] = place.theta
+    return state
+
+
+def _edge_state(edge: Edge) -> Fields:
+    state: Fields = {"edgeId": edge.id, "sequenceId": edge.sequence_id, "released": edge.released}
+    if edge.description:
+        state["edgeDescription"] = edge.description
+    if edge.trajectory is not None:
+        state["trajectory"] = _trajectory(edge.trajectory)
+    return state
+
+
+def _trajectory(curve: Trajectory) -> Fields:
+    points = [{"x": point.x, "y": point.y, "weight": point.weight} for point in curve.points]
+    return {"degree": curve.degree, "knotVector": list(curve.knots), "controlPoints": points}
+
+
+def _planned_path(state: VehicleState) -> Fields:
+    """Return the field plannedPath while the robot executes an order; empty without a path.
+
+    There is no `intermediatePath`, because the robot does not report arrival times.
+    """
+    place = state.robot.position
+    if place is None or not state.order.nodes:
+        return {}
+    points = path_ahead(state.robot.path, place.point)
+    if not points:
+        return {}
+    trajectory = {"degree": 1, "controlPoints": [{"x": x, "y": y} for x, y in points]}
+    return {"plannedPath": {"trajectory": trajectory}}
+
+
+def _action_state(version: Version, action: ActionState) -> Fields:
+    optional = {
+        "actionType": action.type,
+        "actionDescription": action.description,
+        "resultDescription": action.result,
+    }
+    status = version.value(action.status.value)
+    return {"actionId": action.id, "actionStatus": status} | _without_empty(optional)
+
+
+def _battery(version: Version, battery: Battery) -> Fields:
+    state: Fields = {"batteryCharge": battery.charge, "charging": battery.charging}
+    if battery.health is not None:  # in version 3 an integer
+        state["batteryHealth"] = round(battery.health) if version.is_3 else battery.health
+    return state
+
+
+def _motion(robot: RobotStatus) -> Fields:
+    """Return the fields about the position and the velocity, as far as they are known."""
+    message: Fields = {}
+    if (place := robot.position) is not None:
+        message["agvPosition"] = {
+            "x": place.x,
+            "y": place.y,
+            # rounding may have exceeded the limits of the schemas
+            "theta": max(-_MAX_ANGLE, min(_MAX_ANGLE, place.theta)),
+            "mapId": place.map_id,
+            "positionInitialized": place.initialised,
+        }
+    if robot.velocity is not None:
+        message["velocity"] = {"vx": robot.velocity.vx, "vy": 0.0, "omega": robot.velocity.omega}
+    return message
+
+
+def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
+    """Return the errors that a version reports now."""
+    if not version.is_3:
+        return state.errors
+    place = state.robot.position
+    if place is not None and not place.initialised:
+        return (*state.errors, _NOT_LOCALIZED)
+    if state.robot.mode is not OperatingMode.AUTOMATIC:
+        return state.errors
+    return [each for each in state.errors if each.type != ErrorType.NOT_AVAILABLE]
+
+
+def _error(version: Version, error: VehicleError) -> Fields:
+    kind = version.error_type(error.type)
+    references = [
+        (key, (version.name(value) or value) if key == "parameter" else value)
+        for key, value in error.references
+    ]
+    return _without_empty(
+        {
+            "errorType": kind,
+            "errorLevel": version.error_levels.get(kind, error.level.value),
+            "errorDescription": error.description,
+            "errorHint": error.hint,
+            "errorReferences": [
+                {"referenceKey": key, "referenceValue": value} for key, value in references
+            ],
+        }
+    )
+
+
+# Parts of the factsheet
+
+
+def _outline(factsheet: Factsheet) -> Fields:
+    points = [{"x": x, "y": y} for x, y in factsheet.outline]
+    return {"set": "outline", "polygonPoints": points}
+
+
+def _optional_parameter(version: Version, parameter: OptionalParameter) -> Fields:
+    return _without_empty(
+        {
+            "parameter": version.name(parameter.name),
+            "support": "SUPPORTED",
+            "description": parameter.description,
+        }
+    )
+
+
+def _action_type(version: Version, action: ActionType) -> Fields:
+    message = {
+        "actionType": action.name,
+        "actionDescription": action.description,
+        "actionScopes": sorted(scope.value for scope in action.scopes),
+        "actionParameters": [_parameter_type(version, each) for each in action.parameters],
+        "resultDescription": action.result,
+    }
+    if version.is_3:  # in version 2.1 no list of blocking types fits the published schema
+        message["blockingTypes"] = sorted(each.value for each in action.blocking)
+        # the published schema demands texts, although the text of the standard says Boolean
+        message |= {"pauseAllowed": str(action.pausable).lower(), "cancelAllowed": "true"}
+    return _without_empty(message)
+
+
+def _parameter_type(version: Version, parameter: ParameterType) -> Fields:
+    return {
+        "key": parameter.key,
+        "valueDataType": version.value(parameter.type),
+        "description": parameter.description,
+        "isOptional": parameter.optional,
+    }

@@ -1,0 +1,278 @@
+"""The robot's own actions, e.g. of its lift: their start, pause, cancellation and end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import (
+    Answer,
+    ConnectionLostError,
+    LinkError,
+    LinkState,
+    RequestTimeoutError,
+)
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
+from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
+from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
+from woosh_robot_agent.vda5050.orders.legs import Control
+from woosh_robot_agent.vda5050.robot.control import Controller
+from woosh_robot_agent.vda5050.robot.link import RobotLink
+
+_LOG = logging.getLogger(__name__)
+_ASK_EVERY = 1.0
+"""Pause between two queries about an action, in seconds."""
+_READY_TIMEOUT = 5.0
+"""Maximum time from a snapshot until the link is ready, in seconds."""
+_FAILURES = {
+    ros_pack_pb2.kRosCancel: "it was cancelled at the robot",
+    ros_pack_pb2.kRosFailure: "the robot failed",
+    ros_pack_pb2.kRosExecuteFailed: "the robot failed",
+}
+"""Reasons why an action did not succeed, by the state in its last report."""
+_FIELDS = {
+    field.message_type.full_name: field.name
+    for field in CallAction.DESCRIPTOR.oneofs_by_name["action"].fields
+    if field.message_type is not None
+}
+"""Names of the fields of CallAction, by the full name of the command."""
+_MOVES_BASE = frozenset(map(full_name, (ChargeControl, MoveBase, StepControl)))
+"""Commands that move the base."""
+_CONTROLS = {
+    Control.PAUSE: action_pb2.kPause,
+    Control.RESUME: action_pb2.kResume,
+    Control.CANCEL: action_pb2.kCancel,
+}
+
+
+class _Run:
+    """An action that the robot executes.
+
+    Args:
+        command: the command, without its `action`.
+        report: called with each new status: it runs, or is paused.
+
+    Attributes:
+        accepted: the robot has accepted the start.
+        heard: the robot has reported that it executes, or has paused, the action.
+        cannot_pause: the robot could not pause it.
+        ended: future of the reason of the failure; empty after a success.
+        unknown: the robot does not tell how the action ended.
+        result: text of the last report.
+        controller: pauses, resumes and cancels it.
+    """
+
+    controller: Controller
+
+    def __init__(self, command: Message, report: Callable[[ActionStatus], None]) -> None:
+        self.command = command
+        self.report = report
+        self.accepted = False
+        self.heard = False
+        self.cannot_pause = False
+        self.unknown = False
+        self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self.result = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the command, for log and error texts."""
+        return self.command.DESCRIPTOR.name
+
+    def call(self, action: action_pb2.ControlAction) -> CallAction:
+        """Return the request that starts, pauses, resumes or cancels the action."""
+        call = CallAction()
+        part: Any = getattr(call, _FIELDS[full_name(self.command)])
+        part.CopyFrom(self.command)
+        part.action = action
+        return call
+
+    def end(self, reason: str) -> None:
+        """End the run, with the reason why it failed; empty if it succeeded."""
+        if not self.ended.done():
+            self.ended.set_result(reason)
+            self.controller.end()
+
+
+class RobotCalls:
+    """Executes the robot's own actions, one of each kind at a time.
+
+    A start is never repeated. If its answer is lost, the reports of the robot decide.
+    """
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self._runs: dict[str, _Run] = {}
+        """Current actions, by the full name of their command."""
+        link.chassis.subscribe(Feedbacks, self._reported)
+        link.chassis.on_snapshot(self._snapshot)
+        link.chassis.on_state(self._link_changed)
+
+    @property
+    def busy(self) -> bool:
+        """True while the robot executes an action."""
+        return bool(self._runs)
+
+    @property
+    def moves_base(self) -> bool:
+        """True while the robot executes an action that moves its base."""
+        return not self._runs.keys().isdisjoint(_MOVES_BASE)
+
+    @property
+    def stand(self) -> bool:
+        """True unless an action runs that can be paused."""
+        return all(run.controller.stands or run.cannot_pause for run in self._runs.values())
+
+    def want(self, control: Control) -> None:
+        """Pause or resume all actions."""
+        for run in self._runs.values():
+            run.cannot_pause = False
+            run.controller.want(control)
+
+    async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
+        """Execute an action, and return the text of its last report.
+
+        When cancelled, cancel the action at the robot, and wait for its end.
+
+        Args:
+            command: the command, a member of CallAction.
+            report: called when the robot accepts, pauses or resumes the action.
+
+        Raises:
+            ActionFailedError: the action failed; of kind INTERRUPTED if its outcome is unknown.
+        """
+        name = full_name(command)
+        if name in self._runs:
+            raise ActionFailedError(f"the robot executes another {command.DESCRIPTOR.name} already")
+        run = self._runs[name] = self._new_run(command, report)
+        try:
+            await self._start(run)
+            reason = await asyncio.shield(run.ended)
+        except asyncio.CancelledError:
+            if not self._link.is_closing:
+                run.controller.want(Control.CANCEL)
+                await asyncio.wait({run.ended})
+            raise
+        finally:
+            run.end("it is not followed any more")
+            del self._runs[name]
+        if reason:
+            raise ActionFailedError(
+                reason, ErrorType.INTERRUPTED if run.unknown else ErrorType.ACTION
+            )
+        return run.result
+
+    def _new_run(self, command: Message, report: Callable[[ActionStatus], None]) -> _Run:
+        async def send(control: Control) -> Answer:
+            return await self._link.command(run.call(_CONTROLS[control]))
+
+        def answered(control: Control, answer: Answer | None) -> None:
+            if answer is None:
+                return
+            if control is Control.CANCEL:
+                self._inquire(run)
+            elif control is Control.PAUSE and not answer.ok and (run.accepted or run.heard):
+                self._show_unpausable(run)
+
+        run = _Run(command, report)
+        run.controller = Controller(self._link, run.name, send, answered)
+        return run
+
+    async def _start(self, run: _Run) -> None:
+        def answered(answer: Answer) -> None:
+            run.accepted = answer.ok
+            if answer.ok and not run.heard:
+                run.report(ActionStatus.RUNNING)
+
+        try:
+            answer = await self._link.command(run.call(action_pb2.kExecute), tap=answered)
+        except (ConnectionLostError, RequestTimeoutError) as error:
+            _LOG.warning("the start of %s was not answered: %s", run.name, error)
+            if self._link.ready:
+                self._inquire(run)
+        except LinkError as error:
+            raise ActionFailedError(f"{run.name} was not sent: {error}") from None
+        else:
+            if not answer.ok:
+                raise ActionFailedError(f"the robot refused {run.name}: {answer.msg}")
+
+    def _reported(self, reports: Feedbacks) -> None:
+        for report in reports.fbs:
+            if run := self._runs.get(report.action):
+                self._judge(run, report)
+
+    def _judge(self, run: _Run, report: Feedback) -> None:
+        """Take a report on an action."""
+        if report.state == ros_pack_pb2.kRosExecuting:
+            if not (run.accepted or run.heard):
+                run.report(ActionStatus.RUNNING)
+            run.heard = True
+            self._show_paused(run, False)
+        elif report.state == ros_pack_pb2.kRosPause:
+            run.heard = True
+            self._show_paused(run, True)
+        elif report.state == ros_pack_pb2.kRosPauseFailed:
+            self._show_unpausable(run)
+        elif not (run.accepted or run.heard):
+            return  # the end of an earlier action of this kind
+        elif report.state == ros_pack_pb2.kRosSuccess:
+            run.result = report.msg
+            run.end("")
+        elif report.state in _FAILURES:
+            reason = _FAILURES[report.state]
+            run.end(f"{reason}: {report.msg}" if report.msg else reason)
+
+    def _show_paused(self, run: _Run, paused: bool) -> None:
+        was_paused = run.controller.paused
+        if run.controller.reported(paused):
+            if paused != was_paused:
+                run.report(ActionStatus.PAUSED if paused else ActionStatus.RUNNING)
+            self._link.changed()
+
+    def _show_unpausable(self, run: _Run) -> None:
+        run.cannot_pause = True
+        run.controller.withdraw_pause()
+        self._link.changed()
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        """Find out the states of the actions after a reconnect."""
+        for run in self._runs.values():
+            self._inquire(run)
+
+    def _link_changed(self, state: LinkState) -> None:
+        for run in self._runs.values():
+            run.controller.link_changed()
+
+    def _inquire(self, run: _Run) -> None:
+        """Ask the robot about an action, until it answers or the link is lost."""
+        self._link.work.start_once(lambda: self._poll(run), run)
+
+    async def _poll(self, run: _Run) -> None:
+        def found(answer: Answer) -> None:
+            reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
+            mine = [each for each in reports if each.action == full_name(run.command)]
+            if mine:
+                self._judge(run, mine[-1])
+            is_known = run.accepted or run.heard
+            if not mine or not is_known:
+                run.unknown = True
+                run.end("the link was lost, and the robot does not tell how it ended")
+
+        while not run.ended.done():
+            try:
+                await self._link.chassis.wait_ready(_READY_TIMEOUT)  # comes after the snapshot
+                await self._link.ask(Feedbacks(), tap=found)
+            except LinkError as error:
+                _LOG.debug("reports on %s: %s", run.name, error)
+            else:
+                return
+            if not self._link.ready:
+                return  # asked again after a reconnect
+            await asyncio.sleep(_ASK_EVERY)

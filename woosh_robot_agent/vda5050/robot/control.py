@@ -1,0 +1,146 @@
+"""Pause, resumption and cancellation of what the robot does."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from woosh_robot_agent.link import Answer, LinkError, NotConnectedError, TooManyRequestsError
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.vda5050.orders.legs import Control
+from woosh_robot_agent.vda5050.robot.link import RobotLink
+
+_LOG = logging.getLogger(__name__)
+_EFFECT_WITHIN = 1.5
+"""Maximum time from a resumption to the report of its effect, in seconds."""
+
+
+class Controller:
+    """Pauses, resumes and cancels a task or an action. Used in the event loop of the link.
+
+    A pause or a cancellation is repeated until the robot reports its effect, because it only stops
+    the robot. A pause is sent again if the robot goes on. A resumption is sent once, when there is
+    a link. Nothing replaces a cancellation.
+
+    Args:
+        name: name of the task or the action, for the log.
+        send: sends a command.
+        answered: called after the answer to a command, or None if there is none.
+        may_send: returns False while something else would get the commands.
+
+    Attributes:
+        paused: True if the robot has reported that it is paused.
+        stands: True if it is paused and was not resumed since.
+    """
+
+    def __init__(
+        self,
+        link: RobotLink,
+        name: str,
+        send: Callable[[Control], Coroutine[Any, Any, Answer]],
+        answered: Callable[[Control, Answer | None], None],
+        may_send: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self._link = link
+        self._name = name
+        self._request = send
+        self._answered = answered
+        self._may_send = may_send
+        self.paused = False
+        self.stands = False
+        self._wanted: Control | None = None
+        """Command that the robot must obey; None without one."""
+        self._may_pause = False
+        """True if a pause was sent that was neither refused nor had an effect yet."""
+        self._resumed_at = -math.inf
+        """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
+        self._wake = asyncio.Event()
+        self._log = LogOnce(_LOG)
+
+    def want(self, control: Control) -> None:
+        """Let the robot obey a command."""
+        if self._wanted is not Control.CANCEL:
+            self._wanted = control
+            self._wake.set()
+            self._pursue()
+
+    def withdraw_pause(self) -> None:
+        """Want no pause any more."""
+        if self._wanted is Control.PAUSE:
+            self._wanted = None
+
+    def reported(self, paused: bool) -> bool:
+        """Take a report; return True if `paused` or `stands` has changed.
+
+        Args:
+            paused: the task or action is paused.
+        """
+        before = (self.paused, self.stands)
+        self.paused = paused
+        if paused:
+            self._may_pause = False
+        else:
+            self._resumed_at = -math.inf
+        now = asyncio.get_running_loop().time()
+        self.stands = paused and now >= self._resumed_at + _EFFECT_WITHIN
+        changed = (self.paused, self.stands) != before
+        if changed:
+            self._wake.set()
+        self._pursue()
+        return changed
+
+    def link_changed(self) -> None:
+        """Send what is wanted at once, if there is a link now."""
+        self._wake.set()
+
+    def end(self) -> None:
+        """Command nothing more: the task or action has ended."""
+        self._wanted = None
+        self._wake.set()
+
+    def _pursue(self) -> None:
+        """Start to send what is wanted, unless the robot has obeyed it."""
+        if self._due() is not None:
+            self._link.work.start_once(self._insist, self)
+
+    async def _insist(self) -> None:
+        """Send what is wanted until the robot has obeyed it."""
+        while (control := self._due()) is not None:
+            self._wake.clear()
+            if self._link.ready and self._may_send():
+                self._may_pause = control is Control.PAUSE
+                if control is Control.RESUME:
+                    self._wanted, self.stands = None, False
+                    self._resumed_at = asyncio.get_running_loop().time()
+                self._link.work.start(self._send(control))
+            with contextlib.suppress(TimeoutError):
+                await run_with_timeout(self._link.timing.repeat_after, self._wake.wait())
+
+    def _due(self) -> Control | None:
+        """Return the command that the robot has not obeyed; None without one."""
+        if self._wanted is Control.PAUSE and self.stands:
+            return None
+        if self._wanted is Control.RESUME and not (self.paused or self._may_pause):
+            self._wanted = None
+        return self._wanted
+
+    async def _send(self, control: Control) -> None:
+        text = f"{control.value} of {self._name}"
+        answer = None
+        try:
+            answer = await self._request(control)
+        except LinkError as error:
+            self._log.warn(text, f"the {text} was not sent or not answered: {error}")
+            is_unsent = isinstance(error, NotConnectedError | TooManyRequestsError)
+            if is_unsent and control is Control.RESUME and self._wanted is None:
+                self._wanted = control
+        else:
+            if not answer.ok:
+                self._may_pause = self._may_pause and control is not Control.PAUSE
+                self._log.warn(text, f"the robot refused the {text}: {answer.msg}")
+        self._answered(control, answer)

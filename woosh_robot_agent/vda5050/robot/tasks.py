@@ -1,0 +1,488 @@
+"""Tasks of the robot: the drives along the legs of an order, their speed, and tasks of actions."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import time
+from collections.abc import Callable
+from itertools import pairwise
+
+from woosh_robot_agent.link import (
+    Answer,
+    ConnectionLostError,
+    LinkError,
+    LinkState,
+    NotConnectedError,
+    RequestTimeoutError,
+)
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ChangeNavMode, ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import navigation_pb2 as navigation
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
+from woosh_robot_agent.vda5050.messages.geometry import curve_points
+from woosh_robot_agent.vda5050.messages.order import Node, Trajectory
+from woosh_robot_agent.vda5050.messages.state import (
+    ActionFailedError,
+    ActionStatus,
+    ErrorType,
+    Position,
+)
+from woosh_robot_agent.vda5050.orders.legs import Control, Leg
+from woosh_robot_agent.vda5050.robot.control import Controller
+from woosh_robot_agent.vda5050.robot.link import RobotLink
+
+
+def leg_task(leg: Leg, position: Position | None) -> ExecTask:
+    """Return the task that drives a leg, without its id.
+
+    Args:
+        position: position of the robot, from which the heading at a node without one follows; None
+            if unknown.
+    """
+    request = ExecTask(type=task.kPick)
+    if leg.goal.mark:
+        request.mark_no = leg.goal.mark
+    elif leg.edges[0].trajectory is not None:
+        for edge, node in zip(leg.edges, leg.nodes, strict=True):
+            if edge.trajectory is not None:
+                _add_segment(request, _along(edge.trajectory, node), PlanPath.kStrict)
+    else:
+        poses = _through(leg.nodes, position)
+        if len(poses) == 1:
+            request.pose.CopyFrom(poses[0])
+        else:
+            _add_segment(request, poses, PlanPath.kOptimal)
+    return request
+
+
+def _add_segment(request: ExecTask, poses: list[Pose2D], optimal: PlanPath.Optimal) -> None:
+    segment = request.plan_path.plan_path.add(target=poses[-1], optimal=optimal)
+    segment.path.poses.extend(poses)
+
+
+def _through(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]:
+    """Return a pose for each node. Without `theta`, its heading is that of the way to the node."""
+    poses: list[Pose2D] = []
+    here = None if position is None else position.point
+    heading = 0.0 if position is None else position.theta
+    for node in nodes:
+        place = node.position
+        if place is None:
+            continue
+        if here is not None and here != place.point:
+            heading = math.atan2(place.y - here[1], place.x - here[0])
+        here = place.point
+        heading = heading if place.theta is None else place.theta
+        poses.append(Pose2D(x=place.x, y=place.y, theta=heading))
+    return poses
+
+
+def _along(trajectory: Trajectory, end: Node) -> list[Pose2D]:
+    """Return the poses along a trajectory, without its start, where the robot stands."""
+    points = curve_points(trajectory)
+    poses = [
+        Pose2D(x=there[0], y=there[1], theta=math.atan2(there[1] - here[1], there[0] - here[0]))
+        for here, there in pairwise(points)
+        if here != there
+    ]
+    if end.position is not None and end.position.theta is not None:
+        poses[-1].theta = end.position.theta
+    return poses
+
+
+_LOG = logging.getLogger(__name__)
+_REPORT_AFTER = 3.0
+"""Time after which the robot must have reported a task that it executes, in seconds."""
+_ASK_EVERY = 1.0
+"""Pause between two queries about a task, in seconds."""
+_ENDED = {
+    task.kCompleted: "",
+    task.kCanceled: "the task was cancelled at the robot",
+    task.kFailed: "the task failed",
+}
+"""Reasons why a task was not completed, by its last state; empty if it was."""
+UNKNOWN_TASK = "the robot does not know the task"
+"""Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
+UNSENT = "there is no link to the robot"
+"""Reason if the start of a task was not sent."""
+_ORDERS = {
+    Control.PAUSE: action.kPause,
+    Control.RESUME: action.kContinue,
+    Control.CANCEL: action.kCancel,
+}
+
+
+class RobotTask:
+    """Executes one task of the robot at a time. Used in the event loop of the link.
+
+    A start is never repeated. If the outcome of a task is unknown, the robot is asked.
+
+    Args:
+        on_end: called when the task has ended, with the reason why it failed; empty if it did not.
+        on_paused: called when the robot has paused or resumed the task.
+
+    Attributes:
+        id: id of the current task; 0 without one.
+        other: id of the task of another client that the robot executes; 0 without one.
+        confirmed: True once the robot has reported on the current task over the current link.
+    """
+
+    def __init__(
+        self, link: RobotLink, on_end: Callable[[str], None], on_paused: Callable[[], None]
+    ) -> None:
+        self._link = link
+        self._on_end = on_end
+        self._on_paused = on_paused
+        self.id = 0
+        self._last_id = 0
+        self.other = 0
+        self.confirmed = False
+        self._controller = self._new_controller()
+        link.chassis.subscribe(TaskProc, self._reported)
+        link.chassis.on_snapshot(self._snapshot)
+        link.chassis.on_state(self._link_changed)
+
+    @property
+    def paused(self) -> bool:
+        """True while the robot pauses the task, by its last report."""
+        return self._controller.paused
+
+    @property
+    def stands(self) -> bool:
+        """True while the robot pauses the task and was not told to go on."""
+        return self._controller.stands
+
+    def start(self, request: ExecTask) -> None:
+        """Execute a task; it gets a new id."""
+        request.task_id = max(self._last_id + 1, int(time.time() * 1000))
+        self._set(request.task_id)
+        self._link.work.start(self._start(request.task_id, request))
+
+    def restore(self, task_id: int, info: RobotInfo) -> None:
+        """Follow a task that was started before a restart of the program.
+
+        Args:
+            task_id: id of the task; 0 if its start was not sent.
+            info: the first report of the robot.
+        """
+        self._set(task_id)
+        if task_id:
+            self._snapshot(info)
+        else:
+            self._on_end("the connector was restarted before it sent the task")
+
+    def want(self, control: Control) -> None:
+        """Keep the task paused, let it go on, or cancel it; without a task, do nothing."""
+        if self.id:
+            self._controller.want(control)
+
+    # Commands
+
+    def _set(self, task_id: int) -> None:
+        self.id = task_id
+        self._last_id = max(self._last_id, task_id)
+        self.confirmed = False
+        self._controller.end()
+        self._controller = self._new_controller()
+
+    def _new_controller(self) -> Controller:
+        async def send(control: Control) -> Answer:
+            return await self._link.command(ActionOrder(order=_ORDERS[control]))
+
+        def answered(control: Control, answer: Answer | None) -> None:
+            if task_id == self.id:
+                self._inquire()
+
+        task_id = self.id
+        return Controller(self._link, f"task {task_id}", send, answered, lambda: not self.other)
+
+    async def _start(self, task_id: int, request: ExecTask) -> None:
+        try:
+            answer = await self._link.command(request)
+        except (ConnectionLostError, RequestTimeoutError) as error:
+            _LOG.warning("the start of task %d was not answered: %s", task_id, error)
+            self._inquire()
+        except NotConnectedError:
+            self._end(task_id, UNSENT)
+        except LinkError as error:
+            self._end(task_id, str(error))
+        else:
+            if not answer.ok:
+                self._end(task_id, f"the robot refused the task: {answer.msg}")
+
+    # Reports
+
+    def _reported(self, report: TaskProc) -> None:
+        self._note_other(report)
+        if not self.id:
+            return
+        if report.robot_task_id == self.id:
+            self._judge(report)
+        elif self.confirmed:  # the last report on our task was lost
+            self._inquire()
+
+    def _note_other(self, report: TaskProc) -> None:
+        """Take note of a task of another client."""
+        is_other = report.state not in _ENDED and report.robot_task_id != self.id
+        other = report.robot_task_id if is_other else 0
+        if other != self.other:
+            self.other = other
+            self._link.changed()
+
+    def _judge(self, report: TaskProc) -> None:
+        """Take a report on the current task."""
+        self.confirmed = True
+        if report.state in _ENDED:
+            reason = _ENDED[report.state]
+            self._end(self.id, f"{reason}: {report.msg}" if reason and report.msg else reason)
+            return
+        paused = report.state == task.kPaused and report.action.state == action.kSuspend
+        if self._controller.reported(paused):
+            self._on_paused()
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        """Find out the state of the task after a reconnect."""
+        self._note_other(info.task_proc)
+        if not self.id:
+            return
+        if info.task_proc.robot_task_id == self.id:
+            self._judge(info.task_proc)
+        else:
+            self._inquire()
+
+    def _inquire(self) -> None:
+        """Ask the robot about the current task until its state is known."""
+        if task_id := self.id:
+            self._link.work.start_once(lambda: self._ask(task_id), (self, task_id))
+
+    async def _ask(self, task_id: int) -> None:
+        clock = asyncio.get_running_loop().time
+        deadline = math.inf
+        while task_id == self.id:
+            try:
+                await self._link.chassis.wait_ready(_ASK_EVERY)
+                if await self._ask_current(task_id) or await self._ask_history(task_id):
+                    return
+            except LinkError as error:
+                _LOG.debug("no answer about task %d: %s", task_id, error)
+                deadline = math.inf
+            else:
+                if clock() > deadline:
+                    self._end(task_id, UNKNOWN_TASK)
+                    return
+                deadline = min(deadline, clock() + _REPORT_AFTER)
+            await asyncio.sleep(_ASK_EVERY)
+
+    async def _ask_current(self, task_id: int) -> bool:
+        """Return True if the robot executes the task."""
+
+        def found(answer: Answer) -> None:
+            if isinstance(answer.body, TaskProc):
+                self._note_other(answer.body)
+                if answer.body.robot_task_id == task_id == self.id:
+                    self._judge(answer.body)
+
+        answer = await self._link.ask(TaskProc(), tap=found)
+        return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
+
+    async def _ask_history(self, task_id: int) -> bool:
+        """Return True if the history of the robot has the end of the task."""
+
+        def end_of(answer: Answer) -> TaskProc | None:
+            reports = answer.body.tes if isinstance(answer.body, TaskHistory) else ()
+            ended = (each for each in reports if each.state in _ENDED)
+            return next((each for each in ended if each.robot_task_id == task_id), None)
+
+        def found(answer: Answer) -> None:
+            report = end_of(answer)
+            if report is not None and task_id == self.id:
+                self._judge(report)
+
+        answer = await self._link.ask(TaskHistory(), tap=found)
+        return end_of(answer) is not None
+
+    def _link_changed(self, state: LinkState) -> None:
+        self._controller.link_changed()
+        if state is not LinkState.READY:
+            self.confirmed = False
+
+    def _end(self, task_id: int, reason: str) -> None:
+        if task_id and task_id == self.id:
+            self._set(0)
+            self._on_end(reason)
+
+
+class ActionTasks:
+    """Executes the tasks of actions, one at a time."""
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self._task = RobotTask(link, self._ended, self._paused)
+        self._end: asyncio.Future[str] | None = None
+        """Done when the task has ended, with the reason why it failed; None without an action that
+        waits for it."""
+        self._report: Callable[[ActionStatus], None] = lambda status: None
+
+    @property
+    def id(self) -> int:
+        """Id of the task that the robot executes for an action; 0 without one."""
+        return self._task.id
+
+    @property
+    def stands(self) -> bool:
+        """True unless a task runs that an action waits for."""
+        return self._end is None or self._task.stands
+
+    def want(self, control: Control) -> None:
+        """Pause or resume the task that an action waits for."""
+        if self._end is not None:
+            self._task.want(control)
+
+    async def perform(
+        self,
+        request: ExecTask,
+        report: Callable[[ActionStatus], None],
+        is_done: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Execute a task. When cancelled, cancel the task at the robot, and wait for its end.
+
+        Args:
+            request: the task; it gets a new id.
+            report: called when the task begins, and when the robot pauses or resumes it.
+            is_done: returns True if the action is finished before the end of the task.
+
+        Raises:
+            ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown.
+        """
+        if self._end is not None:
+            raise ActionFailedError("the robot executes the task of another action")
+        end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self._end, self._report = end, report
+        self._task.start(request)
+        report(ActionStatus.RUNNING)
+        try:
+            await self._link.conditions.wait(lambda: end.done() or is_done())
+        except asyncio.CancelledError:
+            if not self._link.is_closing:
+                self._task.want(Control.CANCEL)
+                await asyncio.wait({end})
+            raise
+        finally:
+            self._end = None
+        if end.done() and end.result():
+            is_unknown = end.result() == UNKNOWN_TASK
+            raise ActionFailedError(
+                end.result(), ErrorType.INTERRUPTED if is_unknown else ErrorType.ACTION
+            )
+
+    def _ended(self, reason: str) -> None:
+        if self._end is not None and not self._end.done():
+            self._end.set_result(reason)
+        self._link.changed()
+
+    def _paused(self) -> None:
+        if self._end is not None:
+            self._report(ActionStatus.PAUSED if self._task.paused else ActionStatus.RUNNING)
+        self._link.changed()
+
+
+_UNKNOWN = math.nan
+"""Stands for an unknown limit: NaN differs from each limit, so the next one is sent."""
+
+
+class SpeedLimiter:
+    """Limits the speed of the robot's navigation. Used in the event loop of the link.
+
+    The robot takes a limit only while it navigates, so a limit is sent once it reports that.
+
+    Args:
+        on_refused: called with the reason if the robot does not take a limit.
+    """
+
+    def __init__(self, link: RobotLink, on_refused: Callable[[str], None]) -> None:
+        self._link = link
+        self._on_refused = on_refused
+        self._limit: float | None = None
+        """Limit of the leg; infinite without one, None while no leg is driven."""
+        self._sent = math.inf
+        """Limit that was sent last."""
+        self._refused: float | None = None
+        """Limit that the robot has refused in this task."""
+        self._task_id = 0
+        """Id of the task that the robot executes."""
+        self._navigates = False
+        link.chassis.subscribe(TaskProc, self._reported)
+        link.chassis.on_snapshot(self._connected)
+
+    @property
+    def is_limited(self) -> bool:
+        """True if the robot has a limit from here, or may have one."""
+        return self._sent != math.inf
+
+    def restore(self, is_limited: bool) -> None:
+        """Take what was remembered over a restart.
+
+        Args:
+            is_limited: the robot may have a limit.
+        """
+        self._sent = _UNKNOWN if is_limited else math.inf
+
+    def limit(self, limit: float | None) -> None:
+        """Set the speed limit.
+
+        Args:
+            limit: maximum speed, in m/s; infinite without a limit, None while no leg is driven.
+        """
+        self._limit = limit
+        self._send()
+
+    def _connected(self, info: RobotInfo) -> None:
+        self._reported(info.task_proc)
+
+    def _reported(self, report: TaskProc) -> None:
+        if report.robot_task_id != self._task_id:
+            self._task_id = report.robot_task_id
+            self._refused = None
+            if self._sent != math.inf:
+                self._sent = _UNKNOWN  # it is unknown whether the robot keeps a limit
+        self._navigates = (
+            report.state == task.kExecuting
+            and report.action.type == action.kNav
+            and report.action.state == action.kRosExecuting
+        )
+        self._send()
+
+    def _send(self) -> None:
+        if self._limit is None or not self._navigates:
+            return
+        if self._limit in (self._sent, self._refused):
+            return
+        was_limited, self._sent = self.is_limited, self._limit
+        self._link.work.start(self._request(self._task_id, self._limit))
+        if self.is_limited != was_limited:
+            self._link.changed()  # saves it before the robot gets the limit
+
+    async def _request(self, task_id: int, limit: float) -> None:
+        mode = navigation.ModeSetting(
+            type=navigation.kAccurate,
+            mode=navigation.kAvoid,
+            max_speed=limit if math.isfinite(limit) else 0.0,
+        )
+        try:
+            answer = await self._link.command(ChangeNavMode(nav_mode=mode))
+        except LinkError as error:
+            if not isinstance(error, NotConnectedError):  # the link says so itself
+                _LOG.warning("the speed limit was not sent or not answered: %s", error)
+            self._sent = _UNKNOWN  # sent again with the next report
+            return
+        if answer.ok or task_id != self._task_id or not self._navigates:
+            return
+        self._sent = _UNKNOWN
+        self._refused = limit
+        if math.isfinite(limit):
+            self._on_refused(f"the robot refused the speed limit of {limit} m/s: {answer.msg}")
