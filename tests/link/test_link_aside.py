@@ -12,7 +12,7 @@ import pytest
 
 from tests.link.link_peer import TIMEOUT, Peer, aio, eventually, soon
 from tests.link.test_link_requests import ask
-from woosh_robot_agent.link import Body, SupersededError
+from woosh_robot_agent.link import Body, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE
@@ -146,7 +146,7 @@ async def test_an_urgent_request_overtakes_a_large_one_and_the_others_keep_their
         wire = await peer.wire()
         large = ask(client, Speak(text="z" * LARGE))
         later = ask(client, Speak(text="later"))
-        urgent = ask(client, Speak(text="urgent"), urgent=True)
+        urgent = asyncio.ensure_future(client.send(Speak(text="urgent"), Sending(urgent=True)))
         frame = await wire.next(SPEAK)
         assert frame["body"] == {"text": "urgent"}
         await wire.answer(frame)

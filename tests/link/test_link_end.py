@@ -32,7 +32,7 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.connection import Connection
-from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce
+from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import open_transport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
@@ -259,9 +259,8 @@ class Fake:
 
 
 def connection_over(fake: Any) -> Connection:
-    log = LogOnce(logging.getLogger("test"))
-    drops = DropLog(logging.getLogger("test"))
-    return Connection(fake, JsonCodec(), config(1), LinkStats(), log, drops, lambda _: None)
+    record = LinkRecord(logging.getLogger("test"))
+    return Connection(fake, JsonCodec(), config(1), record, lambda _push, _alone: None)
 
 
 @aio

@@ -16,6 +16,7 @@ from woosh_robot_agent.link import (
     LinkState,
     NotConnectedError,
     OtherRobotError,
+    Sending,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -167,7 +168,7 @@ async def test_what_is_not_permitted_is_sent_only_by_the_reservation_and_on_dema
         send = client.reserve(lambda _message: True)
         client.permit_only(lambda _message: False, "it only observes")
         wire = await peer.wire()
-        request = asyncio.ensure_future(send(Speak(), TIMEOUT, always=always))
+        request = asyncio.ensure_future(send(Speak(), Sending(TIMEOUT, always=always)))
         if not always:
             with pytest.raises(Exception, match="it only observes"):
                 await soon(request)

@@ -8,7 +8,7 @@ import pytest
 from google.protobuf.message import Message
 
 from tests.link.link_peer import TIMEOUT, Peer, aio, block, soon, turns
-from woosh_robot_agent.link import NotPermittedError, SupersededError
+from woosh_robot_agent.link import NotPermittedError, Sending, SupersededError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
 
@@ -25,14 +25,14 @@ def is_battery(message: Message) -> bool:
 async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
-        send = client.reserve(is_battery) if reserved else client.request
+        send = client.reserve(is_battery) if reserved else client.send
         client.permit_only(is_battery, "it may not speak")
-        for way in {send, client.request}:
+        for way in {send, client.send}:
             with pytest.raises(NotPermittedError, match=f"{SPEAK} was not sent: it may not speak"):
-                await way(Speak())
+                await way(Speak(), Sending())
         assert client.refusal(Speak()) == "it may not speak"
         assert client.refusal(Battery()) == ""
-        request = asyncio.ensure_future(send(Battery()))
+        request = asyncio.ensure_future(send(Battery(), Sending()))
         await wire.answer(await wire.next(BATTERY))
         assert (await soon(request)).ok
         client.permit_only(None)

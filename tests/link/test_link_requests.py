@@ -30,6 +30,7 @@ from woosh_robot_agent.link import (
     ConnectionLostError,
     NotConnectedError,
     RequestTimeoutError,
+    Sending,
     TooManyRequestsError,
 )
 from woosh_robot_agent.link.codecs.frames import Envelope
@@ -344,7 +345,7 @@ async def test_a_request_on_a_dead_connection_was_not_sent() -> None:
         connection._fail(ConnectionLostError("a consequence"))
         assert not connection._outbox
         with pytest.raises(NotConnectedError, match="was not sent: gone"):
-            await connection.request(Speak())
+            await connection.request(Speak(), Sending())
 
 
 @aio

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from tests.link.link_peer import Peer, aio, block, soon, turns
-from woosh_robot_agent.link import SupersededError, TooManyRequestsError
+from woosh_robot_agent.link import Sending, SupersededError, TooManyRequestsError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
 
 
@@ -16,7 +16,7 @@ async def test_a_request_that_waited_too_long_is_not_sent() -> None:
     async with Peer() as peer, peer.client() as client:
         wire = await peer.wire()
         load = await block(client, wire)
-        stale = asyncio.ensure_future(client.request(Speak(text="stale"), send_within=0.0))
+        stale = asyncio.ensure_future(client.send(Speak(text="stale"), Sending(within=0.0)))
         fresh = asyncio.ensure_future(client.request(Speak(text="fresh")))
         await turns()
         wire.thaw()
@@ -53,7 +53,7 @@ async def test_an_urgent_request_is_sent_even_when_too_many_are_in_flight() -> N
         first = await wire.next("woosh.robot.Speak")
         with pytest.raises(TooManyRequestsError):
             await client.request(SetMuteCall())
-        urgent = asyncio.ensure_future(client.request(SetMuteCall(), urgent=True))
+        urgent = asyncio.ensure_future(client.send(SetMuteCall(), Sending(urgent=True)))
         await wire.answer(await wire.next("woosh.robot.SetMuteCall"))
         assert (await soon(urgent)).ok
         await wire.answer(first)
@@ -69,6 +69,6 @@ async def test_reserved_requests_are_sent_by_their_owner_only() -> None:
             await client.request(SetMuteCall())
         with pytest.raises(RuntimeError, match="reserved already"):
             client.reserve(lambda _message: True)
-        own = asyncio.ensure_future(send(SetMuteCall()))
+        own = asyncio.ensure_future(send(SetMuteCall(), Sending()))
         await wire.answer(await wire.next("woosh.robot.SetMuteCall"))
         assert (await soon(own)).ok

@@ -12,7 +12,7 @@ import pytest
 from tests.link.link_peer import Peer, Wire, aio, eventually, soon
 from tests.motion.gate_checks import TWIST, answer_all, every_moving_request, ok, types
 from woosh_robot_agent.link import SupersededError
-from woosh_robot_agent.motion import MotionGate, VelocityDriver, VelocityLimits, timeliness
+from woosh_robot_agent.motion import MotionGate, Sender, VelocityDriver, VelocityLimits, timeliness
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
@@ -55,7 +55,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-class Sender:
+class RemoteSender:
     """Sends messages to this computer, by a clock of its own."""
 
     def __init__(self, clock: Clock, ahead: float) -> None:
@@ -75,7 +75,7 @@ class Sender:
 def test_a_late_message_is_as_old_as_it_is_later_than_the_quickest(
     clock: Clock, ahead: float
 ) -> None:
-    ages, sender = SenderClock(), Sender(clock, ahead)
+    ages, sender = SenderClock(), RemoteSender(clock, ahead)
     assert sender.age(ages) == pytest.approx(0.0, abs=1e-5)
     clock.monotonic_now += 3.0
     assert sender.age(ages, network=2.501) == pytest.approx(2.5, abs=1e-5)
@@ -84,18 +84,18 @@ def test_a_late_message_is_as_old_as_it_is_later_than_the_quickest(
 
 
 def test_a_long_pause_of_the_sender_teaches_nothing(clock: Clock) -> None:
-    ages, sender = SenderClock(), Sender(clock, -7.0)
+    ages, sender = SenderClock(), RemoteSender(clock, -7.0)
     sender.age(ages)
     clock.monotonic_now += 3600.0
     assert sender.age(ages, network=4.001) == pytest.approx(4.0, abs=1e-5)
 
 
 def test_the_wait_in_this_process_counts_even_for_the_first_message(clock: Clock) -> None:
-    assert Sender(clock, 100.0).age(SenderClock(), queue=2.0) == pytest.approx(2.0, abs=1e-5)
+    assert RemoteSender(clock, 100.0).age(SenderClock(), queue=2.0) == pytest.approx(2.0, abs=1e-5)
 
 
 def test_a_sender_whose_clock_was_set_back_is_old_for_a_while_only(clock: Clock) -> None:
-    ages, sender = SenderClock(), Sender(clock, 0.0)
+    ages, sender = SenderClock(), RemoteSender(clock, 0.0)
     sender.age(ages)
     sender.ahead = -30.0
     found = []
@@ -120,10 +120,10 @@ async def test_an_old_velocity_is_not_sent_and_is_counted() -> None:
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate, wire = MotionGate(client), await peer.wire()
         with pytest.raises(SupersededError, match=r"2\.00 s old"):
-            await soon(gate.request(Twist(linear=0.2), published=ago(2.0)))
+            await soon(gate.request(Twist(linear=0.2), sender=Sender(published=ago(2.0))))
         assert gate.superseded == 1
         assert not gate.driving
-        await ok(gate.request(Twist(linear=0.3), published=ago(0.01)))
+        await ok(gate.request(Twist(linear=0.3), sender=Sender(published=ago(0.01))))
         assert speeds(wire) == [pytest.approx(0.3)]
 
 
@@ -132,8 +132,10 @@ async def test_a_shorter_limit_holds() -> None:
     async with Peer(script=answer_all) as peer, peer.client() as client:
         gate, wire = MotionGate(client), await peer.wire()
         with pytest.raises(SupersededError, match=r"0\.1 s are allowed"):
-            await soon(gate.request(Twist(linear=0.2), published=ago(0.2), max_age=0.1))
-        await ok(gate.request(Twist(), published=ago(60.0), max_age=0.1))
+            await soon(
+                gate.request(Twist(linear=0.2), sender=Sender(published=ago(0.2), max_age=0.1))
+            )
+        await ok(gate.request(Twist(), sender=Sender(published=ago(60.0), max_age=0.1)))
         assert speeds(wire) == [0]
 
 
@@ -148,7 +150,7 @@ async def test_an_old_velocity_does_not_replace_a_newer_one_that_waits() -> None
         newer = asyncio.ensure_future(gate.request(Twist(linear=0.2)))
         await eventually(lambda: gate._velocities._held)
         with pytest.raises(SupersededError, match="old"):
-            await soon(gate.request(Twist(linear=0.3), published=ago(2.0)))
+            await soon(gate.request(Twist(linear=0.3), sender=Sender(published=ago(2.0))))
         await wire.answer(frame)
         await wire.answer(await wire.next(TWIST))
         assert (await soon(first)).ok
@@ -198,11 +200,11 @@ async def test_what_arrived_during_a_stall_moves_nothing(request_: Any) -> None:
         hold_up()
         for published in (ago(0.2), ago(0.0)):
             with pytest.raises(SupersededError, match=r"stood still for|old"):
-                await soon(gate.request(request_, published=published))
+                await soon(gate.request(request_, sender=Sender(published=published)))
         assert types(wire) == []
         await ok(gate.request(request_))  # of this process, for example of an order that goes on
         await asyncio.sleep(timeliness.SETTLE)
-        await ok(gate.request(request_, published=ago(0.0)))
+        await ok(gate.request(request_, sender=Sender(published=ago(0.0))))
 
 
 @aio
@@ -212,7 +214,7 @@ async def test_a_stall_without_a_link_ends_before_the_next_link() -> None:
         gate = MotionGate(client)
         hold_up()
         async with client:
-            await ok(gate.request(Twist(linear=0.1), published=ago(0.0)))
+            await ok(gate.request(Twist(linear=0.1), sender=Sender(published=ago(0.0))))
 
 
 # Stops
@@ -224,7 +226,7 @@ async def test_an_announced_stop_overtakes_what_waits_for_the_event_loop() -> No
         gate, wire = MotionGate(client), await peer.wire()
         gate.announce_stop()  # in another thread, while velocities wait for the event loop
         with pytest.raises(SupersededError, match="cancelled by a stop"):
-            await soon(gate.request(Twist(linear=0.2), published=ago(0.01)))
+            await soon(gate.request(Twist(linear=0.2), sender=Sender(published=ago(0.01))))
         report = await soon(gate.stop(1.0))
         assert report.success
         assert speeds(wire) == [0]

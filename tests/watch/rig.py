@@ -8,7 +8,7 @@ from typing import Any
 
 from tests.link.link_peer import Frame, Peer, Wire, eventually
 from woosh_robot_agent.link import Answer
-from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.motion import MotionGate, Sender
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.watch import Watch
@@ -50,7 +50,7 @@ class Rig:
                 yield self
 
     async def send(self, message: Any, source: str = "") -> Answer:
-        return await self.gate.request(message, source=source)
+        return await self.gate.request(message, sender=Sender(source))
 
     async def push(self, message: Any, body: Any) -> None:
         """Push a message, and wait until it has been delivered."""

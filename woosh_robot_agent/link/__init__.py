@@ -33,6 +33,7 @@ from woosh_robot_agent.link.config import (
     SupersededError,
     TooManyRequestsError,
 )
+from woosh_robot_agent.link.connection import Sending
 from woosh_robot_agent.link.reconnect import LinkState, RobotIdentity
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "OtherRobotError",
     "RequestTimeoutError",
     "RobotIdentity",
+    "Sending",
     "SupersededError",
     "TooManyRequestsError",
 ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -18,10 +17,10 @@ from woosh_robot_agent.link.config import (
     NotConnectedError,
     NotPermittedError,
 )
-from woosh_robot_agent.link.connection import Connection
+from woosh_robot_agent.link.connection import Connection, Sending
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reconnect import LinkState, LinkStatus, ReconnectLoop
-from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce
+from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import Consumer, Subscriptions
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 
@@ -66,14 +65,11 @@ class ChassisClient:
     ) -> None:
         base = config or LinkConfig()
         config = base if ip is None else replace(base, ip=ip)
-        log = LogOnce(_LOG)
-        self.stats = LinkStats()
-        self._drops = DropLog(_LOG)
+        self._record = LinkRecord(_LOG)
+        self.stats = self._record.stats
         self._status = LinkStatus(config.address)
-        self._subscriptions = Subscriptions(config.push_queue, self.stats, log, self._drops)
-        self._reconnect = ReconnectLoop(
-            config, self._status, self._subscriptions, self.stats, log, self._drops
-        )
+        self._subscriptions = Subscriptions(config.push_queue, self._record)
+        self._reconnect = ReconnectLoop(config, self._status, self._subscriptions, self._record)
         self._delivery: asyncio.Task[None] | None = None
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         """Callbacks of `on_accepted`, by protobuf full name of the request."""
@@ -172,7 +168,7 @@ class ChassisClient:
         await self._reconnect.stop()
         if delivery is not None and not delivery.done():
             await asyncio.wait({delivery})
-        self._drops.finish()
+        self._record.drops.finish()
 
     async def wait_ready(self, timeout: float) -> None:
         """Wait until the link is ready.
@@ -199,8 +195,6 @@ class ChassisClient:
         timeout: float | None = None,
         *,
         first: bool = False,
-        urgent: bool = False,
-        send_within: float = math.inf,
         tap: Callable[[Answer], None] | None = None,
     ) -> Answer:
         """Send a request and wait for the answer. A refusal is an answer too, with `ok` False.
@@ -213,9 +207,8 @@ class ChassisClient:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
                 `request_timeout`, or the minimum timeout of the request if that is longer.
-            first: send it ahead of all other waiting requests; implies `urgent`.
-            urgent: send it even if `max_in_flight` requests are in flight already.
-            send_within: maximum time that the request may wait to be sent, in seconds.
+            first: send it ahead of all other waiting requests, and even if `max_in_flight` requests
+                are in flight.
             tap: called with the answer, in order with the pushes: after those that arrived before
                 it, and before those that arrived after it.
 
@@ -228,25 +221,30 @@ class ChassisClient:
             NotPermittedError: see `permit_only`; nothing was sent.
             RuntimeError: the request is reserved; see `reserve`.
         """
+        return await self.send(message, Sending(timeout, first=first, tap=tap))
+
+    async def send(self, message: Message, how: Sending) -> Answer:
+        """Send a request as `request` does, with all options.
+
+        Raises:
+            LinkError, RuntimeError: as `request`.
+        """
         if self._reserved(message):
             raise RuntimeError(
                 f"{full_name(message)} is reserved; send it through the object that reserved it"
             )
-        return await self._request(
-            message, timeout, first=first, urgent=urgent, send_within=send_within, tap=tap
-        )
+        return await self._send(message, how)
 
     def reserve(
         self, which: Callable[[Message], bool]
-    ) -> Callable[..., Coroutine[Any, Any, Answer]]:
-        """Reserve some requests for the caller: `request` refuses them from now on.
+    ) -> Callable[[Message, Sending], Coroutine[Any, Any, Answer]]:
+        """Reserve some requests for the caller: `request` and `send` refuse them from now on.
 
         Args:
             which: selects the requests.
 
         Returns:
-            A function that sends them; it takes the arguments of `request`. With `always=True`
-            it also sends what is not permitted.
+            A function that sends them, and takes the arguments of `send`.
 
         Raises:
             RuntimeError: requests of this client are reserved already.
@@ -254,7 +252,7 @@ class ChassisClient:
         if self._reserved is not _reserve_nothing:
             raise RuntimeError("requests of this client are reserved already")
         self._reserved = which
-        return self._request
+        return self._send
 
     def timeout_of(self, name: str) -> float:
         """Return the default timeout of a request, by its protobuf full name, in seconds."""
@@ -404,33 +402,16 @@ class ChassisClient:
     def _connection(self) -> Connection | None:
         return self._reconnect.connection
 
-    async def _request(
-        self,
-        message: Message,
-        timeout: float | None = None,
-        *,
-        first: bool = False,
-        urgent: bool = False,
-        send_within: float = math.inf,
-        tap: Callable[[Answer], None] | None = None,
-        always: bool = False,
-    ) -> Answer:
-        if not always:
+    async def _send(self, message: Message, how: Sending) -> Answer:
+        if not how.always:
             self.check_permitted(message)
         connection = self._reconnect.connection
         if connection is None or self._status.state is not LinkState.READY:
             raise self._status.not_connected()
-        if timeout is None:
-            timeout = self.timeout_of(full_name(message))
+        timeout = self.timeout_of(full_name(message)) if how.timeout is None else how.timeout
+        tap = self._queued_tap(message, how.tap)
         try:
-            return await connection.request(
-                message,
-                timeout,
-                first=first,
-                urgent=urgent or first,
-                send_within=send_within,
-                tap=self._queued_tap(message, tap),
-            )
+            return await connection.request(message, replace(how, timeout=timeout, tap=tap))
         except NotConnectedError as error:  # the connection has just ended
             self._status.lost(error.__cause__)
             raise self._status.not_connected() from None

@@ -26,7 +26,7 @@ from woosh_robot_agent.link.config import (
     TooManyRequestsError,
 )
 from woosh_robot_agent.link.protos import full_name, message_types
-from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce
+from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import COUNTED_PUSHES
 from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError
@@ -185,6 +185,29 @@ _MAX_ASIDE = 2
 the chassis has to wait, too."""
 
 
+@dataclass(frozen=True, slots=True)
+class Sending:
+    """How a request is sent, and what happens with its answer.
+
+    Attributes:
+        timeout: time to wait for the answer, in seconds; None for the default of the request.
+        first: send it ahead of all other waiting frames, and even if `max_in_flight` requests are
+            in flight.
+        urgent: send it even if `max_in_flight` requests are in flight, and do not count it as one
+            of them.
+        within: maximum time that it may wait to be sent, in seconds.
+        always: send it even if the client may not; see `ChassisClient.permit_only`.
+        tap: called with the answer as soon as it is read, in order with the pushes.
+    """
+
+    timeout: float | None = None
+    first: bool = False
+    urgent: bool = False
+    within: float = math.inf
+    always: bool = False
+    tap: Callable[[Answer], None] | None = None
+
+
 @dataclass(slots=True)
 class _Pending:
     """A request that is waiting for its answer.
@@ -195,7 +218,6 @@ class _Pending:
         future: gets the answer.
         timeout: time to wait for the answer, in seconds.
         deadline: loop time at which the waiting ends.
-        urgent: True if the request does not count against `max_in_flight`.
         tap: called with the answer when it is read, or None.
     """
 
@@ -204,7 +226,6 @@ class _Pending:
     future: asyncio.Future[Answer]
     timeout: float
     deadline: float
-    urgent: bool
     tap: Callable[[Answer], None] | None
 
 
@@ -230,9 +251,7 @@ class Connection:
         transport: an open transport; the connection closes it.
         codec: encoding of all frames.
         config: timeouts and limits.
-        stats: counters to add to.
-        log: log for bad frames.
-        drops: log for refused requests.
+        record: counters and logs.
         on_push: called with each push, and with True if it arrived alone, that is, if no other
             frame was waiting to be read; must not block.
 
@@ -247,19 +266,17 @@ class Connection:
         transport: Transport,
         codec: Codec,
         config: LinkConfig,
-        stats: LinkStats,
-        log: LogOnce,
-        drops: DropLog,
+        record: LinkRecord,
         on_push: Callable[[Envelope, bool], None],
     ) -> None:
         self.config = config
         self._transport = transport
         self._codec = codec
-        self._stats = stats
-        self._log = log
-        self._drops = drops
+        self._stats = record.stats
+        self._log = record.log
+        self._drops = record.drops
         self._on_push = on_push
-        stats.clock_offset = None  # it may be another robot
+        record.stats.clock_offset = None  # until the chassis has told its time again
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[LinkError] = self._loop.create_future()
         self._cause: LinkError | None = None
@@ -293,27 +310,8 @@ class Connection:
             for work in (self._read, self._write, self._liveness.watch)
         ]
 
-    async def request(
-        self,
-        message: Message,
-        timeout: float | None = None,
-        *,
-        first: bool = False,
-        urgent: bool = False,
-        send_within: float = math.inf,
-        tap: Callable[[Answer], None] | None = None,
-    ) -> Answer:
+    async def request(self, message: Message, how: Sending) -> Answer:
         """Send a request and wait for its answer, which may be a refusal.
-
-        Args:
-            message: the request.
-            timeout: time to wait for the answer, in seconds; by default the configured
-                `request_timeout`.
-            first: send it ahead of all other waiting frames.
-            urgent: send it even if `max_in_flight` requests are in flight, and do not count it as
-                one of them.
-            send_within: maximum time that the request may wait to be sent, in seconds.
-            tap: called with the answer as soon as it is read, in order with the pushes.
 
         Raises:
             NotConnectedError: the connection has ended; nothing was sent.
@@ -325,13 +323,14 @@ class Connection:
         name = full_name(message)
         if self._cause is not None:
             raise NotConnectedError(f"{name} was not sent: {self._cause}") from self._cause
+        urgent = how.urgent or how.first
         if not urgent:
             self._check_in_flight(name)
-        wait = self.config.request_timeout if timeout is None else timeout
+        wait = self.config.request_timeout if how.timeout is None else how.timeout
         sn = self._take_sn()
         started = self._loop.time()
         future: asyncio.Future[Answer] = self._loop.create_future()
-        pending = _Pending(message, name, future, wait, started + wait, urgent, tap)
+        pending = _Pending(message, name, future, wait, started + wait, how.tap)
         self._pending[sn] = pending
         self._urgent_pending += urgent
         self._expiry.watch(pending.deadline)
@@ -341,13 +340,13 @@ class Connection:
             )
             data = encode() if message.ByteSize() < LARGE else None
             # the outbox keeps requests with `first` in the order that their sender expects
-            if data is not None and self._is_free_for(data) and not first:
+            if data is not None and self._is_free_for(data) and not how.first:
                 await self._guard(partial(self._send, data))
             else:
-                self._put(sn, _Outgoing(data, started + send_within, urgent))
+                self._put(sn, _Outgoing(data, started + how.within, urgent))
                 if data is None:
                     self._start_aside(self._encode_aside(sn, pending, encode))
-                if first:
+                if how.first:
                     self._outbox.move_to_end(sn, last=False)
             answer = await future
             self._stats.round_trip = self._loop.time() - started
@@ -630,4 +629,4 @@ class Connection:
             self._stats.round_trip = self._loop.time() - started
         else:
             ask = RobotState(robot_id=self.config.robot_id or None)
-            await self.request(ask, self.config.liveness_timeout, urgent=True)
+            await self.request(ask, Sending(self.config.liveness_timeout, urgent=True))

@@ -22,9 +22,9 @@ from woosh_robot_agent.link.config import (
     NotConnectedError,
     OtherRobotError,
 )
-from woosh_robot_agent.link.connection import Connection
+from woosh_robot_agent.link.connection import Connection, Sending
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce, one_line
+from woosh_robot_agent.link.reports import LinkRecord, LogOnce, one_line
 from woosh_robot_agent.link.subscriptions import Subscriptions, call
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
@@ -271,7 +271,7 @@ async def _request_info(
     requests: set[asyncio.Task[Answer]] = set()
     try:
         while True:
-            request = connection.request(message, remaining, tap=tap)
+            request = connection.request(message, Sending(remaining, tap=tap))
             requests.add(asyncio.ensure_future(request))
             done, _ = await asyncio.wait(
                 requests,
@@ -299,9 +299,7 @@ class ReconnectLoop:
         config: the configuration.
         status: updated with the state of the link.
         subscriptions: renewed on each connection; gets the pushes.
-        stats: counters to add to.
-        log: log for failures that repeat.
-        drops: log for refused requests.
+        record: counters and logs.
 
     Attributes:
         config: current configuration.
@@ -313,17 +311,14 @@ class ReconnectLoop:
         config: LinkConfig,
         status: LinkStatus,
         subscriptions: Subscriptions,
-        stats: LinkStats,
-        log: LogOnce,
-        drops: DropLog,
+        record: LinkRecord,
     ) -> None:
         self.config = config
         self.connection: Connection | None = None
         self._status = status
         self._subscriptions = subscriptions
-        self._stats = stats
-        self._log = log
-        self._drops = drops
+        self._record = record
+        self._log = record.log
         self._current: asyncio.Task[None] | None = None
         """The task that connects; None when stopped."""
         self._tasks: set[asyncio.Task[None]] = set()
@@ -405,9 +400,7 @@ class ReconnectLoop:
             transport,
             codec,
             config,
-            self._stats,
-            self._log,
-            self._drops,
+            self._record,
             partial(self._subscriptions.put_push, codec),
         )
         self.connection = connection  # new subscriptions go to it; requests wait for READY
@@ -430,7 +423,7 @@ class ReconnectLoop:
         try:
             self._status.last_error = None
             self._log.clear()
-            self._stats.connects += 1
+            self._record.stats.connects += 1
             _LOG.info("connected to %s", self.config.address)
             self._status.enter(LinkState.READY)
             cause = await asyncio.shield(connection.ended)

@@ -226,3 +226,21 @@ class DropLog:
         self._logger.info(
             "%d %s within %.1f s; none since then", series.count, kind, series.last - series.first
         )
+
+
+class LinkRecord:
+    """What the parts of one link count and log.
+
+    Args:
+        logger: gets all logs.
+
+    Attributes:
+        stats: counters.
+        log: log of problems that repeat.
+        drops: log of dropped pushes and refused requests.
+    """
+
+    def __init__(self, logger: logging.Logger) -> None:
+        self.stats = LinkStats()
+        self.log = LogOnce(logger)
+        self.drops = DropLog(logger)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from woosh_robot_agent.link.answer import Answer, Body
 from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.reports import DropLog, LinkStats, LogOnce, one_line
+from woosh_robot_agent.link.reports import LinkRecord, one_line
 from woosh_robot_agent.link.tasks import aside
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
@@ -138,22 +138,20 @@ class Subscriptions:
 
     Args:
         depth: maximum number of queued pushes for each of `COUNTED_PUSHES`.
-        stats: counters to add to.
-        log: log for errors that the chassis reports, and for pushes that cannot be read.
-        drops: log for dropped pushes.
+        record: counters and logs.
     """
 
-    def __init__(self, depth: int, stats: LinkStats, log: LogOnce, drops: DropLog) -> None:
-        self._stats = stats
-        self._log = log
-        self._drops = drops
+    def __init__(self, depth: int, record: LinkRecord) -> None:
+        self._stats = record.stats
+        self._log = record.log
+        self._drops = record.drops
         self._consumers: dict[str, list[Consumer]] = {}
         """Consumers of pushes, by type."""
         self._snapshot_consumers: list[Consumer] = []
         self._depths = {_ANSWER: math.inf}  # the number of requests limits them
         """Maximum number of queued pushes, by type."""
         self.set_depth(depth)
-        self._queue = PushQueue(self._depths, stats.dropped_pushes)
+        self._queue = PushQueue(self._depths, self._stats.dropped_pushes)
         self._lanes: dict[str, deque[Body]] = {}
         """Large pushes that wait to be prepared, and what waits behind them, by type."""
         self._lane_tasks: set[asyncio.Task[None]] = set()

@@ -7,7 +7,13 @@ Example::
         await gate.request(Twist(linear=0.2))
 """
 
-from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate, StopReport, ZeroRefusedError
+from woosh_robot_agent.motion.gate import (
+    AnsweredCommand,
+    MotionGate,
+    Sender,
+    StopReport,
+    ZeroRefusedError,
+)
 from woosh_robot_agent.motion.velocity_driver import (
     MAX_VELOCITY,
     UnusableVelocityError,
@@ -19,6 +25,7 @@ __all__ = [
     "MAX_VELOCITY",
     "AnsweredCommand",
     "MotionGate",
+    "Sender",
     "StopReport",
     "UnusableVelocityError",
     "VelocityDriver",

@@ -28,12 +28,19 @@ import logging
 import math
 import time
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, SupersededError
+from woosh_robot_agent.link import (
+    Answer,
+    ChassisClient,
+    LinkError,
+    LinkState,
+    Sending,
+    SupersededError,
+)
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
@@ -125,12 +132,32 @@ class ZeroRefusedError(LinkError):
     """The chassis refused a zero velocity; the robot may be moving."""
 
 
+@dataclass(frozen=True)
+class Sender:
+    """Who wants a command, and since when.
+
+    Attributes:
+        name: its name, for `MotionGate.on_answered`; empty for the agent itself.
+        published: loop time (monotonic) at which a sender outside of this process published the
+            command, as far as that is known; None for a command of this process.
+        max_age: maximum age at which a velocity is sent, in seconds, if it is shorter than the
+            gate's own limit, `timeliness.MAX_AGE`.
+    """
+
+    name: str = ""
+    published: float | None = None
+    max_age: float = math.inf
+
+
+_SELF = Sender()
+
+
 class AnsweredCommand(NamedTuple):
     """A command that the chassis has answered.
 
     Attributes:
         message: the command.
-        source: the sender, as given to `MotionGate.request`.
+        source: name of the sender.
         answer: the answer, which may be a refusal.
     """
 
@@ -183,9 +210,7 @@ class MotionGate:
         timeout: float | None = None,
         *,
         tap: Callable[[Answer], None] | None = None,
-        source: str = "",
-        published: float | None = None,
-        max_age: float = math.inf,
+        sender: Sender = _SELF,
     ) -> Answer:
         """Send a command and wait for the answer. The rules apply only to motion commands.
 
@@ -193,24 +218,19 @@ class MotionGate:
             message: the command.
             timeout: as in `ChassisClient.request`.
             tap: as in `ChassisClient.request`.
-            source: name of the sender, for `on_answered`.
-            published: loop time (monotonic) at which a sender outside of this process published
-                it, as far as that is known; None for a command of this process.
-            max_age: maximum age at which a velocity is sent, in seconds, if it is shorter than the
-                gate's own limit, `timeliness.MAX_AGE`.
+            sender: who wants the command.
 
         Raises:
             SupersededError: the rules forbid sending it; nothing was sent.
             LinkError: as in `ChassisClient.request`.
         """
+        how = Sending(timeout, tap=tap)
         if commands_motion(message):
-            answer = await self._request(
-                message, timeout, tap=tap, published=published, max_age=max_age
-            )
+            answer = await self._request(message, how, sender)
         else:
-            answer = await self._chassis.request(message, timeout, tap=tap)
+            answer = await self._chassis.send(message, how)
         for callback in self._answered_callbacks:
-            call(callback, AnsweredCommand(message, source, answer))
+            call(callback, AnsweredCommand(message, sender.name, answer))
         return answer
 
     def announce_stop(self) -> None:
@@ -307,43 +327,32 @@ class MotionGate:
         """Name of the task or actions that the chassis reports as driving; empty without any."""
         return self._reported_owner.name
 
-    async def _request(
-        self,
-        message: Message,
-        timeout: float | None,
-        *,
-        published: float | None = None,
-        max_age: float = math.inf,
-        **options: Any,
-    ) -> Answer:
+    async def _request(self, message: Message, how: Sending, sender: Sender) -> Answer:
         if not isinstance(message, Twist):
-            return await self._send_if_allowed(message, timeout, published, **options)
+            return await self._send_if_allowed(message, how, sender)
 
-        def send(send_within: float) -> Coroutine[Any, Any, Answer]:
-            return self._send_if_allowed(
-                message, timeout, published, urgent=True, send_within=send_within, **options
-            )
+        def send(within: float) -> Coroutine[Any, Any, Answer]:
+            return self._send_if_allowed(message, replace(how, urgent=True, within=within), sender)
 
-        born = asyncio.get_running_loop().time() if published is None else published
+        now = asyncio.get_running_loop().time()
+        born = now if sender.published is None else sender.published
         try:
-            return await self._velocities.request(message, send, born, max_age)  # rule 2
+            return await self._velocities.request(message, send, born, sender.max_age)  # rule 2
         except SupersededError as error:
             self.count_superseded(str(error))
             raise
 
-    async def _send_if_allowed(
-        self, message: Message, timeout: float | None, published: float | None, **options: Any
-    ) -> Answer:
+    async def _send_if_allowed(self, message: Message, how: Sending, sender: Sender) -> Answer:
         """Send a motion command at once if the rules allow it now."""
         self._chassis.check_permitted(message)  # first: a refused velocity does not drive
         moves = may_move(message)
         if moves:
-            self._check_allowed(published)
+            self._check_allowed(sender.published)
         if isinstance(message, Twist):
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + DRIVING
-        answer = await self._send(message, timeout, **options)  # rule 3: once
+        answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
             return answer
         if takes_wheels(message):  # rule 6
@@ -379,7 +388,7 @@ class MotionGate:
             ZeroRefusedError: the chassis refused it.
             LinkError: the chassis did not answer.
         """
-        answer = await self._send(Twist(), timeout, first=True, always=True)
+        answer = await self._send(Twist(), Sending(timeout, first=True, always=True))
         if not answer.ok:
             raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
         self._drives_until = -math.inf
@@ -387,7 +396,7 @@ class MotionGate:
     async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:
         """Send one request of a stop ahead of all others; return the error if it fails."""
         try:
-            return await self._request(message, timeout, first=True)
+            return await self._request(message, Sending(timeout, first=True), _SELF)
         except LinkError as error:
             return error
 

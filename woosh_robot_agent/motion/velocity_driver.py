@@ -13,7 +13,7 @@ from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, Supersed
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion import timeliness
-from woosh_robot_agent.motion.gate import MotionGate
+from woosh_robot_agent.motion.gate import MotionGate, Sender
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
@@ -288,9 +288,8 @@ class VelocityDriver:
 
     async def _request(self, velocity: Twist, published: float | None) -> None:
         try:
-            answer = await self._gate.request(
-                velocity, source=self._name, published=published, max_age=self._max_age
-            )
+            sender = Sender(self._name, published, self._max_age)
+            answer = await self._gate.request(velocity, sender=sender)
         except SupersededError as error:  # normal while the chassis is slow
             _LOG.debug("%s: %s", self._name, error)
         except LinkError as error:

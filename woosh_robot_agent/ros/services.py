@@ -24,7 +24,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.tasks import aside
-from woosh_robot_agent.motion import UnusableVelocityError, VelocityLimits
+from woosh_robot_agent.motion import Sender, UnusableVelocityError, VelocityLimits
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
@@ -187,7 +187,7 @@ class _CommandHandler:
             self._velocities.called(self._endpoint.name, reply.number)
         try:
             answer = await self._robot.gate.request(
-                message, source=self._endpoint.name, published=published
+                message, sender=Sender(self._endpoint.name, published)
             )
         except ConnectionLostError as error:
             reply.send(self._response(False, self._lost(address, error)))

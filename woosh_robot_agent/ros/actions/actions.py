@@ -23,16 +23,14 @@ from woosh_robot_agent.ros.actions import goal as goals
 from woosh_robot_agent.ros.actions.calls import CallActionGoal
 from woosh_robot_agent.ros.actions.goal import (
     CancelRequested,
-    Context,
     Event,
     GivenUp,
     GoalKind,
     GoalTiming,
     LinkChanged,
-    OpenGoals,
     Pushed,
 )
-from woosh_robot_agent.ros.actions.run import STOPPING, GoalRun
+from woosh_robot_agent.ros.actions.run import STOPPING, Context, GoalRun, OpenGoals
 from woosh_robot_agent.ros.actions.server import Goal, GoalServer
 from woosh_robot_agent.ros.actions.tasks import LastReports, TaskGoal, TaskIds, TaskSetGoal
 from woosh_robot_agent.ros.context import RobotContext

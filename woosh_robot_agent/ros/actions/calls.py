@@ -16,13 +16,13 @@ from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
 from woosh_robot_agent.ros.actions.goal import (
     Attribution,
-    Context,
     Findings,
     Order,
     Outcome,
     Report,
     Start,
 )
+from woosh_robot_agent.ros.actions.run import Context
 
 _OUTCOMES = {
     ros_pack_pb2.kRosSuccess: Outcome.SUCCEEDED,

@@ -6,29 +6,33 @@ import asyncio
 import logging
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert import BadFieldError
 from woosh_robot_agent.link import (
     Answer,
+    ChassisClient,
     ConnectionLostError,
     LinkError,
     LinkState,
     RequestTimeoutError,
 )
 from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.motion import MotionGate, Sender
 from woosh_robot_agent.robot.code_log import GOAL_CANCEL
 from woosh_robot_agent.ros.actions.giving_up import Cancellation, GiveUp
 from woosh_robot_agent.ros.actions.goal import (
     TRANSITIONS,
     CancelRequested,
-    Context,
     End,
     Event,
     GivenUp,
     GoalKind,
+    GoalTiming,
     LinkChanged,
     Order,
     Outcome,
@@ -52,6 +56,30 @@ STOPPING = "the agent is stopping; the robot may still be executing the goal"
 _DISPLACED = "the chassis stopped executing the goal, but did not report how it ended"
 _NOTHING_CANCELLED = "the chassis accepted the cancel, but reported no end: nothing was running"
 _NO_REASON = "the chassis refused the goal without giving a reason"
+
+
+@dataclass(frozen=True)
+class Context:
+    """Objects shared by the goals of one action; used in the link thread only."""
+
+    chassis: ChassisClient
+    """The link, for polls."""
+    gate: MotionGate
+    """Sends commands."""
+    open_goals: OpenGoals
+    """The open goals of the action, and of others that displace each other."""
+    timing: Callable[[], GoalTiming]
+    """Returns the timing of a goal that starts now."""
+    to_proto: Callable[[Any], Message]
+    """Converts the `arg` of a goal to the chassis's message."""
+    empty: Callable[[type[Message]], Message]
+    """Makes an empty request of a message class."""
+    feedback: Callable[[Message], Any]
+    """Converts a report to the action's feedback."""
+    result: Callable[[Message], Any]
+    """Converts the last report to the action's result."""
+    explain: Callable[[str], Awaitable[str]]
+    """Returns why the chassis has just refused a request, given its type; empty if unknown."""
 
 
 class _RefusedError(Exception):
@@ -79,6 +107,7 @@ class GoalRun:
         self._goal = goal
         self._kind = kind
         self._context = context
+        self._sender = Sender(published=goal.published)
         self._timing = context.timing()
         self._clock = loop.time
         self._events: asyncio.Queue[Event] = asyncio.Queue()
@@ -90,7 +119,7 @@ class GoalRun:
         self._give_up = GiveUp(self._timing, self._clock)
         self._cancellation = Cancellation(
             kind.name,
-            send=lambda: context.gate.request(kind.cancel_request(), source=GOAL_CANCEL),
+            send=lambda: context.gate.request(kind.cancel_request(), sender=Sender(GOAL_CANCEL)),
             replaced=lambda: context.open_goals.newer_accepted(self),
             accepted=self._give_up.cancel_accepted,
         )
@@ -185,7 +214,7 @@ class GoalRun:
         """Send an order. Reports still belong to the goal that is already running."""
         self._advance(Step.ORDER_SENT)
         try:
-            answer = await self._context.gate.request(order.message, published=self._goal.published)
+            answer = await self._context.gate.request(order.message, sender=self._sender)
         except ConnectionLostError as error:
             return self._aborted(
                 f"the link was lost before the chassis answered: {error}; whether the order took "
@@ -388,7 +417,7 @@ class GoalRun:
             await self._context.gate.request(
                 message,
                 tap=lambda answer: self.post(StartAnswered(answer)),
-                published=self._goal.published,
+                sender=self._sender,
             )
         except Exception as error:
             self.post(StartAnswered(error))
@@ -402,3 +431,57 @@ class GoalRun:
             _LOG.debug("cannot poll the chassis for the state of %s: %s", self.name, error)
             timed_out = isinstance(error, RequestTimeoutError)
             self.post(PollFailed(error, silent=timed_out and stats.rx == received))
+
+
+class OpenGoals:
+    """The goals that have not ended, oldest first: those of one call action, or all tasks.
+
+    The chassis executes only one of them at a time.
+    """
+
+    def __init__(self) -> None:
+        self._goals: list[GoalRun] = []
+
+    def __len__(self) -> int:
+        return len(self._goals)
+
+    def add(self, goal: GoalRun) -> None:
+        """Add a goal as the newest one."""
+        self._goals.append(goal)
+
+    def remove(self, goal: GoalRun) -> None:
+        """Remove a goal that ended."""
+        self._goals.remove(goal)
+
+    def post(self, event: Event) -> None:
+        """Hand an event to every goal."""
+        for goal in self._goals:
+            goal.post(event)
+
+    def possibly_running(self, name: str) -> int:
+        """Return the number of goals of this name that the chassis may be executing."""
+        return sum(
+            goal.name == name and (not goal.accepted.done() or goal.accepted.result())
+            for goal in self._goals
+        )
+
+    @property
+    def accepted_names(self) -> list[str]:
+        """Names of the goals that the chassis has accepted."""
+        return [g.name for g in self._goals if g.accepted.done() and g.accepted.result()]
+
+    def replace_older(self, goal: GoalRun) -> None:
+        """Tell all older goals that the chassis accepted `goal` in their place."""
+        for older in self._goals[: self._goals.index(goal)]:
+            older.post(Replaced())
+
+    async def newer_accepted(self, goal: GoalRun) -> bool:
+        """Return True if the chassis accepts a goal newer than this one; wait until it is known."""
+        while True:
+            newer = [other.accepted for other in self._goals[self._goals.index(goal) + 1 :]]
+            if any(accepted.done() and accepted.result() for accepted in newer):
+                return True
+            pending = [accepted for accepted in newer if not accepted.done()]
+            if not pending:
+                return False
+            await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)

@@ -23,12 +23,12 @@ from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.ros.actions.goal import (
     Attribution,
-    Context,
     Findings,
     Outcome,
     Report,
     Start,
 )
+from woosh_robot_agent.ros.actions.run import Context
 
 
 async def poll_tasks(
