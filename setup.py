@@ -186,6 +186,7 @@ setup(
     python_requires=">=3.10",
     install_requires=[
         "websockets>=10.4",
+        "aiohttp>=3.9",
         "rich>=13.7",
         protobuf_requirement(),
         # For the simulator's scene files and map images; the minimum versions are Ubuntu 24.04's.
@@ -218,12 +219,12 @@ setup(
         "console_scripts": [
             "agent = woosh_robot_agent.agent:main",
             "simulator = woosh_robot_agent.simulator.__main__:main",
-            "dashboard = woosh_robot_agent.tools.dashboard:main",
-            "monitor = woosh_robot_agent.tools.monitor:main",
-            "doctor = woosh_robot_agent.tools.doctor:main",
-            "record = woosh_robot_agent.tools.record:main",
-            "replay = woosh_robot_agent.tools.replay:main",
-            "maps = woosh_robot_agent.tools.maps:main",
+            "dashboard = woosh_robot_agent.tools.__main__:dashboard",
+            "monitor = woosh_robot_agent.tools.__main__:monitor",
+            "doctor = woosh_robot_agent.tools.__main__:doctor",
+            "record = woosh_robot_agent.tools.__main__:record",
+            "replay = woosh_robot_agent.tools.__main__:replay",
+            "maps = woosh_robot_agent.tools.__main__:maps",
             "vda5050 = woosh_robot_agent.vda5050.__main__:main",
         ],
     },

@@ -19,7 +19,7 @@ from benchmarks.programs.page_viewers import connect, first_scan
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.testing import own_domain
-from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
+from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 
 _VIEWERS = (1, 10)
 """Numbers of viewers."""
@@ -110,8 +110,8 @@ def measure(seconds: float) -> dict[str, dict[str, float]]:
         running_chassis(domain) as (chassis, port),
     ):
         chassis.send("move")
-        robot = ("--ip", "127.0.0.1", "--port", str(port), "--page-port", "0")
-        with running("woosh_robot_agent.tools.dashboard", *robot, domain=domain) as dashboard:
+        robot = ("dashboard", "--ip", f"127.0.0.1:{port}", "--page-port", "0")
+        with running("woosh_robot_agent.tools", *robot, domain=domain) as dashboard:
             assert dashboard.process.stdout is not None
             line = dashboard.process.stdout.readline()
             dashboard.check_running()

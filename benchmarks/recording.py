@@ -48,7 +48,7 @@ _NUMBERS = {
     "/chassis/robot/count/StatusCode": "time",
 }
 """The field of each type that has the number of the frame."""
-_RECORD = "woosh_robot_agent.tools.record"
+_TOOLS = "woosh_robot_agent.tools"
 
 
 @contextmanager
@@ -116,10 +116,8 @@ def measure(seconds: float) -> dict[str, dict[str, float]]:
             _push(chassis, 0, _RATE)
             found[PROXY_FLOOR] = _measure(proxy, chassis, count)
         path = Path(folder, "proxy.mcap")
-        robot = ("--ip", "127.0.0.1", "--port", str(port), "--output")
-        with running(
-            _RECORD, *robot, str(path), "--listen", "127.0.0.1:0", domain=domain
-        ) as record:
+        robot = ("record", "--ip", f"127.0.0.1:{port}", "--output")
+        with running(_TOOLS, *robot, str(path), "--listen", "127.0.0.1:0", domain=domain) as record:
             assert record.process.stdout is not None
             listening = record.process.stdout.readline()
             record.check_running()
@@ -132,7 +130,7 @@ def measure(seconds: float) -> dict[str, dict[str, float]]:
             _push(chassis, 0, _RATE)
             found[CLIENT_FLOOR] = _measure(client, chassis, count)
         path = Path(folder, "alone.mcap")
-        with running(_RECORD, *robot, str(path), domain=domain) as record:
+        with running(_TOOLS, *robot, str(path), domain=domain) as record:
             while not _has_pushes(path):
                 record.check_running()
                 _push(chassis, 0, _RATE)

@@ -24,7 +24,6 @@ import yaml
 from scripts import sros2_policies, vda5050_tables
 from scripts.interface_files import InterfaceError, interface_files, superfluous_files
 from woosh_robot_agent import endpoints, parameters
-from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.robot import status_codes
 from woosh_robot_agent.ros.standard import endpoints as standard_endpoints
 from woosh_robot_agent.simulator import faults, refusals
@@ -123,7 +122,6 @@ def outdated(root: Path = ROOT) -> Iterator[tuple[Path, str | None]]:
             yield path, wanted
 
 
-@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Regenerate or check all files; return the exit status."""
     parser = argparse.ArgumentParser(

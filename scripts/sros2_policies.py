@@ -16,7 +16,6 @@ from fnmatch import fnmatchcase
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, NAMESPACE, QUERIES, TOPICS
-from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 
 CLIENT_NODE = "/client"
@@ -169,7 +168,6 @@ def _checked(name: str) -> str:
     return name
 
 
-@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a policy.
 

@@ -47,13 +47,17 @@ def test_supported_libraries_are_accepted(
 
 def run_without(module: str, program: str, *arguments: str) -> tuple[int, str]:
     """Run a program where a module cannot be imported; return its exit status and stderr."""
+    module_name, *names = program.split()
     code = f"""
 import runpy, sys
 sys.modules[{module!r}] = None
-runpy.run_module("woosh_robot_agent.{program}", run_name="__main__")
+runpy.run_module("woosh_robot_agent.{module_name}", run_name="__main__")
 """
     done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
+        [sys.executable, "-c", code, *names, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert not done.stdout
     return done.returncode, done.stderr
@@ -62,14 +66,14 @@ runpy.run_module("woosh_robot_agent.{program}", run_name="__main__")
 @pytest.mark.parametrize("module", ["rclpy", "rclpy._rclpy_pybind11", "rcl_interfaces"])
 @pytest.mark.parametrize(
     ("program", "arguments"),
-    [("agent", []), ("tools.monitor", []), ("tools.record", ["--ip", "127.0.0.1", "--ros"])],
+    [("agent", []), ("tools monitor", []), ("tools record", ["--ip", "127.0.0.1:1", "--ros"])],
 )
 def test_a_program_that_needs_ros_tells_how_to_get_it(
     module: str, program: str, arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("rclpy")
-    if program == "tools.record":
-        arguments = [*arguments, "--port", "1", "--output", str(tmp_path / "a.mcap")]
+    if program == "tools record":
+        arguments = [*arguments, "--output", str(tmp_path / "a.mcap")]
     status, said = run_without(module, program, *arguments)
     assert status in (1, 2)
     assert "ROS is not available" in said
@@ -78,7 +82,7 @@ def test_a_program_that_needs_ros_tells_how_to_get_it(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("program", ["agent", "simulator", "tools.doctor", "vda5050"])
+@pytest.mark.parametrize("program", ["agent", "simulator", "tools doctor", "vda5050"])
 @pytest.mark.parametrize(
     ("module", "remedy"), [("websockets", "'websockets>=10.4'"), ("google", "'protobuf>=3.21'")]
 )
@@ -87,6 +91,19 @@ def test_a_missing_library_is_named(program: str, module: str, remedy: str) -> N
     assert status in (1, 2)
     assert said.endswith(f"not installed here; run: python3 -m pip install {remedy}\n"), said
     assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("program", ["tools record", "tools replay"])
+def test_the_libraries_of_recordings_are_named_together(program: str) -> None:
+    status, said = run_without("mcap_protobuf", program)
+    packages = "mcap mcap-protobuf-support foxglove-schemas-protobuf"
+    assert (status, said.partition("; ")[2]) == (1, f"run: python3 -m pip install {packages}\n")
+
+
+def test_the_libraries_of_recordings_fit_an_old_protobuf(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(google.protobuf, "__version__", "4.21.12")
+    problem = program.import_problem(ModuleNotFoundError(name="mcap.writer"))
+    assert "pip install mcap 'mcap-protobuf-support<0.4'" in problem
 
 
 def test_modules_that_are_not_compiled_are_named() -> None:
@@ -100,6 +117,6 @@ NOT_COMPILED = (
 
 
 def test_an_error_of_an_import_in_this_package_is_not_hidden() -> None:
-    status, said = run_without("woosh_robot_agent.link", "tools.doctor")
+    status, said = run_without("woosh_robot_agent.link", "tools doctor")
     assert status == 1
     assert "Traceback" in said

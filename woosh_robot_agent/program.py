@@ -1,16 +1,13 @@
-"""What all programs of the package share: signals, standard streams and missing libraries."""
+"""What all programs of the package share: signals, standard streams, and how they end."""
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import os
 import re
 import resource
 import signal
 import sys
 from collections.abc import Callable
-from typing import Any, ParamSpec, TextIO
 
 # Import nothing slow here: programs import this module before they can handle signals.
 
@@ -51,8 +48,6 @@ class StopSignals:
     def _handle(self, number: int, frame: object) -> None:
         self.received = True
 
-
-# Import nothing slow here: programs import this module before they can handle signals.
 
 _DESCRIPTORS = 64
 """File descriptors that the agent needs besides the connections of its robots.
@@ -96,88 +91,50 @@ def too_few_descriptors(robots: int = 1) -> str:
     )
 
 
-EXIT_STATUS = 1
-"""Exit status of a program whose output was not written or not read to its end."""
-
-_P = ParamSpec("_P")
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
 
 
-def exit_on_stdout_error(main: Callable[_P, int]) -> Callable[_P, int]:
-    """Make the `main` of a program return `EXIT_STATUS` if it cannot write to stdout.
+def exit_status(main: Callable[[], int]) -> int:
+    """Run the `main` of a program, and return its exit status.
 
-    The reason is printed to stderr, unless the reader of a pipe has closed it, as `| head` does.
+    None of these ends in a traceback: Ctrl-C, a missing library, and a reader of the output that
+    has gone, as with `| head`. Import the program inside of `main`, so that this also holds while
+    its modules are loaded.
     """
-
-    @functools.wraps(main)
-    def wrapped(*args: _P.args, **kwargs: _P.kwargs) -> int:
-        stdout = sys.stdout
-        if stdout is None:  # closed by the caller: print() does nothing
-            return main(*args, **kwargs)
-        checked = _CheckedStdout(stdout)
-        try:
-            with contextlib.redirect_stdout(checked):
-                try:
-                    return main(*args, **kwargs)
-                finally:
-                    # Otherwise Python flushes at exit and prints the error itself.
-                    checked.flush()
-        except _StdoutError as error:
-            # The buffer is flushed once more at exit: give it somewhere to go.
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, stdout.fileno())
-            os.close(null)
-            if not isinstance(error.reason, BrokenPipeError):
-                reason = error.reason.strerror or error.reason
-                print(f"error: cannot write to stdout: {reason}", file=sys.stderr)
-            return EXIT_STATUS
-
-    return wrapped
+    try:
+        status = main()
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return status
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Python flushes the buffer once more at exit: give it somewhere to go.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except ImportError as error:
+        if not (problem := import_problem(error)):
+            raise
+        print(f"error: {problem}", file=sys.stderr)
+        return 1
 
 
-class _StdoutError(Exception):
-    """Writing to stdout failed.
-
-    It is not an OSError, because programs would handle that as an error of a file or socket.
-
-    Attributes:
-        reason: the error of the operating system.
-    """
-
-    def __init__(self, reason: OSError) -> None:
-        super().__init__(reason)
-        self.reason = reason
-
-
-class _CheckedStdout:
-    """A text stream whose `write` and `flush` raise `_StdoutError` instead of OSError."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        try:
-            return self._stream.write(text)
-        except OSError as error:
-            raise _StdoutError(error) from error
-
-    def flush(self) -> None:
-        try:
-            self._stream.flush()
-        except OSError as error:
-            raise _StdoutError(error) from error
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-
-_NOT_COMPILED = (
-    "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
-)
-_OLDEST = {"websockets": "10.4", "protobuf": "3.21"}
-_DISTRIBUTIONS = {"google": "protobuf", "yaml": "pyyaml", "PIL": "pillow"}
-"""Names of libraries for pip, by module, where the two differ."""
 _ROS = r"_?rclpy\w*|rpyutils|rosidl\w*|ament_index_python|\w+_(msgs|interfaces)"
 """Pattern of the modules that belong to ROS or to its workspace."""
+_RECORDING = "mcap mcap-protobuf-support foxglove-schemas-protobuf"
+_RECORDING_OLD_PROTOBUF = "mcap 'mcap-protobuf-support<0.4' 'foxglove-schemas-protobuf<0.4'"
+_VDA5050 = "'aiomqtt>=2.3' 'jsonschema>=4.20'"
+_REQUIREMENTS = {
+    "websockets": "'websockets>=10.4'",
+    "google": "'protobuf>=3.21'",
+    "aiohttp": "'aiohttp>=3.9'",
+    "yaml": "pyyaml",
+    "PIL": "pillow",
+    **dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf"), _RECORDING),
+    **dict.fromkeys(("aiomqtt", "jsonschema", "paho"), _VDA5050),
+}
+"""What pip has to install for a module, if that is not the name of the module."""
 
 
 def import_problem(error: ImportError) -> str:
@@ -188,13 +145,17 @@ def import_problem(error: ImportError) -> str:
         return (
             f"ROS is not available ({reason}): source the setup files of ROS and of the workspace"
         )
-    if module == __package__:
-        return _NOT_COMPILED if re.fullmatch(r"pb(\..*)?", part) else ""
-    if not isinstance(error, ModuleNotFoundError):
+    if module == __package__ and re.fullmatch(r"pb(\..*)?", part):
+        return (
+            "the protobuf modules are not compiled; run scripts/setup or "
+            "python3 setup.py build_proto"
+        )
+    if module == __package__ or not isinstance(error, ModuleNotFoundError):
         return ""
-    name = _DISTRIBUTIONS.get(module, module)
-    needed = f"'{name}>={_OLDEST[name]}'" if name in _OLDEST else name
-    return f"{name} is not installed here; run: python3 -m pip install {needed}"
+    needed = _REQUIREMENTS.get(module, module)
+    if needed is _RECORDING and _release(_installed()["protobuf"]) < [5, 29]:
+        needed = _RECORDING_OLD_PROTOBUF
+    return f"the module {module} is not installed here; run: python3 -m pip install {needed}"
 
 
 def outdated_libraries() -> str:
@@ -203,18 +164,29 @@ def outdated_libraries() -> str:
     Raises:
         ModuleNotFoundError: a library is missing.
     """
+    least = {"websockets": [10, 4], "protobuf": [3, 21]}
+    installed = _installed()
+    old = [
+        f"{name} {installed[name]}"
+        for name, release in least.items()
+        if _release(installed[name]) < release
+    ]
+    if not old:
+        return ""
+    needed = f"{_REQUIREMENTS['websockets']} {_REQUIREMENTS['google']}"
+    return f"too old: {' and '.join(old)}; run: python3 -m pip install {needed}"
+
+
+def _installed() -> dict[str, str]:
+    """Return the versions of the libraries that every program needs.
+
+    protobuf 3.21 from apt reports its version as 4.21 or 3.21.
+    """
     import google.protobuf
     from websockets.version import version as websockets_version
 
-    # protobuf 3.21 from apt reports its version as 4.21 or 3.21
-    installed = {"websockets": websockets_version, "protobuf": google.protobuf.__version__}
-    old = [name for name in _OLDEST if _release(installed[name]) < _release(_OLDEST[name])]
-    if not old:
-        return ""
-    found = " and ".join(f"{name} {installed[name]}" for name in old)
-    needed = " ".join(f"'{name}>={_OLDEST[name]}'" for name in _OLDEST)
-    return f"too old: {found}; run: python3 -m pip install {needed}"
+    return {"websockets": websockets_version, "protobuf": google.protobuf.__version__}
 
 
 def _release(version: str) -> list[int]:
-    return [int(part) for part in re.findall(r"\d+", version)[:2]]
+    return [int(part) for part in version.split(".")[:2]]

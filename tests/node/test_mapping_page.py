@@ -102,12 +102,12 @@ class Terminal:
         self._start_agent(ip="127.0.0.1", port=self._simulator.port, **values).wait_connected()
 
     def _maps(self, words: list[str]) -> None:
-        from woosh_robot_agent.tools.maps import main
+        from woosh_robot_agent.tools.maps.program import main
 
         assert words[:2] == ["--ip", ROBOT]
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(self._folder)
-            assert main(["--ip", "127.0.0.1", "--port", str(self._simulator.port), *words[2:]]) == 0
+            assert main(["--ip", f"127.0.0.1:{self._simulator.port}", *words[2:]]) == 0
 
     def _echo(self, words: list[str]) -> None:
         parser = argparse.ArgumentParser()

@@ -17,7 +17,7 @@ from tests.quick_chassis import quick_config
 from tests.ros2_commands import parse
 from woosh_robot_agent.robot.maps import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools import maps
+from woosh_robot_agent.tools.maps import program as maps
 
 PAGE = Path(__file__).parents[2] / "docs" / "maps.md"
 SUCCEEDED = 4
@@ -73,7 +73,7 @@ def test_the_commands_of_the_page_work_in_its_order(
             call(client, line)
             return
         robot = robots[words[5]]
-        where = ["--ip", "127.0.0.1", "--port", str(robot.port)]
+        where = ["--ip", f"127.0.0.1:{robot.port}"]
         assert maps.main([*where, *words[6:]]) == 0, f"{line}: {capsys.readouterr().err}"
         printed += capsys.readouterr().out
 
@@ -101,7 +101,7 @@ def test_saved_map_equals_the_topic_map(
 ) -> None:
     """The files for map_server say what the agent publishes."""
     topic = client.echo(OccupancyGrid, "map").wait_count(1)[0]
-    where = ["--ip", "127.0.0.1", "--port", str(simulator.port)]
+    where = ["--ip", f"127.0.0.1:{simulator.port}"]
     assert maps.main([*where, "download", "wooshmap", "--output", str(tmp_path)]) == 0
     file = tmp_path / "wooshmap" / "maps" / "wooshmap.yaml"
     saved = yaml.safe_load(file.read_text())

@@ -33,8 +33,8 @@ from tests.interface_facts import HASHES
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros.releases import PublisherEventCallbacks
+from woosh_robot_agent.tools.recording.layout import RecordingError
 from woosh_robot_agent.tools.recording.reader import read_recording
-from woosh_robot_agent.tools.recording.records import RecordingError
 from woosh_robot_msgs.msg import Mode
 
 TIMEOUT = 60.0
@@ -69,8 +69,8 @@ def test_ros_topics_are_recorded(
     mode = client.path("robot/Mode")
     namespace = mode.removesuffix("/robot/Mode")
     process = subprocess.Popen(
-        [sys.executable, "-m", "woosh_robot_agent.tools.record", "--ip", "127.0.0.1"]
-        + ["--port", str(simulator.port), "--output", str(path), "--ros", namespace],
+        [sys.executable, "-m", "woosh_robot_agent.tools", "record"]
+        + ["--ip", f"127.0.0.1:{simulator.port}", "--output", str(path), "--ros", namespace],
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -140,8 +140,8 @@ def publisher_node(domain: int) -> Iterator[Node]:
 @contextmanager
 def recorder(simulator: Any, path: Path, namespace: str) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "woosh_robot_agent.tools.record", "--ip", "127.0.0.1"]
-        + ["--port", str(simulator.port), "--output", str(path), "--ros", namespace],
+        [sys.executable, "-m", "woosh_robot_agent.tools", "record"]
+        + ["--ip", f"127.0.0.1:{simulator.port}", "--output", str(path), "--ros", namespace],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -32,14 +32,14 @@ def checkout(folder: Path, release: str = "") -> Path:
     programs = folder / f"install{release}/woosh_robot_agent/lib/woosh_robot_agent"
     programs.mkdir(parents=True)
     modules = {
-        "agent": "agent",
-        "simulator": "simulator.__main__",
-        "dashboard": "tools.dashboard",
-        "vda5050": "vda5050.__main__",
+        "agent": "agent import main",
+        "simulator": "simulator.__main__ import main",
+        "dashboard": "tools.__main__ import dashboard as main",
+        "vda5050": "vda5050.__main__ import main",
     }
     for name, module in modules.items():
         (programs / name).write_text(
-            f"import sys\nfrom woosh_robot_agent.{module} import main\nsys.exit(main())\n"
+            f"import sys\nfrom woosh_robot_agent.{module}\nsys.exit(main())\n"
         )
     (folder / "scripts").mkdir()
     environment = f"WOOSH_ROBOT_AGENT_VENV={folder}/.venv{release}\n"

@@ -32,7 +32,7 @@ from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 
 TIMEOUT = 60.0
-PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
+PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools", "monitor"]
 
 
 class Watching:
@@ -268,7 +268,7 @@ def test_invalid_namespace_is_refused(domain: int) -> None:
 
 def test_ctrl_c_ends_it(domain: int) -> None:
     process = subprocess.Popen(
-        [*PROGRAM, "--interval", "0.1"],
+        PROGRAM,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -15,8 +15,8 @@ import pytest
 
 from tests.harness import wait_until
 from tests.node.goals import COMPLETED, SUCCEEDED, short_task
+from woosh_robot_agent.tools.recording.layout import Frame
 from woosh_robot_agent.tools.recording.reader import read_recording
-from woosh_robot_agent.tools.recording.records import Frame
 from woosh_robot_msgs.msg import Mode as ModeMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
 from woosh_robot_msgs.srv import RobotInfo, Speak
@@ -29,7 +29,7 @@ TASK = 77
 def running(tool: str, *arguments: str) -> Iterator[int]:
     """Run a program and yield the port that it prints; end it with Ctrl-C."""
     process = subprocess.Popen(
-        [sys.executable, "-m", f"woosh_robot_agent.tools.{tool}", *arguments],
+        [sys.executable, "-m", "woosh_robot_agent.tools", tool, *arguments],
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -68,7 +68,7 @@ def test_a_recorded_task_is_replayed_identically(
 ) -> None:
     path = tmp_path / "field.mcap"
     port = simulator.tcp_port if transport == "tcp" else simulator.port
-    there = ["--ip", "127.0.0.1", "--port", str(port), "--transport", transport]
+    there = ["--ip", f"127.0.0.1:{port}", "--transport", transport]
     with running("record", *there, "--listen", "127.0.0.1:0", "--output", str(path)) as proxy:
         agent = start_agent(ip="127.0.0.1", port=proxy, transport=transport, backoff_min=0.1)
         agent.wait_connected()

@@ -97,7 +97,7 @@ def _strict_json(text: str) -> Any:
 
 @aio
 async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
-    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """The dashboard receives it from a chassis, and the other programs show what it knows."""
     scans = [*extremes("woosh.robot.ScannerData")]
@@ -109,11 +109,10 @@ async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
             await wire.answer(frame, next(unsent, {}))
         return frame["type"] == "woosh.robot.ScannerData"
 
-    monkeypatch.setattr("woosh_robot_agent.tools.dashboard.robot._UPDATE_PERIOD", 0.0)
     async with Peer(script=answer) as peer:
-        shown = Robot(peer.config(), control=False, scan_rate=200.0)
+        shown = Robot(peer.config(), control=False, scan_rate=200.0, update_period=0.0)
         shown.start()
-        shown.watch(object(), lambda names: None)
+        shown.parts.watch(object(), lambda names: None)
         wire = await peer.wire()
         await shown.chassis.wait_ready(TIMEOUT)
         for name in (*(topic.push for topic in TOPICS if not topic.on_demand), FEEDBACKS):
@@ -125,7 +124,7 @@ async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
                 _show(shown)
         await eventually(lambda: next(unsent, None) is None)
         await turns()
-        assert not [task for task in shown._tasks if task.done()]
+        assert "no longer shows" not in caplog.text
         await shown.close()
     for body in extremes("woosh.robot.RobotInfo"):
         info = RobotInfo()
@@ -137,12 +136,10 @@ async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
 
 def _show(shown: Robot) -> None:
     """Show the state of a robot in all ways."""
-    for part in shown.parts.values():
+    shown.parts.publish("pose", "robot", "outline", "path", "codes", "map", "link")
+    for part in shown.parts.messages.values():
         if isinstance(part, str):
             _strict_json(part)
-    for source in shown._sources.values():
-        _strict_json(json.dumps(source()))
-    assert shown.summary
     Console(file=io.StringIO()).print(draw("it", link_report(shown.chassis), shown.view))
     info = shown.view.info
     for check in (check_mode, check_initialisation, check_localisation, check_codes):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
+import asyncio
 import contextlib
 import json
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -16,8 +18,10 @@ from woosh_robot_agent.pb.robot.robot_pb2 import OperationState, TaskProc
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.doctor import main
-from woosh_robot_agent.tools.doctor.program import CHECKS
+from woosh_robot_agent.tools.doctor import program as doctor
+from woosh_robot_agent.tools.doctor.checks import Result, Status
+from woosh_robot_agent.tools.doctor.program import CHECKS, main
+from woosh_robot_agent.tools.options import add_link_options, link_config
 
 SHORT = "0.5"
 """Timeout for a peer that never answers, in seconds."""
@@ -25,32 +29,33 @@ INFO = "woosh.robot.RobotInfo"
 
 
 class Report:
-    """Output of `doctor --json`."""
+    """Results of all checks, by name."""
 
-    def __init__(self, status: int, text: str) -> None:
-        self.status = status
-        self._json = json.loads(text)
-        self.checks = {check["check"]: check for check in self._json["checks"]}
+    def __init__(self, results: list[Result]) -> None:
+        self.checks = {result.check: result for result in results}
         assert tuple(self.checks) == CHECKS
-        assert self._json["ok"] is (status == 0)
 
-    def with_status(self, *statuses: str) -> list[str]:
-        return [name for name, check in self.checks.items() if check["status"] in statuses]
+    @property
+    def failed(self) -> list[str]:
+        return self.with_status(Status.FAIL)
+
+    def with_status(self, status: Status) -> list[str]:
+        return [name for name, result in self.checks.items() if result.status is status]
 
     def text(self, name: str) -> str:
-        return f"{self.checks[name]['text']} -> {self.checks[name]['remedy']}"
+        return f"{self.checks[name].text} -> {self.checks[name].remedy}"
 
 
-@pytest.fixture
-def examine(capsys: pytest.CaptureFixture[str]) -> Callable[..., Report]:
-    def run(port: int, *arguments: str, ip: str = "127.0.0.1", skew: str = "60") -> Report:
-        # On a busy machine simulated time lags behind real time.
-        status = main(["--ip", ip, "--port", str(port), "--max-skew", skew, "--json", *arguments])
-        out, err = capsys.readouterr()
-        assert err == ""
-        return Report(status, out)
+def examine(port: int, *arguments: str, ip: str = "127.0.0.1", skew: float = 60.0) -> Report:
+    """Check a robot. On a busy machine, simulated time lags behind real time."""
+    parser = argparse.ArgumentParser()
+    add_link_options(parser)
+    config = link_config(parser, parser.parse_args(["--ip", f"{ip}:{port}", *arguments]))
 
-    return run
+    async def collect() -> Report:
+        return Report([result async for result in doctor.examine(config, skew)])
+
+    return asyncio.run(collect())
 
 
 @contextlib.contextmanager
@@ -79,10 +84,10 @@ def peer(answer: bytes | None) -> Iterator[int]:
             connection.close()
 
 
-def test_a_ready_robot_passes_all_checks(chassis, examine):
+def test_a_ready_robot_passes_all_checks(chassis):
     report = examine(chassis.port)
-    assert report.status == 0
-    assert report.with_status("ok") == list(CHECKS)
+    assert report.failed == []
+    assert report.with_status(Status.OK) == list(CHECKS)
     assert "Robase200" in report.text("RobotInfo")
 
 
@@ -90,13 +95,13 @@ def test_a_ready_robot_passes_all_checks(chassis, examine):
     ("arguments", "port"),
     [(("--transport", "tcp"), "tcp_port"), (("--encoding", "protobuf"), "port")],
 )
-def test_clock_is_not_checked_with_protobuf(chassis, examine, arguments, port):
+def test_clock_is_not_checked_with_protobuf(chassis, arguments, port):
     report = examine(getattr(chassis, port), *arguments)
-    assert (report.status, report.with_status("warn")) == (0, ["clock"])
-    assert report.with_status("ok") == list(CHECKS[:-1])
+    assert (report.failed, report.with_status(Status.WARN)) == ([], ["clock"])
+    assert report.with_status(Status.OK) == list(CHECKS[:-1])
 
 
-def test_all_addresses_of_a_name_are_tried(chassis, examine, monkeypatch):
+def test_all_addresses_of_a_name_are_tried(chassis, monkeypatch):
     """The robot may not listen on the first address: `localhost` often resolves to ::1 first."""
     port = chassis.port
     addresses = [
@@ -105,23 +110,23 @@ def test_all_addresses_of_a_name_are_tried(chassis, examine, monkeypatch):
     ]
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: addresses)
     report = examine(port, ip="robot.example")
-    assert report.status == 0
+    assert report.failed == []
     assert report.text("network").startswith("127.0.0.1 is reachable")
 
 
-def test_only_robot_info_is_requested(chassis, examine):
+def test_only_robot_info_is_requested(chassis):
     examine(chassis.port)
     assert dict(chassis.counts) == {INFO: 1}
 
 
-def test_unknown_host_fails(examine):
+def test_unknown_host_fails():
     report = examine(5480, "--timeout", "5", ip="no-such-host.invalid")
-    assert (report.status, report.with_status("fail")) == (1, ["network"])
-    assert report.with_status("skip") == list(CHECKS[1:])
+    assert report.failed == ["network"]
+    assert report.with_status(Status.SKIPPED) == list(CHECKS[1:])
     assert "no-such-host.invalid" in report.text("network")
 
 
-def test_unreachable_address_fails(examine):
+def test_unreachable_address_fails():
     """A full backlog ignores further connections, as a robot that is switched off does."""
     with socket.socket() as server, contextlib.ExitStack() as stack:
         server.bind(("127.0.0.1", 0))
@@ -132,17 +137,17 @@ def test_unreachable_address_fails(examine):
             with contextlib.suppress(BlockingIOError):
                 filler.connect(server.getsockname())
         report = examine(server.getsockname()[1], "--timeout", SHORT)
-    assert (report.status, report.with_status("fail")) == (1, ["network"])
+    assert report.failed == ["network"]
     assert "did not answer within 0.5 s" in report.text("network")
     assert "firewall" in report.text("network")
 
 
-def test_closed_port_fails(examine):
+def test_closed_port_fails():
     with socket.socket() as unused:  # bound, so that no other program uses the port
         unused.bind(("127.0.0.1", 0))
         report = examine(unused.getsockname()[1])
-    assert (report.status, report.with_status("fail")) == (1, ["port"])
-    assert report.with_status("ok") == ["network"]
+    assert report.failed == ["port"]
+    assert report.with_status(Status.OK) == ["network"]
     assert "Connection refused" in report.text("port")
 
 
@@ -155,36 +160,36 @@ def test_closed_port_fails(examine):
         (b"", "not a chassis"),
     ],
 )
-def test_another_program_on_the_port_fails(examine, answer, text):
+def test_another_program_on_the_port_fails(answer, text):
     with peer(answer) as port:
         report = examine(port, "--timeout", SHORT if answer is None else "5")
-    assert (report.status, report.with_status("fail")) == (1, ["handshake"])
-    assert report.with_status("ok") == ["network", "port"]
+    assert report.failed == ["handshake"]
+    assert report.with_status(Status.OK) == ["network", "port"]
     assert text in report.text("handshake")
 
 
-def test_unanswered_robot_info_fails(chassis, examine):
+def test_unanswered_robot_info_fails(chassis):
     chassis.mute(INFO)
     report = examine(chassis.port, "--timeout", SHORT)
-    assert (report.status, report.with_status("fail")) == (1, ["RobotInfo"])
+    assert report.failed == ["RobotInfo"]
     assert "no answer within 0.5 s" in report.text("RobotInfo")
 
 
-def test_refused_robot_info_fails(chassis, examine):
+def test_refused_robot_info_fails(chassis):
     chassis.refuse(INFO, "ask somebody else")
     report = examine(chassis.port)
-    assert (report.status, report.with_status("fail")) == (1, ["RobotInfo"])
+    assert report.failed == ["RobotInfo"]
     assert "ask somebody else" in report.text("RobotInfo")
 
 
-def test_answer_of_another_type_fails(chassis, examine):
+def test_answer_of_another_type_fails(chassis):
     chassis.answer_as(INFO, "woosh.robot.Mode")
     report = examine(chassis.port)
-    assert report.with_status("fail") == ["RobotInfo"]
+    assert report.failed == ["RobotInfo"]
     assert "woosh.robot.Mode" in report.text("RobotInfo")
 
 
-def test_unreadable_answer_fails(chassis, examine):
+def test_unreadable_answer_fails(chassis):
     def withhold(frame: Any) -> list[Any]:
         answers.append(frame)
         return []
@@ -202,7 +207,7 @@ def test_unreadable_answer_fails(chassis, examine):
     sender.start()
     report = examine(chassis.port)
     sender.join(20)
-    assert report.with_status("fail") == ["RobotInfo"]
+    assert report.failed == ["RobotInfo"]
     assert "cannot be read" in report.text("RobotInfo")
 
 
@@ -217,16 +222,14 @@ STATES = [
 
 
 @pytest.mark.parametrize(("state", "failing", "check", "text"), STATES)
-def test_each_reason_to_reject_a_task_is_named(
-    examine, chassis, set_state, state, failing, check, text
-):
+def test_each_reason_to_reject_a_task_is_named(chassis, set_state, state, failing, check, text):
     set_state(**state)
     report = examine(chassis.port)
-    assert (report.status, report.with_status("fail")) == (1, failing)
+    assert report.failed == failing
     assert text in report.text(check)
 
 
-def test_a_robot_that_executes_a_task_rejects_another_one(examine, chassis):
+def test_a_robot_that_executes_a_task_rejects_another_one(chassis):
     def start(frame: Any) -> list[Any]:
         frame.body.task_proc.MergeFrom(TaskProc(robot_task_id=7, state=task.kExecuting))
         assert frame.body.operation_state.robot & OperationState.kTaskable
@@ -234,35 +237,35 @@ def test_a_robot_that_executes_a_task_rejects_another_one(examine, chassis):
 
     chassis.intercept(start)
     report = examine(chassis.port)
-    assert (report.status, report.with_status("fail")) == (1, ["taskable"])
+    assert report.failed == ["taskable"]
     assert "executing task 7 -> wait for its end, or cancel it" in report.text("taskable")
 
 
-def test_initialisation_hidden_by_a_fault_is_skipped(examine, chassis, set_state):
+def test_initialisation_hidden_by_a_fault_is_skipped(chassis, set_state):
     set_state(emergency_stop=True, initialised=False)
-    assert "initialisation" in examine(chassis.port).with_status("skip")
+    assert "initialisation" in examine(chassis.port).with_status(Status.SKIPPED)
 
 
-def test_one_check_can_name_several_reasons(examine, chassis, set_state):
+def test_one_check_can_name_several_reasons(chassis, set_state):
     set_state(ctrl=robot.kManual, work=robot.kDeployMode, initialised=False, located=False)
     report = examine(chassis.port)
-    assert "mode" in report.with_status("fail")
+    assert "mode" in report.failed
     for text in ("manual", "deployment"):
         assert text in report.text("mode")
 
 
-def test_an_empty_robot_info_gives_warnings(chassis, examine):
+def test_an_empty_robot_info_gives_warnings(chassis):
     def empty(frame: Any) -> list[Any]:
         frame.body.Clear()
         return [frame]
 
     chassis.intercept(empty)
     report = examine(chassis.port)
-    assert report.status == 0
-    assert report.with_status("warn") == list(CHECKS[4:9])
+    assert report.failed == []
+    assert report.with_status(Status.WARN) == list(CHECKS[4:9])
 
 
-def test_unresolved_status_codes_are_explained(chassis, examine):
+def test_unresolved_status_codes_are_explained(chassis):
     def add(frame: Any) -> list[Any]:
         codes = frame.body.abnormal_codes.scs
         codes.add(code=110201000013)
@@ -271,23 +274,23 @@ def test_unresolved_status_codes_are_explained(chassis, examine):
 
     chassis.intercept(add)
     report = examine(chassis.port)
-    assert (report.status, report.with_status("warn")) == (0, ["status codes"])
+    assert (report.failed, report.with_status(Status.WARN)) == ([], ["status codes"])
     assert "110201000013: emergency stop 1 was pressed" in report.text("status codes")
     assert "110301000042: 左电机过热 (left motor is too hot)" in report.text("status codes")
 
 
-def test_a_pose_without_a_map_is_a_warning(chassis, examine):
+def test_a_pose_without_a_map_is_a_warning(chassis):
     def forget_map(frame: Any) -> list[Any]:
         frame.body.pose_speed.map_id = 0
         return [frame]
 
     chassis.intercept(forget_map)
     report = examine(chassis.port)
-    assert (report.status, report.with_status("warn")) == (0, ["localisation"])
+    assert (report.failed, report.with_status(Status.WARN)) == ([], ["localisation"])
     assert "may mean nothing" in report.text("localisation")
 
 
-def test_a_robot_that_builds_a_map_needs_no_localisation(chassis, examine):
+def test_a_robot_that_builds_a_map_needs_no_localisation(chassis):
     def build(frame: Any) -> list[Any]:
         frame.body.state = robot.kMapping
         frame.body.device_state.software = 0
@@ -296,16 +299,16 @@ def test_a_robot_that_builds_a_map_needs_no_localisation(chassis, examine):
 
     chassis.intercept(build)
     report = examine(chassis.port)
-    assert report.with_status("fail") == ["taskable"]
+    assert report.failed == ["taskable"]
     assert "building a map" in report.text("taskable")
-    assert "localisation" in report.with_status("skip")
+    assert "localisation" in report.with_status(Status.SKIPPED)
     assert "building a map" in report.text("localisation")
 
 
-def test_clocks_that_differ_are_a_warning(examine):
+def test_clocks_that_differ_are_a_warning():
     with SimulatorThread(quick_config(port=0, tcp_port=0, seed=1)) as other_day:
-        report = examine(other_day.port, skew="1")
-    assert (report.status, report.with_status("warn")) == (0, ["clock"])
+        report = examine(other_day.port, skew=1.0)
+    assert (report.failed, report.with_status(Status.WARN)) == ([], ["clock"])
     assert "behind" in report.text("clock")
     assert "days" in report.text("clock")
     assert "NTP" in report.text("clock")
@@ -314,23 +317,34 @@ def test_clocks_that_differ_are_a_warning(examine):
 
 def test_advice_follows_a_failed_check(chassis, set_state, capsys):
     set_state(ctrl=robot.kManual)
-    assert main(["--ip", "127.0.0.1", "--port", str(chassis.port)]) == 1
+    assert main(["--ip", f"127.0.0.1:{chassis.port}"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"robot at ws://127.0.0.1:{chassis.port}"
     mode = next(index for index, line in enumerate(lines) if line.startswith("FAIL  mode"))
     assert lines[mode + 1].strip().startswith("-> turn the key switch")
 
 
+def test_json_has_all_checks(chassis, set_state, capsys):
+    set_state(ctrl=robot.kManual)
+    assert main(["--ip", f"127.0.0.1:{chassis.port}", "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert (found["address"], found["ok"]) == (f"ws://127.0.0.1:{chassis.port}", False)
+    assert tuple(check["check"] for check in found["checks"]) == CHECKS
+    mode = found["checks"][CHECKS.index("mode")]
+    assert (mode["status"], mode["text"]) == ("fail", "the robot is in manual mode")
+    assert mode["remedy"].startswith("turn the key switch")
+
+
 def test_last_line_lists_the_skipped_checks(capsys):
     with peer(b"") as port:
-        assert main(["--ip", "127.0.0.1", "--port", str(port)]) == 1
+        assert main(["--ip", f"127.0.0.1:{port}"]) == 1
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith("skip  RobotInfo, mode,")
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["--ip", "a b"], ["--ip", "x", "--port", "70000"], ["--ip", "x", "--max-skew", "nan"]],
+    [[], ["--ip", "a b"], ["--ip", "x:70000"]],
 )
 def test_wrong_usage_ends_with_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as ending:

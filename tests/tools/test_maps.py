@@ -32,7 +32,7 @@ from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
 from woosh_robot_agent.robot.maps import cells_of
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.simulator.scenes.files import load_scene
-from woosh_robot_agent.tools import maps
+from woosh_robot_agent.tools.maps.program import main
 from woosh_robot_agent.tools.maps.scene_folder import (
     MapsError,
     read_marks,
@@ -56,7 +56,7 @@ def run(chassis: SimulatorThread, capsys: Any, tmp_path: Path, monkeypatch: Any)
     monkeypatch.chdir(tmp_path)
 
     def run_program(*arguments: str, robot: SimulatorThread = chassis) -> tuple[int, str, str]:
-        status = maps.main([*address(robot), *arguments])
+        status = main([*address(robot), *arguments])
         out, err = capsys.readouterr()
         return status, out, err
 
@@ -169,7 +169,7 @@ def test_list_shows_all_scenes_and_the_current_map(run: Run) -> None:
 def test_options_of_the_link_may_come_after_the_command(
     chassis: SimulatorThread, capsys: Any
 ) -> None:
-    assert maps.main(["list", *address(chassis)]) == 0
+    assert main(["list", *address(chassis)]) == 0
     assert "scenex2" in capsys.readouterr().out
 
 
@@ -425,7 +425,7 @@ def test_upload_of_the_folder_of_all_backups_names_the_scenes_in_it(run: Run) ->
 )
 def test_wrong_usage_ends_with_status_2(arguments: list[str], capsys: Any) -> None:
     with pytest.raises(SystemExit) as ending:
-        maps.main(arguments)
+        main(arguments)
     assert ending.value.code == 2
     assert "error:" in capsys.readouterr().err
 
@@ -434,7 +434,7 @@ def test_a_robot_that_is_not_there_is_told(capsys: Any) -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = str(unused.getsockname()[1])
-        assert maps.main(["--ip", "127.0.0.1", "--port", port, "--timeout", "1", "list"]) == 1
+        assert main(["--ip", f"127.0.0.1:{port}", "--timeout", "1", "list"]) == 1
     assert capsys.readouterr().err.startswith("error: ")
 
 
@@ -513,7 +513,7 @@ def test_a_full_disk_leaves_no_half_scene(
     if exists:
         run("download", "wooshmap")
     before = tree(tmp_path)
-    program = shlex.join([sys.executable, "-m", "woosh_robot_agent.tools.maps"])
+    program = shlex.join([sys.executable, "-m", "woosh_robot_agent.tools", "maps"])
     arguments = shlex.join([*address(chassis), "download", "wooshmap", "--force"])
     limited = ["bash", "-c", f"ulimit -f 1; exec {program} {arguments}"]  # KiB of a file
     done = subprocess.run(limited, capture_output=True, text=True, timeout=TIMEOUT, check=False)
@@ -550,9 +550,9 @@ def test_an_upload_that_is_cut_off_leaves_the_robots_map(
 ) -> None:
     before = save_big_scene(run, wire, tmp_path / "lab")
     with Cable(chassis.port, 5 << 20) as cable:
-        arguments = ["--ip", "127.0.0.1", "--port", str(cable.port), "upload", "lab", "--force"]
+        arguments = ["--ip", f"127.0.0.1:{cable.port}", "upload", "lab", "--force"]
         threading.Thread(target=cable.cut_when_used_up, daemon=True).start()
-        assert maps.main(arguments) == 1
+        assert main(arguments) == 1
     assert capsys.readouterr().err.startswith("error: woosh.map.Upload: ")
     assert wire.ask("woosh.map.SceneData", {"name": "lab"}) == before
     assert chassis.counts["woosh.map.Upload"] == 1  # that of upload_lab
@@ -564,9 +564,7 @@ def test_ctrl_c_during_an_upload_leaves_the_robots_map(
     before = save_big_scene(run, wire, tmp_path / "lab")
     with (
         Cable(chassis.port, 5 << 20) as cable,
-        start(
-            "maps", "--ip", "127.0.0.1", "--port", str(cable.port), "upload", "lab", "--force"
-        ) as process,
+        start("maps", "--ip", f"127.0.0.1:{cable.port}", "upload", "lab", "--force") as process,
     ):
         try:
             assert cable.used_up.wait(TIMEOUT)
@@ -587,7 +585,14 @@ def test_a_bar_shows_the_progress_on_a_terminal(
     if arguments[0] == "upload":
         run("download", "lab")
     terminal, end = pty.openpty()
-    command = [sys.executable, "-m", "woosh_robot_agent.tools.maps", *address(chassis), *arguments]
+    command = [
+        sys.executable,
+        "-m",
+        "woosh_robot_agent.tools",
+        "maps",
+        *address(chassis),
+        *arguments,
+    ]
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=end, timeout=TIMEOUT, check=True)
     os.close(end)
     shown = b""
@@ -608,10 +613,10 @@ def test_a_map_of_20_mib_goes_both_ways(
     files = {"floor.yaml": NAV2, "floor.png": floor_png(), "big.bin": big}
     assert send_files(wire, "lab", files)["ok"]
     port = chassis.port if transport == "websocket" else chassis.tcp_port
-    where = ["--ip", "127.0.0.1", "--port", str(port), "--transport", transport]
-    assert maps.main([*where, "download", "lab"]) == 0
+    where = ["--ip", f"127.0.0.1:{port}", "--transport", transport]
+    assert main([*where, "download", "lab"]) == 0
     assert (tmp_path / "lab" / "files" / "big.bin").read_bytes() == big
-    assert maps.main([*where, "upload", "lab", "--scene", "copy"]) == 0
+    assert main([*where, "upload", "lab", "--scene", "copy"]) == 0
     assert scenes(wire)["copy"] == ["floor"]
 
 

@@ -38,11 +38,11 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.monitor import main
+from woosh_robot_agent.tools.monitor.program import main
 from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, enum_name
 
-PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools.monitor"]
+PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools", "monitor"]
 TIMEOUT = 60.0
 GOOD = LinkReport(True, "connected")
 
@@ -222,7 +222,7 @@ def test_enum_values_are_shown_as_words(enum, number, text):
 
 def once(port: int, *arguments: str) -> tuple[int, str]:
     done = subprocess.run(
-        [*PROGRAM, "--ip", "127.0.0.1", "--port", str(port), "--once", *arguments],
+        [*PROGRAM, "--ip", f"127.0.0.1:{port}", "--once", *arguments],
         capture_output=True,
         text=True,
         timeout=2 * TIMEOUT,
@@ -280,7 +280,7 @@ class Terminal:
     def __init__(self, port: int) -> None:
         self._master, slave = pty.openpty()
         self.process = subprocess.Popen(
-            [*PROGRAM, "--ip", "127.0.0.1", "--port", str(port)],
+            [*PROGRAM, "--ip", f"127.0.0.1:{port}"],
             stdin=slave,
             stdout=slave,
             stderr=slave,
@@ -358,7 +358,7 @@ def test_ctrl_c_ends_it(terminal: Terminal) -> None:
 @contextmanager
 def piped(port: int) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
-        [*PROGRAM, "--ip", "127.0.0.1", "--port", str(port), "--interval", "0.05"],
+        [*PROGRAM, "--ip", f"127.0.0.1:{port}"],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -384,7 +384,7 @@ def test_without_a_terminal_the_view_is_printed_repeatedly(chassis: SimulatorThr
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--ip", "a b"], ["--ip", "x", "--interval", "0"], ["--timeout", "nan"], ["--what"]],
+    [["--ip", "a b"], ["--timeout", "nan"], ["--what"]],
 )
 def test_wrong_usage_ends_with_status_2(
     arguments: list[str], capsys: pytest.CaptureFixture[str]
@@ -398,7 +398,7 @@ def test_wrong_usage_ends_with_status_2(
 def test_error_without_ros_names_the_option_ip() -> None:
     code = (
         "import sys; sys.modules['rclpy'] = None\n"
-        "from woosh_robot_agent.tools.monitor import main; main(['--once'])"
+        "from woosh_robot_agent.tools.monitor.program import main; main(['--once'])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 2

@@ -13,11 +13,11 @@ from websockets.frames import Opcode
 from tests.tools.connections import link
 from tests.tools.test_recording import HEAD, numbered
 from tests.tools.waiting import aio
-from woosh_robot_agent.tools.record.frame_recorder import Direction, FrameRecorder, WebSocketParser
-from woosh_robot_agent.tools.record.proxy import ReadPace, RecordingProxy
 from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.layout import Event, Frame
+from woosh_robot_agent.tools.recording.proxy import ReadPace, RecordingProxy
 from woosh_robot_agent.tools.recording.reader import read_recording
-from woosh_robot_agent.tools.recording.records import Event, Frame
+from woosh_robot_agent.tools.recording.streams import Direction, FrameRecorder, WebSocketParser
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 COUNT = 500

@@ -23,14 +23,14 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Mode, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis
-from woosh_robot_agent.tools.record.passive_client import PassiveClient
-from woosh_robot_agent.tools.record.proxy import RecordingProxy
 from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.layout import Event, Frame, Recording
+from woosh_robot_agent.tools.recording.proxy import RecordingProxy
 from woosh_robot_agent.tools.recording.reader import read_recording
-from woosh_robot_agent.tools.recording.records import Event, Frame, Recording
+from woosh_robot_agent.tools.recording.record import PassiveClient
+from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
+from woosh_robot_agent.tools.recording.timeline import prepare
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
-from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
-from woosh_robot_agent.tools.replay.timeline import prepare
 
 
 @asynccontextmanager

@@ -14,15 +14,20 @@ from mcap.writer import Writer
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
 
-from woosh_robot_agent.tools.record.frame_recorder import (
+from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
+from woosh_robot_agent.tools.recording.layout import (
+    ROS_PROFILE,
+    Event,
+    Frame,
+    Recording,
+    RecordingError,
+)
+from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.streams import (
     DelimitedParser,
     UnreadableError,
     WebSocketParser,
 )
-from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
-from woosh_robot_agent.tools.recording.layout import ROS_PROFILE
-from woosh_robot_agent.tools.recording.reader import read_recording
-from woosh_robot_agent.tools.recording.records import Event, Frame, Recording, RecordingError
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 HEAD = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"

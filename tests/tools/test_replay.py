@@ -16,9 +16,9 @@ from woosh_robot_agent.link import ChassisClient, LinkState, RequestTimeoutError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchWorkMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.tools.recording.records import Event, Frame, Recording
-from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
-from woosh_robot_agent.tools.replay.timeline import prepare
+from woosh_robot_agent.tools.recording.layout import Event, Frame, Recording
+from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
+from woosh_robot_agent.tools.recording.timeline import prepare
 
 
 def made_up(*records: Any) -> Recording:

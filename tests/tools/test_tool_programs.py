@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import os
 import re
 import shlex
 import signal
@@ -25,13 +26,17 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneDataEasy, SceneList
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
-from woosh_robot_agent.tools import doctor, maps, record, replay
+from woosh_robot_agent.tools import __main__ as tools
+from woosh_robot_agent.tools.doctor import program as doctor
+from woosh_robot_agent.tools.maps import program as maps
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
+from woosh_robot_agent.tools.recording import record, replay
 from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.layout import Event
 from woosh_robot_agent.tools.recording.reader import read_recording
-from woosh_robot_agent.tools.recording.records import Event
+from woosh_robot_agent.tools.recording.timeline import prepare
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
-from woosh_robot_agent.tools.replay.timeline import prepare
+from woosh_robot_agent.vda5050 import __main__ as vda5050
 
 TIMEOUT = 60.0
 ROOT = Path(__file__).parents[2]
@@ -42,7 +47,7 @@ TOOLS = ("dashboard", "monitor", "doctor", "record", "replay", "maps")
 
 def start(tool: str, *arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", f"woosh_robot_agent.tools.{tool}", *arguments],
+        [sys.executable, "-m", "woosh_robot_agent.tools", tool, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -58,7 +63,16 @@ def run(tool: str, *arguments: str) -> tuple[int, str, str]:
 
 
 def address(chassis: SimulatorThread) -> list[str]:
-    return ["--ip", "127.0.0.1", "--port", str(chassis.port)]
+    return ["--ip", f"127.0.0.1:{chassis.port}"]
+
+
+def empty_recording(folder: Path) -> Path:
+    """Write a recording of one connection without frames."""
+    path = folder / "a.mcap"
+    file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
+    file.event(1, "open", "client")
+    file.close()
+    return path
 
 
 @pytest.mark.parametrize("tool", TOOLS)
@@ -85,8 +99,8 @@ class CtrlC:
             sys.meta_path.remove(self)
             signal.raise_signal(signal.SIGINT)
 sys.meta_path.insert(0, CtrlC())
-from woosh_robot_agent.tools.{tool} import main
-sys.exit(main(["--help"]))
+from woosh_robot_agent.tools.__main__ import {tool}
+sys.exit({tool}(["--help"]))
 """
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -99,12 +113,41 @@ sys.exit(main(["--help"]))
 
 
 def test_the_programs_do_not_import_ros() -> None:
-    code = "import sys\n" + "".join(
-        f"import woosh_robot_agent.tools.{tool}.program\n" for tool in TOOLS
-    )
+    code = "import sys\nfrom woosh_robot_agent.tools.__main__ import start\n"
+    code += f"for tool in {TOOLS}:\n    try: start(tool, ['--help'])\n    except SystemExit: pass\n"
     code += "print([name for name in sys.modules if name.startswith(('rclpy', 'rosidl'))])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout == "[]\n"
+    assert out.stdout.endswith("\n[]\n")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "tools doctor --ip 127.0.0.1:{port}",
+        "tools doctor --ip 127.0.0.1:{port} --json",
+        "tools monitor --ip 127.0.0.1:{port}",
+        "tools record --ip 127.0.0.1:{port} --output {new}",
+        "tools replay {recording} --port 0 --tcp-port 0",
+        "simulator --port 0 --tcp-port 0",
+        "simulator --list-faults",
+    ],
+)
+def test_a_reader_that_has_gone_ends_a_program_quietly(
+    chassis: SimulatorThread, tmp_path: Path, command: str
+) -> None:
+    places = {"port": chassis.port, "new": tmp_path / "new", "recording": empty_recording(tmp_path)}
+    module, *arguments = command.format(**places).split()
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", f"woosh_robot_agent.{module}", *arguments],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        timeout=2 * TIMEOUT,
+        check=False,
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, b"")
 
 
 def harmless(text: str) -> bool:
@@ -169,10 +212,7 @@ def test_texts_of_the_robot_cannot_control_the_terminal_of_maps(
 
 
 def test_texts_of_clients_cannot_control_the_terminal_of_replay(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
-    file.event(1, "open", "client")
-    file.close()
+    path = empty_recording(tmp_path)
     with start("replay", str(path), "--port", "0", "--tcp-port", "0") as process:
         try:
             assert process.stdout is not None
@@ -234,10 +274,8 @@ def parsed(*arguments: str) -> LinkConfig:
         (["--ip", "robot.local"], "robot.local", 5480),
         (["--ip", "robot.local", "--transport", "tcp"], "robot.local", 5481),
         (["--ip", "1.1.1.1:5490"], "1.1.1.1", 5490),
-        (["--ip", "1.1.1.1:5490", "--port", "5491"], "1.1.1.1", 5490),
-        (["--ip", "1.1.1.1", "--port", "5491"], "1.1.1.1", 5491),
         (["--ip", "::1"], "::1", 5480),
-        (["--ip", "[::1]", "--port", "5491"], "::1", 5491),
+        (["--ip", "[::1]"], "::1", 5480),
         (["--ip", "[::1]:5490"], "::1", 5490),
     ],
 )
@@ -257,8 +295,7 @@ def test_the_address_of_the_robot_may_have_a_port(
 def test_every_tool_refuses_a_wrong_address_in_the_same_words(
     tool: str, address: str, capsys: Any
 ) -> None:
-    name = f"{'' if tool == 'vda5050' else 'tools.'}{tool}.program"
-    main = importlib.import_module(f"woosh_robot_agent.{name}").main
+    main = vda5050.main if tool == "vda5050" else getattr(tools, tool)
     more = {"maps": ["list"], "vda5050": ["--broker", "mqtt://127.0.0.1"]}.get(tool, [])
     with pytest.raises(SystemExit) as ending:
         main(["--ip", address, *more])
@@ -318,7 +355,7 @@ def test_record_of_a_program_that_is_no_robot_fails(transport: str, tmp_path: Pa
 
 def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    arguments = ["--ip", "127.0.0.1", "--port", "1", "--output", str(path)]
+    arguments = ["--ip", "127.0.0.1:1", "--output", str(path)]
     with start("record", *arguments) as process:
         try:
             assert process.stderr is not None
@@ -374,7 +411,7 @@ def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Pa
             port = re.search(r"agent to 127\.0\.0\.1:(\d+)", process.stdout.readline())
             assert port
             for _ in range(2):
-                status, out, _ = run("doctor", "--ip", "127.0.0.1", "--port", port[1])
+                status, out, _ = run("doctor", "--ip", f"127.0.0.1:{port[1]}")
                 assert status == 0, out
             process.send_signal(signal.SIGTERM)
             _, err = process.communicate(timeout=TIMEOUT)
@@ -399,10 +436,7 @@ def test_record_warns_if_other_machines_can_connect(
 
 
 def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
-    file.event(1, "open", "client")
-    file.close()
+    path = empty_recording(tmp_path)
     path.write_bytes(path.read_bytes()[:-20])
     with start("replay", str(path), "--port", "0", "--tcp-port", "0") as process:
         try:
@@ -437,10 +471,7 @@ def test_replay_names_the_files_that_are_not_given(tmp_path: Path) -> None:
 
 
 def test_replay_at_a_port_in_use_fails(tmp_path: Path, capsys: Any) -> None:
-    path = tmp_path / "a.mcap"
-    file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
-    file.event(1, "open", "client")
-    file.close()
+    path = empty_recording(tmp_path)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         assert replay.main([str(path), "--port", "0", "--tcp-port", port]) == 1

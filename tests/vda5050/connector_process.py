@@ -18,7 +18,7 @@ class ConnectorProcess:
         self.lines: list[str] = []
         self._command = [
             *(sys.executable, "-m", "woosh_robot_agent.vda5050"),
-            *("--ip", "127.0.0.1", "--port", str(chassis.port)),
+            *("--ip", f"127.0.0.1:{chassis.port}"),
             *("--broker", broker, "--state-folder", str(folder), *options),
         ]
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.vda5050 import __main__ as program
 from woosh_robot_agent.vda5050.__main__ import main
 from woosh_robot_agent.vda5050.program import RobotsFileError, read_robots
 
@@ -120,8 +119,8 @@ def test_a_wrong_option_ends_the_program_with_its_reason(
 def test_without_its_libraries_the_program_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delitem(sys.modules, "woosh_robot_agent.vda5050.program", raising=False)
-    monkeypatch.setitem(sys.modules, "woosh_robot_agent.vda5050.mqtt", None)
-    monkeypatch.setattr(program, "_LIBRARIES", ("woosh_robot_agent.vda5050.mqtt",))
+    for name in ("program", "mqtt"):
+        monkeypatch.delitem(sys.modules, f"woosh_robot_agent.vda5050.{name}", raising=False)
+    monkeypatch.setitem(sys.modules, "aiomqtt", None)
     assert main(["--help"]) == 1
     assert "pip install 'aiomqtt>=2.3' 'jsonschema>=4.20'" in capsys.readouterr().err

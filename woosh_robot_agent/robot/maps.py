@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import array
 import io
+import math
 from typing import TYPE_CHECKING
 
 from woosh_robot_agent.link import ChassisClient
@@ -91,6 +92,57 @@ def grey_image(image_file: bytes) -> Image.Image:
         raise MapError(f"its image cannot be decoded: it is none of {formats}") from None
     except Exception as error:  # Pillow raises errors of many types for damaged files
         raise MapError(f"its image cannot be decoded: {error}") from None
+
+
+def check_place(resolution: float, *origin: float) -> None:
+    """Check where a map lies.
+
+    Args:
+        resolution: size of a pixel, in metres.
+        origin: coordinates of the bottom left corner, and its angle if there is one.
+
+    Raises:
+        MapError: a value is not possible.
+    """
+    if not 0.0 < resolution < math.inf:
+        raise MapError(f"its resolution is invalid: {resolution:g}")
+    if not all(map(math.isfinite, origin)):
+        raise MapError(f"its origin is invalid: {', '.join(f'{each:g}' for each in origin)}")
+
+
+def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
+    """Return the YAML file and the PNG of a map for nav2's map_server, by name.
+
+    They have the values of the agent's topic `map`.
+
+    Args:
+        area: the map.
+        stem: names of the files without their suffixes.
+
+    Raises:
+        MapError: the robot has not sent a usable map.
+    """
+    import numpy
+    import yaml
+
+    if not area.map_png:
+        raise MapError("the robot sent no image")
+    png, origin = grey_png(area.map_png), area.origin
+    check_place(area.resolution, origin.x, origin.y, origin.theta)
+    numbers = (area.resolution, origin.x, origin.y, origin.theta)
+    # the chassis sends numbers of 32 bits: 0.05, not 0.0500000007
+    resolution, *place = (float(str(numpy.float32(number))) for number in numbers)
+    description = {
+        "image": f"{stem}.png",
+        "mode": "trinary",
+        "resolution": resolution,
+        "origin": place,
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESHOLD,
+        "free_thresh": FREE_THRESHOLD,
+    }
+    text = yaml.safe_dump(description, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    return {f"{stem}.yaml": text.encode(), f"{stem}.png": png}
 
 
 async def scene_map(

@@ -192,6 +192,11 @@ def is_taskable(info: RobotInfo) -> bool | None:
     return bool(info.operation_state.robot & OperationState.kTaskable)
 
 
+def is_charging(battery: Battery) -> bool:
+    """Return True if the robot reports that it is charging."""
+    return battery.charge_state in (Battery.kManual, Battery.kAuto)
+
+
 def is_located(info: RobotInfo) -> bool | None:
     """Return True if the robot knows its position; None if it does not report it.
 

@@ -17,7 +17,6 @@ from woosh_robot_agent.motion.requests import TASK_REQUESTS, commands_motion, ma
 from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import (
-    Battery,
     DeviceState,
     PoseSpeed,
     RobotInfo,
@@ -36,7 +35,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.last_known import LastKnown
-from woosh_robot_agent.robot.readiness import is_located
+from woosh_robot_agent.robot.readiness import is_charging, is_located
 from woosh_robot_agent.robot.refusals import type_of
 from woosh_robot_agent.robot.who_drives import command_name
 
@@ -72,8 +71,7 @@ def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
     yield _KEY, True if info.mode.ctrl == robot.kManual else None
     yield _BRAKE, True if hardware & DeviceState.kServoBtn else None
     yield _OBSTACLE, None
-    charging = info.battery.charge_state in (Battery.kManual, Battery.kAuto)
-    yield _CHARGER, charging if info.HasField("battery") else None
+    yield _CHARGER, is_charging(info.battery) if info.HasField("battery") else None
     located = is_located(info)
     yield _LOST, None if located is None else not located
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 # Import nothing slow here: until `StopSignals` exists, a signal ends the program with a traceback.
 import sys
 
-from woosh_robot_agent.program import StopSignals
+from woosh_robot_agent.program import StopSignals, exit_status
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -23,17 +23,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status: 0, or 1 if the chassis could not start.
     """
     signals = StopSignals()
-    try:
+
+    def start() -> int:
         from woosh_robot_agent.simulator.command_line import run
 
         return run(arguments, signals)
-    except ImportError as error:
-        from woosh_robot_agent.program import import_problem
 
-        if not (problem := import_problem(error)):
-            raise
-        print(f"error: {problem}", file=sys.stderr)
-        return 1
+    try:
+        return exit_status(start)
     finally:
         if arguments is None:
             signals.ignore()

@@ -16,7 +16,7 @@ from typing import Any
 
 import woosh_robot_agent.link.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.link.reports import log_to_stderr
-from woosh_robot_agent.program import StopSignals, exit_on_stdout_error
+from woosh_robot_agent.program import StopSignals
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
 from woosh_robot_agent.simulator.profile import SHIPPED
@@ -45,7 +45,6 @@ Without a terminal, `ros2 launch` sends a second SIGINT after that of the proces
 """
 
 
-@exit_on_stdout_error
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     """Run a simulated chassis until a signal arrives.
 
@@ -89,6 +88,8 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     except _DashboardError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except BrokenPipeError:  # nobody reads the output any more
+        raise
     except OSError as error:
         reason = error.strerror or str(error)
         print(

@@ -1,5 +1,5 @@
 """Programs for robots: `dashboard`, `monitor`, `doctor`, `record`, `replay` and `maps`.
 
 Only `maps` and `dashboard --control` change something on the robot. Only `monitor.ros_source` and
-`record.ros_recorder` need ROS.
+`recording.ros_recorder` need ROS.
 """

@@ -8,7 +8,6 @@ import ipaddress
 import re
 import signal
 import sys
-from dataclasses import fields
 from typing import Any, NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
@@ -23,11 +22,8 @@ def stop_event() -> asyncio.Event:
     return stop
 
 
-_LOCALHOST = "127.0.0.1"
-
-
 class Address(NamedTuple):
-    """Value of `--ip`: an address or host name, and the port if there is one in it, or else 0."""
+    """Value of `--ip`: an address or host name, and the port, or 0 for that of the transport."""
 
     ip: str
     port: int = 0
@@ -62,16 +58,10 @@ def add_link_options(
         type=_address,
         metavar="HOST[:PORT]",
         required=ip_required,
-        help="address or host name of the robot, with its port if that is not the default",
-        **repeated,
-    )
-    add(
-        "--port",
-        type=int,
-        default=default.port,
-        help="port of the robot if --ip has none (default: "
+        help="address or host name of the robot, and its port (default: "
         + ", ".join(f"{port} for {name}" for name, port in DEFAULT_PORTS.items())
         + ")",
+        **repeated,
     )
     add(
         "--transport",
@@ -109,15 +99,18 @@ def link_config(
         options: The options.
         address: Address of the robot; by default the only one in the options.
     """
-    names = {field.name for field in fields(LinkConfig)}
-    given = {name: value for name, value in vars(options).items() if name in names}
     ip, port = options.ip if address is None else address
-    given |= {"ip": ip, "port": port or options.port}
-    timeouts = dict.fromkeys(
-        ("connect_timeout", "handshake_timeout", "request_timeout"), options.timeout
-    )
     try:
-        return LinkConfig(**given, **timeouts)
+        return LinkConfig(
+            ip=ip,
+            port=port,
+            transport=options.transport,
+            encoding=options.encoding,
+            robot_id=options.robot_id,
+            connect_timeout=options.timeout,
+            handshake_timeout=options.timeout,
+            request_timeout=options.timeout,
+        )
     except ValueError as error:
         parser.error(str(error))
 
@@ -157,7 +150,15 @@ def host_and_port(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not port.isdecimal() or not int(port) < 2**16:
         raise argparse.ArgumentTypeError(f"not HOST:PORT, e.g. 127.0.0.1:5480: {text!r}")
-    return host.strip("[]") or _LOCALHOST, int(port)
+    return host.strip("[]") or "127.0.0.1", int(port)
+
+
+def is_local(host: str) -> bool:
+    """Return True if only this machine can reach an address that is listened on."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def warn_if_not_local(host: str, consequence: str) -> None:
@@ -167,9 +168,5 @@ def warn_if_not_local(host: str, consequence: str) -> None:
         host: Address to listen on.
         consequence: What everybody who can connect is able to do.
     """
-    try:
-        local = ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        local = host == "localhost"
-    if not local:
+    if not is_local(host):
         print(f"warning: everybody who can reach {host} {consequence}", file=sys.stderr)

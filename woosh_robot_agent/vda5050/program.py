@@ -17,7 +17,6 @@ import yaml
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
-from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.tools.options import Address, add_link_options, link_config, stop_event
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import VERSIONS
@@ -199,7 +198,6 @@ class VehicleNameFilter(logging.Filter):
         return True
 
 
-@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the connector until SIGINT or SIGTERM.
 

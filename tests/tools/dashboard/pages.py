@@ -5,19 +5,21 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
+import ssl
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
-from types import SimpleNamespace
+from dataclasses import fields
 from typing import Any
+from urllib.parse import urlsplit
 
 from tests.tools.waiting import TIMEOUT
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.transport import Connect
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard.control import TOO_SLOW
-from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
+from woosh_robot_agent.tools.dashboard.control import TOO_SLOW, ControlConfig
+from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 
 try:
     from websockets.asyncio.client import ClientConnection as Socket
@@ -29,43 +31,58 @@ except ImportError:  # before websockets 13
     _HEADERS_OPTION = "extra_headers"
 
 
+_CONTROL = [field.name for field in fields(ControlConfig)]
+
+
 @asynccontextmanager
 async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[Dashboard]:
     # on a busy machine, everything may take long
     patience = {"request_timeout": TIMEOUT, "liveness_timeout": TIMEOUT}
     configs = [LinkConfig("127.0.0.1", robot.port, **patience) for robot in robots]
-    async with Dashboard(configs, DashboardConfig(**{"port": 0, **options})) as running:
+    timing = {name: options.pop(name) for name in _CONTROL if name in options}
+    config = DashboardConfig(**{"port": 0, "control_config": ControlConfig(**timing), **options})
+    async with Dashboard(configs, config) as running:
         yield running
 
 
 @contextmanager
-def program(*robots: SimulatorThread) -> Iterator[tuple[subprocess.Popen[str], Any]]:
-    """Start the program with control; yield its process, and an object with its address."""
-    command = [sys.executable, "-m", "woosh_robot_agent.tools.dashboard", "--control"]
-    command += ["--page-port", "0"]
+def program(
+    *robots: SimulatorThread, options: Sequence[str] = ()
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Start the program with control; yield its process and its address."""
+    command = [sys.executable, "-m", "woosh_robot_agent.tools", "dashboard", "--control"]
+    command += ["--page-port", "0", *options]
     for robot in robots:
         command += ["--ip", f"127.0.0.1:{robot.port}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             url = process.stdout.readline().removeprefix("dashboard ready at ").strip()
-            yield process, SimpleNamespace(url=url)
+            yield process, url
         finally:
             process.kill()
 
 
-def place(running: Dashboard) -> str:
-    """Return host and port of a dashboard."""
-    return running.url.removeprefix("http://").partition("/")[0]
+def place(running: Dashboard | str) -> str:
+    """Return host and port of a dashboard, or of the address of one."""
+    return urlsplit(running if isinstance(running, str) else running.url).netloc
 
 
 async def fetch(
-    running: Dashboard, path: str, headers: dict[str, str] | None = None, method: str = "GET"
+    running: Dashboard | str,
+    path: str,
+    headers: dict[str, str] | None = None,
+    method: str = "GET",
+    tls: ssl.SSLContext | None = None,
 ) -> tuple[int, dict[str, str], bytes]:
     """Return status, headers and body of a page."""
 
     def get() -> tuple[int, dict[str, str], bytes]:
-        connection = http.client.HTTPConnection(place(running), timeout=TIMEOUT)
+        connection: http.client.HTTPConnection
+        if tls:
+            connection = http.client.HTTPSConnection(place(running), context=tls, timeout=TIMEOUT)
+        else:
+            connection = http.client.HTTPConnection(place(running), timeout=TIMEOUT)
         connection.request(method, path, headers=headers or {})
         response = connection.getresponse()
         found = {name.lower(): value for name, value in response.getheaders()}
@@ -176,13 +193,16 @@ class Page:
 
 
 @asynccontextmanager
-async def page(running: Dashboard, port: int = 0, **headers: str) -> AsyncIterator[Page]:
+async def page(
+    running: Dashboard | str, port: int = 0, tls: ssl.SSLContext | None = None, **headers: str
+) -> AsyncIterator[Page]:
     """Open a page, directly or at the port of `delayed`; `headers` replace those of a browser."""
     host = f"127.0.0.1:{port}" if port else place(running)
-    sent = {"Origin": f"http://{host}", **headers}
-    connect = Connect(
-        f"ws://{host}/live", factory=Socket, compression=None, **{_HEADERS_OPTION: sent}
-    )
+    options = {_HEADERS_OPTION: {"Origin": f"http{'s' if tls else ''}://{host}", **headers}}
+    if tls:
+        options["ssl"] = tls
+    url = f"ws{'s' if tls else ''}://{host}/live"
+    connect = Connect(url, factory=Socket, compression=None, **options)
     async with connect as socket:
         opened = Page(socket)
         try:

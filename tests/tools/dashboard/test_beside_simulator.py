@@ -16,24 +16,20 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import Page, page
 from tests.tools.waiting import TIMEOUT, aio
-from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator.server import SimulatedChassis
-from woosh_robot_agent.tools.dashboard.beside_simulator import SimulatorExtras
-from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
+from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
 
 @asynccontextmanager
 async def page_beside() -> AsyncIterator[tuple[SimulatedChassis, Page]]:
     """A simulated chassis and a page that knows its state."""
-    async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
-        config = DashboardConfig(port=0, control=True)
-        robots = [LinkConfig("127.0.0.1", simulator.port)]
-        async with (
-            Dashboard(robots, config, SimulatorExtras(simulator)) as running,
-            page(running) as viewer,
-        ):
-            await viewer.until(lambda parts: parts["robot"]["known"] and parts["simulator"])
-            yield simulator, viewer
+    async with (
+        SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator,
+        dashboard_beside(simulator, 0) as url,
+        page(url) as viewer,
+    ):
+        await viewer.until(lambda parts: parts["robot"]["known"] and parts["simulator"])
+        yield simulator, viewer
 
 
 @aio

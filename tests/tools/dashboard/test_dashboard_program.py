@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 import signal
+import ssl
+import subprocess
+from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
+from websockets.exceptions import InvalidHandshake
 
-from tests.tools.dashboard.pages import page, program
+from tests.tools.dashboard.pages import fetch, page, place, program
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
@@ -52,16 +57,62 @@ async def test_the_chassis_stops_by_itself_when_the_program_is_killed(
         # on a busy machine, the connection was too slow, and the stick had stopped the robot
 
 
+@pytest.fixture
+def certificate(tmp_path: Path) -> list[str]:
+    """Options with a new certificate for this machine, and its key."""
+    files = [str(tmp_path / name) for name in ("cert.pem", "key.pem")]
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
+        + ["-nodes", "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"]
+        + ["-out", files[0], "-keyout", files[1]],
+        check=True,
+        capture_output=True,
+    )
+    return ["--tls-cert", files[0], "--tls-key", files[1]]
+
+
+@aio
+async def test_the_page_is_served_over_https(
+    chassis: SimulatorThread, certificate: list[str]
+) -> None:
+    tls = ssl.create_default_context(cafile=certificate[1])
+    options = [*certificate, "--host", "0.0.0.0"]
+    with program(chassis, options=options) as (_, url):
+        assert url.startswith("https://")
+        local = url.replace(urlsplit(url).hostname or "", "127.0.0.1")
+        path = f"/?{urlsplit(url).query}"
+        status, headers, _ = await fetch(local, path, tls=tls)
+        assert status == 200
+        assert "; Secure" in headers["set-cookie"]
+        cookie = headers["set-cookie"].partition(";")[0]
+        async with page(local, tls=tls, Cookie=cookie) as viewer:
+            ok, text = await viewer.command("speak", text="hello")
+            assert ok, text
+        plain = f"http://{place(local)}"
+        with pytest.raises(InvalidHandshake):
+            async with page(local, tls=tls, Cookie=cookie, Origin=plain):
+                pass
+
+
+def test_a_key_that_does_not_fit_the_certificate_is_refused(
+    certificate: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    key = tmp_path / "other.pem"
+    subprocess.run(["openssl", "genrsa", "-out", str(key)], check=True, capture_output=True)
+    with pytest.raises(SystemExit):
+        main(["--ip", "127.0.0.1", *certificate[:2], "--tls-key", str(key)])
+    assert "cannot use --tls-cert and --tls-key: " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
         (["--host", ""], "--host is empty"),
         (["--page-port", "70000"], "--page-port must be within"),
-        (["--scan-rate", "nan"], "--scan-rate must be within"),
         (["--max-linear", "inf"], "--max-linear must be above 0"),
         (["--max-angular", "0"], "--max-angular must be above 0"),
-        (["--max-viewers", "0"], "--max-viewers must be at least 1"),
-        (["--max-viewers", "1", "--control"], "more than the number of robots"),
+        (["--tls-key", "key.pem"], "--tls-key needs --tls-cert"),
+        (["--tls-cert", "nothing.pem"], "cannot use --tls-cert and --tls-key: [Errno 2] No such"),
     ],
 )
 def test_invalid_options_are_refused(

@@ -11,7 +11,6 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -403,8 +402,7 @@ def test_the_space_bar_stops(robot: SimulatedPage, browser: Any) -> None:
 
 def test_a_stop_of_another_viewer_ends_the_press(robot: SimulatedPage, browser: Any) -> None:
     async def stop() -> tuple[bool, str]:
-        running: Any = SimpleNamespace(url=robot.url)
-        async with page(running) as other:
+        async with page(robot.url) as other:
             return await other.command("stop")
 
     hold_stick(browser, robot)
@@ -445,10 +443,10 @@ def test_a_list_switches_between_robots_and_a_stop_is_for_the_one_shown(
     with (
         SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=7)) as first,
         SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=8)) as second,
-        program(first, second) as (_, running),
+        program(first, second) as (_, url),
         shared_browser.window() as browser,
     ):
-        browser.get(running.url)
+        browser.get(url)
         eventually(lambda: element(browser, "#tools").is_displayed(), "the tools")
         assert not element(browser, "[value=obstacle]").is_displayed()  # of a simulator's own page
         options = "[...document.querySelectorAll('#robots option')].map((each) => each.text)"

@@ -258,11 +258,10 @@ async def test_a_driver_that_goes_away_stops_the_robot(
 ) -> None:
     # neither the timeout of the chassis nor, except in silence, that of the stick stops the robot
     monkeypatch.setattr(ownership, "COMMAND_TIMEOUT", math.inf)
-    if end != "silent":
-        monkeypatch.setattr(control, "_STICK_TIMEOUT", 60.0)
+    timing = {} if end == "silent" else {"stick_timeout": TIMEOUT}
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
         async with (
-            dashboard(chassis, other, control=True) as running,
+            dashboard(chassis, other, control=True, **timing) as running,
             page(running) as watcher,
             page(running) as viewer,
         ):
@@ -560,17 +559,16 @@ async def test_an_invalid_velocity_ends_the_connection(
 
 @aio
 async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
-    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+    chassis: SimulatorThread,
 ) -> None:
     async with (
-        dashboard(chassis, control=True) as running,
+        dashboard(chassis, control=True, idle_timeout=3.0) as running,
         page(running) as idle,
         page(running) as other,
     ):
         await ready(idle)
         await idle.command("pause")
         await other.until(lambda parts: parts["control"]["owner"] == idle.parts["hello"]["you"])
-        monkeypatch.setattr(control, "_IDLE_TIMEOUT", 0.0)
         await other.until(lambda parts: parts["control"]["owner"] is None)
 
 
@@ -642,12 +640,11 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
 
 @aio
 async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
-    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(control, "_CLOSE_TIMEOUT", TIMEOUT)
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
         async with (
-            dashboard(chassis, other, control=True) as running,
+            dashboard(chassis, other, control=True, close_timeout=TIMEOUT) as running,
             page(running) as first,
             page(running) as second,
         ):

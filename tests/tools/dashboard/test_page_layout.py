@@ -9,7 +9,6 @@ import re
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -90,7 +89,7 @@ class _Served:
     def commanded_by_another(self) -> Iterator[None]:
         """Let another page have the control."""
         loop = asyncio.new_event_loop()
-        other = page(SimpleNamespace(url=self.url))  # type: ignore[arg-type]
+        other = page(self.url)
         viewer = loop.run_until_complete(other.__aenter__())
         try:
             loop.run_until_complete(viewer.command("pause"))
@@ -109,8 +108,8 @@ def served(request: pytest.FixtureRequest) -> Iterator[_Served]:
             )
             for number in range(30001, 30001 + request.param)
         ]
-        process, address = running.enter_context(program(*robots))
-        yield _Served(robots, process, address.url)
+        process, url = running.enter_context(program(*robots))
+        yield _Served(robots, process, url)
 
 
 @contextmanager
@@ -233,8 +232,8 @@ def test_the_first_press_of_the_stick_drives_where_the_finger_goes(
 ) -> None:
     with (
         SimulatorThread(quick_config(port=0, tcp_port=0)) as robot,
-        program(robot) as (_, running),
-        opened(shared_browser, running.url, width, 700) as browser,
+        program(robot) as (_, url),
+        opened(shared_browser, url, width, 700) as browser,
     ):
         beside = 0.4 * _STICK_RADIUS  # the finger need not hit the middle
         hold_stick(browser, 0, 0, beside)
@@ -266,8 +265,8 @@ def test_stop_works_for_a_finger_while_another_one_holds_the_stick(
 ) -> None:
     with (
         SimulatorThread(quick_config(port=0, tcp_port=0)) as robot,
-        program(robot) as (_, running),
-        opened(shared_browser, running.url, 390, 800) as browser,
+        program(robot) as (_, url),
+        opened(shared_browser, url, 390, 800) as browser,
     ):
         x, y = hold_stick(browser, 0, -40)
 

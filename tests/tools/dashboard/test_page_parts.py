@@ -163,7 +163,7 @@ async def test_scans_are_requested_only_while_somebody_watches(chassis: Simulato
             assert len(frame) > 1000
             await viewer.send(do="visible", visible=False)
             robot = running.robots[0]
-            await eventually(lambda: not robot.watched)
+            await eventually(lambda: not robot.parts.watched)
             await eventually(lambda: chassis.counts[scanner] > 0)
             # the last one may be in flight; then there are no more, however long one waits
             count = await _settled(chassis, scanner)
@@ -247,11 +247,11 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
         for cls in (RobotState, ScannerData):
             chassis.delay(full_name(cls), 0.3)
         await viewer.send(do="visible", visible=False)
-        await eventually(lambda: not robot.watched)
+        await eventually(lambda: not robot.parts.watched)
         begin = await viewer.until(lambda parts: parts["clock"])
         await viewer.until(lambda parts: parts["clock"] > begin + 1500)
         count, seen = chassis.counts[full_name(ScannerData)], set()
-        robot.watch("somebody", lambda _: seen.add(robot.no_data))
+        robot.parts.watch("somebody", lambda _: seen.add(robot.no_data))
         await eventually(lambda: chassis.counts[full_name(ScannerData)] > count + 3)
         assert seen == {""}
 
@@ -265,7 +265,7 @@ async def test_a_page_switches_between_robots(chassis: SimulatorThread) -> None:
             await viewer.until(lambda parts: parts["robot"]["id"] == 30001)
             await viewer.send(do="watch", robot=1)
             await viewer.until(lambda parts: parts["watching"] == 1 and parts["robot"]["id"] == 7)
-            assert running.robots[0].watched is False
+            assert running.robots[0].parts.watched is False
 
 
 @aio

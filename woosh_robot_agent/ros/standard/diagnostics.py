@@ -16,7 +16,13 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotIn
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot import who_drives
 from woosh_robot_agent.robot.clock import TOLERANCE, difference
-from woosh_robot_agent.robot.readiness import accepts_task, is_located, objections, pose_doubt
+from woosh_robot_agent.robot.readiness import (
+    accepts_task,
+    is_charging,
+    is_located,
+    objections,
+    pose_doubt,
+)
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.second_agent import SecondAgent
@@ -90,7 +96,7 @@ def agents_status(second_agent: SecondAgent) -> Status:
 def battery_status(info: RobotInfo) -> Status:
     """Return the status of the battery, judged by the thresholds in the robot's settings."""
     status, battery, power = Status("battery"), info.battery, info.setting.power
-    charging = battery.charge_state in (Battery.kManual, Battery.kAuto)
+    charging = is_charging(battery)
     if not charging and battery.power <= power.alarm:
         status.tell(ERROR, f"{battery.power} % is at or below the alarm of {power.alarm} %")
     elif not charging and battery.power <= power.low:

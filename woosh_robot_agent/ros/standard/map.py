@@ -15,9 +15,9 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.maps import MapError, cells_of, scene_map
+from woosh_robot_agent.robot.maps import MapError, cells_of, check_place, scene_map
 from woosh_robot_agent.ros.standard.part import Part, PartContext
-from woosh_robot_agent.ros.standard.poses import Pose2D, check_finite, to_pose
+from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 from woosh_robot_agent.ros.subscribers import Subscribers
 
 _MAX_SILENCE = 3.0
@@ -218,9 +218,7 @@ class Map(Part):
         Raises:
             ValueError: the map has no valid resolution, origin or image.
         """
-        if not 0.0 < resolution < math.inf:
-            raise ValueError(f"its resolution is invalid: {resolution:g}")
-        check_finite("origin", origin.x, origin.y)
+        check_place(resolution, origin.x, origin.y)
         # decoding a large image would block the link
         width, height, cells = await asyncio.to_thread(cells_of, image)
         message = OccupancyGrid(data=cells)

@@ -12,7 +12,8 @@ from typing import Any
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator.faults import FAULTS, FaultError, Injection, parse_fault
 from woosh_robot_agent.simulator.server import SimulatedChassis
-from woosh_robot_agent.tools.dashboard.dashboard import Dashboard, DashboardConfig
+from woosh_robot_agent.tools.dashboard.control import Outcome
+from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 
 _MAX_FAULTS = 100
 """Maximum number of faults that are active at the same time, obstacles included."""
@@ -35,24 +36,26 @@ async def dashboard_beside(simulator: SimulatedChassis, port: int) -> AsyncItera
         OSError: the port is in use.
     """
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(simulator.config.host, simulator.config.host)
-    robot = LinkConfig(host, simulator.port)
+    faults = FaultCommands(simulator)
     config = DashboardConfig(port=port, control=True)
-    async with Dashboard([robot], config, SimulatorExtras(simulator)) as dashboard:
+    async with Dashboard([LinkConfig(host, simulator.port)], config, faults.commands) as dashboard:
+        dashboard.robots[0].parts.add("simulator", faults.data, each_second=True)
         yield dashboard.url
 
 
-class SimulatorExtras:
+class FaultCommands:
     """Commands that begin and end faults; an obstacle is a fault, too.
 
     Args:
         simulator: the chassis, in the same event loop.
-    """
 
-    names = frozenset({"fault", "endFault", "clearFaults"})
-    """Names of the commands."""
+    Attributes:
+        commands: the commands, by name.
+    """
 
     def __init__(self, simulator: SimulatedChassis) -> None:
         self._simulator = simulator
+        self.commands = {"fault": self._begin, "endFault": self._end, "clearFaults": self._clear}
         self._known = [
             {
                 "name": fault.name,
@@ -66,16 +69,12 @@ class SimulatorExtras:
         """Return the faults that exist, and those that are active."""
         return {"known": self._known, "faults": [_entry(each) for each in self._simulator.faults]}
 
-    async def run(self, name: str, args: Mapping[str, Any]) -> tuple[bool, str]:
-        """Begin or end faults; return the success and a text for the viewer."""
-        if name == "clearFaults":
-            self._simulator.clear_faults()
-            return True, "all faults are ended"
-        if name == "endFault":
-            return self._end(args.get("id"))
-        return self._begin(args.get("text"))
+    def _clear(self, _args: Mapping[str, Any]) -> Outcome:
+        self._simulator.clear_faults()
+        return True, "all faults are ended"
 
-    def _begin(self, text: object) -> tuple[bool, str]:
+    def _begin(self, args: Mapping[str, Any]) -> Outcome:
+        text = args.get("text")
         if not isinstance(text, str) or len(text) > _MAX_TEXT:
             return False, f"a fault is a text of at most {_MAX_TEXT} characters"
         if len(self._simulator.faults) >= _MAX_FAULTS:
@@ -89,9 +88,9 @@ class SimulatorExtras:
             return False, str(error)
         return True, f"{injection}: begun"
 
-    def _end(self, id_: object) -> tuple[bool, str]:
+    def _end(self, args: Mapping[str, Any]) -> Outcome:
         for injection in self._simulator.faults:
-            if _id(injection) == id_:
+            if _id(injection) == args.get("id"):
                 injection.clear()
                 return True, f"{injection}: ended"
         return False, "this fault has ended already"

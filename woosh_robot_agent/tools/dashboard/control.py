@@ -1,4 +1,4 @@
-"""Commands from the page to one robot, all through the gate for motion."""
+"""The commands of the page, and who may give them to a robot: all through the gate for motion."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import math
 import time
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
@@ -15,18 +16,133 @@ from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.reports import RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate, VelocityDriver, VelocityLimits
 from woosh_robot_agent.motion.wheel_owner import is_running
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    ActionOrder,
+    ExecTask,
+    InitRobot,
+    SetRobotPose,
+    Speak,
+    SwitchControlMode,
+    SwitchWorkMode,
+)
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.dashboard.commands import (
-    INTERRUPTING,
-    CommandError,
-    number,
-    request_for,
-)
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
+
+Args = Mapping[str, Any]
+"""Arguments of a command, as the page sends them."""
+Outcome = tuple[bool, str]
+"""Success of a command, and a text for the viewer."""
+_MAX_TEXT = 200
+"""Maximum length of a text."""
+_MAX_COORDINATE = 1e5
+"""Greatest coordinate, in metres."""
+
+
+class CommandError(ValueError):
+    """A command is refused."""
+
+
+def _go(args: Args, _info: RobotInfo) -> Message:
+    request = ExecTask(task_id=_task_id(), type=task.kPick)
+    _set_pose(request.pose, args)
+    return request
+
+
+def _go_to_mark(args: Args, _info: RobotInfo) -> Message:
+    return ExecTask(task_id=_task_id(), type=task.kPick, mark_no=_text(args, "mark"))
+
+
+def _tell_pose(args: Args, info: RobotInfo) -> Message:
+    """Return the request that tells the robot its pose; before the initialisation, another one."""
+    request = InitRobot() if info.state == robot.kUninit else SetRobotPose()
+    _set_pose(request.pose, args)
+    return request
+
+
+def _control_mode(args: Args, _info: RobotInfo) -> Message:
+    mode = _choice(args, "mode", (robot.kAuto, robot.kManual, robot.kMaintain))
+    return SwitchControlMode(mode=robot.ControlMode.Name(mode))
+
+
+def _work_mode(args: Args, _info: RobotInfo) -> Message:
+    mode = _choice(args, "mode", (robot.kDeployMode, robot.kTaskMode, robot.kScheduleMode))
+    return SwitchWorkMode(mode=robot.WorkMode.Name(mode))
+
+
+def _speak(args: Args, _info: RobotInfo) -> Message:
+    return Speak(text=_text(args, "text"))
+
+
+def _number(args: Args, name: str, limit: float) -> float:
+    """Return an argument that is a number.
+
+    Raises:
+        CommandError: it is not a number within -`limit` to `limit`.
+    """
+    value = args.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= limit:
+        raise CommandError(f"{name} is not a number within {-limit:g} to {limit:g}")
+    return float(value)
+
+
+def _set_pose(pose: Any, args: Args) -> None:
+    pose.x = _number(args, "x", _MAX_COORDINATE)
+    pose.y = _number(args, "y", _MAX_COORDINATE)
+    pose.theta = _number(args, "theta", math.tau)
+
+
+def _text(args: Args, name: str) -> str:
+    text = args.get(name)
+    if not isinstance(text, str) or len(text) > _MAX_TEXT or not text.isprintable():
+        raise CommandError(f"{name} is not a text of at most {_MAX_TEXT} characters")
+    return text
+
+
+def _choice(args: Args, name: str, valid: tuple[int, ...]) -> int:
+    value = args.get(name)
+    if isinstance(value, bool) or not isinstance(value, int) or value not in valid:
+        raise CommandError(f"{name} is not one of {', '.join(map(str, valid))}")
+    return value
+
+
+def _task_id() -> int:
+    """Return an id for a task, which the robot repeats in its reports."""
+    return int(time.time() * 1000)
+
+
+class _Command(NamedTuple):
+    """A command that the page can give.
+
+    Attributes:
+        request: makes the request from the arguments and the state of the robot.
+        interrupts: it only ends or interrupts a motion, so it is never too old to be sent.
+    """
+
+    request: Callable[[Args, RobotInfo], Message]
+    interrupts: bool = False
+
+
+_COMMANDS: Mapping[str, _Command] = MappingProxyType(
+    {
+        "go": _Command(_go),
+        "goMark": _Command(_go_to_mark),
+        "setPose": _Command(_tell_pose),
+        "pause": _Command(lambda *_: ActionOrder(order=action.kPause), interrupts=True),
+        "continue": _Command(lambda *_: ActionOrder(order=action.kContinue)),
+        "cancel": _Command(lambda *_: ActionOrder(order=action.kCancel), interrupts=True),
+        "controlMode": _Command(_control_mode),
+        "workMode": _Command(_work_mode),
+        "speak": _Command(_speak),
+    }
+)
+"""All commands for a robot, by name, besides `STOP`."""
+
 
 _STICK = "stick"
 """Name of the stream of velocities."""
@@ -36,12 +152,6 @@ TOO_SLOW = "the connection to the dashboard is too slow; try again"
 """Reason why something from the page is too old to be sent."""
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
-_CLOSE_TIMEOUT = 0.5
-"""Timeout of the answer to the last zero velocity, in seconds."""
-_IDLE_TIMEOUT = 60.0
-"""Time without a command after which a viewer loses the control, in seconds."""
-_STICK_TIMEOUT = 0.5
-"""Time without a velocity from the page after which the robot is stopped, in seconds."""
 _MAX_AGE = 0.5
 """Age of the newest time known to the page from which what it sends is too old, in seconds."""
 _MAX_COUNT = 1e15
@@ -52,6 +162,26 @@ _STICK_RATE = 20.0
 """Maximum rate of velocities that are sent to the robot, in Hz."""
 _MAX_INPUT = 100.0
 """Greatest velocity in a message of the page, in m/s and rad/s; the limits scale it down."""
+
+
+@dataclass(frozen=True)
+class ControlConfig:
+    """Limits and timeouts of the control.
+
+    Attributes:
+        max_linear: maximum speed of the stick, in m/s.
+        max_angular: maximum turning speed of the stick, in rad/s.
+        stick_timeout: time without a velocity from the page after which the robot is stopped, in
+            seconds.
+        idle_timeout: time without a command after which a viewer loses the control, in seconds.
+        close_timeout: timeout of the answer to the last zero velocity, in seconds.
+    """
+
+    max_linear: float = 0.5
+    max_angular: float = 0.8
+    stick_timeout: float = 0.5
+    idle_timeout: float = 60.0
+    close_timeout: float = 0.5
 
 
 @dataclass
@@ -104,17 +234,19 @@ class Control:
 
     Args:
         robot: the robot.
-        max_linear: maximum speed of the stick, in m/s.
-        max_angular: maximum turning speed of the stick, in rad/s.
+        config: limits and timeouts.
 
     Attributes:
         owner: the viewer that has the control; None without any.
     """
 
-    def __init__(self, robot: Robot, max_linear: float, max_angular: float) -> None:
+    def __init__(self, robot: Robot, config: ControlConfig) -> None:
         self._robot = robot
+        self._config = config
         self._gate = MotionGate(robot.chassis)
-        self._limits = VelocityLimits(max_linear, max_angular, _STICK_RATE, _STICK_TIMEOUT)
+        self._limits = VelocityLimits(
+            config.max_linear, config.max_angular, _STICK_RATE, config.stick_timeout
+        )
         self._stick = _Stick(self._gate, robot, self._limits, self._stick_refused)
         self._gate.on_answered(self._answered)
         self._gate.on_stop(self._stopped)
@@ -133,8 +265,8 @@ class Control:
         """Tasks that pages have given, by id, the last one last."""
         robot.chassis.on_snapshot(self._find_task)
         robot.chassis.subscribe(TaskProc, self._task_reported)
-        robot.add_slow_part("control", self._data)
-        robot.add_part("result", self._result)
+        robot.parts.add("control", self._data, each_second=True)
+        robot.parts.add("result", self._result)
 
     def start(self) -> None:
         """Start sending the velocities of the stick."""
@@ -149,20 +281,17 @@ class Control:
         if self._stick_task is not None:
             self._stick_task.cancel()
         try:
-            await self._gate.close(_CLOSE_TIMEOUT)
+            await self._gate.close(self._config.close_timeout)
         except LinkError as error:
             return str(error)
         return ""
 
-    async def stop(self) -> tuple[bool, str]:
-        """Stop the robot; return the success and a text for the viewer."""
-        report = await self._gate.stop(_STOP_TIMEOUT)
-        return report.success, report.message
-
     def command(
-        self, viewer: Viewer, name: str, args: Mapping[str, Any], clock: float
-    ) -> Coroutine[Any, Any, tuple[bool, str]]:
+        self, viewer: Viewer, name: str, args: Args, clock: float
+    ) -> Coroutine[Any, Any, Outcome]:
         """Give the control to a viewer, and return the execution of its command.
+
+        A stop needs no control.
 
         Args:
             viewer: the viewer.
@@ -170,34 +299,36 @@ class Control:
             args: arguments of the command.
             clock: newest time that the page knew, in milliseconds.
 
-        Returns:
-            A coroutine that executes it, and returns its success and a text for the viewer.
-
         Raises:
             CommandError: the command is refused.
         """
-        request = request_for(name, args, self._robot.view.info)
+        if name == STOP:
+            return self._stop()
+        command = _COMMANDS.get(name)
+        if command is None:
+            raise CommandError("there is no such command")
+        request = command.request(args, self._robot.view.info)
         reason = self._outdated(clock) or self._robot.no_data
-        if reason and name not in INTERRUPTING:
+        if reason and not command.interrupts:
             raise CommandError(f"{name} was not sent: {reason}")
         if reason := self._claim(viewer):
             raise CommandError(reason)
         return self._execute(name, request)
 
-    def drive(self, viewer: Viewer, message: Mapping[str, Any]) -> None:
+    def drive(self, viewer: Viewer, message: Args) -> None:
         """Process a velocity of a viewer's stick.
 
         Raises:
             CommandError: a value is not a valid number.
         """
-        linear = number(message, "linear", _MAX_INPUT)
-        angular = number(message, "angular", _MAX_INPUT)
-        clock = number(message, "clock", _MAX_COUNT)
-        press = int(number(message, "press", _MAX_COUNT))
+        linear = _number(message, "linear", _MAX_INPUT)
+        angular = _number(message, "angular", _MAX_INPUT)
+        clock = _number(message, "clock", _MAX_COUNT)
+        press = int(_number(message, "press", _MAX_COUNT))
         if not (linear or angular):
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
-                if press == self._press and self._gap <= _STICK_TIMEOUT:
+                if press == self._press and self._gap <= self._config.stick_timeout:
                     self._driven_at = asyncio.get_running_loop().time()
             return
         if press <= viewer.ended_press:
@@ -219,11 +350,12 @@ class Control:
             self._stick.drive(0.0, 0.0, 0.0)
             self.owner = None
             self._press = -1
-            self._robot.changed()
+            self._robot.parts.changed()
 
     def _release_idle(self) -> None:
         """Take the control from a viewer that has not used it for long."""
-        if self.owner and asyncio.get_running_loop().time() > self._used_at + _IDLE_TIMEOUT:
+        now = asyncio.get_running_loop().time()
+        if self.owner and now > self._used_at + self._config.idle_timeout:
             self.release(self.owner)
 
     def _claim(self, viewer: Viewer) -> str:
@@ -235,7 +367,7 @@ class Control:
             return "the page is hidden"
         if self.owner is None:
             self.owner = viewer
-            self._robot.changed()
+            self._robot.parts.changed()
         self._used_at = asyncio.get_running_loop().time()
         return ""
 
@@ -261,12 +393,16 @@ class Control:
         """Return the reason why a press of the stick may not drive; empty if it may."""
         if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason
-        if press == self._press and self._gap > _STICK_TIMEOUT:
+        if press == self._press and self._gap > self._config.stick_timeout:
             return TOO_SLOW
         owner = self._gate.owner
         return f"{owner} is running: pause or cancel it to drive by hand" if owner else ""
 
-    async def _execute(self, name: str, request: Message) -> tuple[bool, str]:
+    async def _stop(self) -> Outcome:
+        report = await self._gate.stop(_STOP_TIMEOUT)
+        return report.success, report.message
+
+    async def _execute(self, name: str, request: Message) -> Outcome:
         given = _GivenTask(name)
         task_id = request.task_id if isinstance(request, ExecTask) else 0
         if task_id:
@@ -277,7 +413,7 @@ class Control:
             return False, f"{name}: {error}"
         if answer.ok:
             given.known = True
-            self._robot.changed()
+            self._robot.parts.changed()
             return True, f"{name}: accepted"
         self._tasks.pop(task_id, None)
         reason = await self._explainer.reason(type_of(request))
@@ -288,7 +424,7 @@ class Control:
         if given := self._tasks.get(report.robot_task_id):
             given.update(report)
         self._miss_ends(report.robot_task_id)
-        self._robot.changed()
+        self._robot.parts.changed()
 
     def _find_task(self, info: RobotInfo) -> None:
         """Find out what has become of the tasks while there was no link."""

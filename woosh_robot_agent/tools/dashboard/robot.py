@@ -1,32 +1,44 @@
-"""One robot of the page: its link, its state for all viewers, and its scans as binary messages."""
+"""One robot of the page: its link, its map, and the store of what its viewers see."""
 
 from __future__ import annotations
 
 import array
 import asyncio
-import contextlib
 import json
+import logging
 import math
 import struct
 import sys
 from collections.abc import Callable, Set
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import TOPICS, minimum_timeouts
-from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
+from woosh_robot_agent.link import (
+    Body,
+    ChassisClient,
+    FrameError,
+    LinkConfig,
+    LinkError,
+    LinkState,
+)
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, ScannerData
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, ScannerData, Scene
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.robot.maps import MapError, check_place, grey_png, scene_map
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.dashboard.part_data import MapSource
 from woosh_robot_agent.tools.robot_view import RobotView, link_report
 
+_LOG = logging.getLogger(__name__)
+M = TypeVar("M", bound=Message)
+SCAN = "scan"
+"""Name of the part that holds the laser scan, which is binary; the others are JSON."""
 _HEADER = struct.Struct("<4x7f")
 """Pose x, y, theta of the robot; offset x, y of the laser; first angle, angle between two rays.
 
@@ -60,12 +72,257 @@ def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | N
     return _HEADER.pack(*values) + ranges.tobytes()
 
 
+class Parts:
+    """Store of what viewers see of a robot: a message for each part, sent again when it changes.
+
+    Attributes:
+        messages: last message of each part, by its name: JSON as text, or binary.
+    """
+
+    def __init__(self) -> None:
+        self.messages: dict[str, str | bytes] = {}
+        self._sources: dict[str, Callable[[], Any]] = {}
+        """Functions that return the data of the parts, by name."""
+        self._on_change: list[str] = []
+        self._each_second: list[str] = []
+        self._viewers: dict[object, Callable[[Set[str]], None]] = {}
+        """Callbacks of the viewers."""
+        self._changed = asyncio.Event()
+        self._watched = asyncio.Event()
+        """Set while somebody watches."""
+
+    def add(
+        self,
+        name: str,
+        source: Callable[[], Any],
+        *,
+        on_change: bool = True,
+        each_second: bool = False,
+    ) -> None:
+        """Add a part.
+
+        Args:
+            name: name of the part.
+            source: returns the data of the part.
+            on_change: make it anew soon after each call of `changed`.
+            each_second: make it anew once a second, because it changes without such a call.
+        """
+        self._sources[name] = source
+        if on_change:
+            self._on_change.append(name)
+        if each_second:
+            self._each_second.append(name)
+
+    def changed(self) -> None:
+        """Tell that the data of parts may have changed."""
+        self._changed.set()
+
+    def put(self, name: str, message: bytes) -> None:
+        """Set the message of a binary part."""
+        if self.messages.get(name) != message:
+            self.messages[name] = message
+            self._tell({name})
+
+    def publish(self, *names: str) -> None:
+        """Make the messages of parts, and tell the viewers which ones have changed."""
+        changed = set()
+        for name in names:
+            content = {"part": name, "data": self._sources[name]()}
+            message = json.dumps(content, separators=(",", ":"))
+            if self.messages.get(name) != message:
+                self.messages[name] = message
+                changed.add(name)
+        self._tell(changed)
+
+    async def publish_changes(self, period: float) -> None:
+        """Publish parts whenever they may have changed, while somebody watches.
+
+        Args:
+            period: shortest time between two times, in seconds.
+        """
+        while True:
+            await self._watched.wait()
+            await self._changed.wait()
+            self._changed.clear()
+            self.publish(*self._on_change)
+            await asyncio.sleep(period)
+
+    async def publish_each_second(self) -> None:
+        """Publish the parts that change without a call of `changed`, while somebody watches."""
+        while True:
+            await self._watched.wait()
+            self.publish(*self._each_second)
+            await asyncio.sleep(1.0)
+
+    def watch(self, viewer: object, callback: Callable[[Set[str]], None]) -> None:
+        """Call `callback` with the names of parts that have changed, at first with all of them."""
+        self._viewers[viewer] = callback
+        self._watched.set()
+        self.changed()
+        callback(self.messages.keys() - {SCAN})
+
+    def unwatch(self, viewer: object) -> None:
+        """End what `watch` began; idempotent."""
+        self._viewers.pop(viewer, None)
+        if not self._viewers:
+            self._watched.clear()
+
+    @property
+    def watched(self) -> bool:
+        """True while somebody watches."""
+        return self._watched.is_set()
+
+    async def wait_watched(self) -> None:
+        """Wait until somebody watches."""
+        await self._watched.wait()
+
+    def _tell(self, names: Set[str]) -> None:
+        if names:
+            for callback in list(self._viewers.values()):
+                callback(names)
+
+
+_RETRY_DELAY = 5.0
+"""Delay before a failed request is retried, in seconds."""
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """A map that the page shows.
+
+    Attributes:
+        png: the picture.
+        data: resolution, origin and marks, for the page.
+    """
+
+    png: bytes
+    data: dict[str, Any]
+
+
+class MapSource:
+    """Requests the map that the robot uses, and receives the one that it is making.
+
+    Call `update` repeatedly while somebody watches.
+
+    Args:
+        chassis: the link.
+        on_change: called when there is another picture.
+
+    Attributes:
+        picture: the picture; None if there is no map.
+        number: number of the picture, which changes with each picture.
+        error: reason why there is no picture; empty if there is one.
+    """
+
+    def __init__(self, chassis: ChassisClient, on_change: Callable[[], None]) -> None:
+        self._chassis = chassis
+        self._on_change = on_change
+        self.picture: MapPicture | None = None
+        self.number = 0
+        self.error = ""
+        self._shown: object = None
+        """Scene, id, name and version of the map in the picture; None for another picture."""
+        self._task: asyncio.Task[None] | None = None
+        self._not_before = -math.inf
+        """Loop time before which a map is not requested again."""
+        self._unsubscribe: Callable[[], None] | None = None
+        """Ends the subscription to the map that the robot is making."""
+
+    def data(self) -> dict[str, Any]:
+        """Return the part of the map for the page."""
+        place = {} if self.picture is None else self.picture.data
+        return {"number": self.number, "error": self.error, **place}
+
+    def close(self) -> None:
+        """Stop requesting and receiving."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+        self._end_growing()
+
+    def update(self, scene: Scene, mapping: bool) -> None:
+        """Request the map if it is another one than that of the picture.
+
+        Args:
+            scene: scene and map that the robot uses.
+            mapping: True while the robot is making a map.
+        """
+        if self._chassis.state is not LinkState.READY:
+            return
+        if mapping:
+            self._shown = None
+            if self._unsubscribe is None:
+                self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._growing)
+            return
+        self._end_growing()
+        wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
+        loop = asyncio.get_running_loop()
+        busy = self._task is not None and not self._task.done()
+        if not scene.scene_name or wanted == self._shown or busy or loop.time() < self._not_before:
+            return
+        self._not_before = loop.time() + _RETRY_DELAY
+        self._start(self._request(wanted))
+
+    async def _request(self, wanted: tuple[str, int, str, int]) -> None:
+        try:
+            area = await scene_map(self._chassis, *wanted[:3])
+            origin = area.origin.x, area.origin.y, area.origin.theta
+            marks = part_data.marks_data(area)
+            self._set(await _picture(area.map_png, area.resolution, origin, marks))
+        except (LinkError, MapError) as error:
+            if self.error != str(error):
+                self.error = str(error)
+                self._on_change()
+            return
+        self._shown = wanted
+        self._not_before = -math.inf
+
+    def _growing(self, body: Body) -> None:
+        if self._task is None or self._task.done():  # a slow picture skips the next ones
+            self._start(self._show_growing(body))
+
+    async def _show_growing(self, body: Body) -> None:
+        try:
+            report: BuildMapData = body.message()
+            origin = report.origin_x, report.origin_y, 0.0
+            self._set(await _picture(report.map_data, report.resolution, origin, []))
+        except (FrameError, MapError):  # the next one comes within a second
+            return
+
+    def _end_growing(self) -> None:
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = None
+
+    def _start(self, work: Any) -> None:
+        self._task = asyncio.get_running_loop().create_task(work, name="map picture")
+
+    def _set(self, picture: MapPicture) -> None:
+        self.picture = picture
+        self.number += 1
+        self.error = ""
+        self._on_change()
+
+
+async def _picture(
+    png: bytes, resolution: float, origin: tuple[float, float, float], marks: list[Any]
+) -> MapPicture:
+    """Return the picture of a map.
+
+    Raises:
+        MapError: the map has no valid resolution, origin or image.
+    """
+    check_place(resolution, *origin)
+    # decoding a large image would block the link
+    data = await asyncio.to_thread(grey_png, png)
+    place = dict(zip(("x", "y", "theta"), origin, strict=True))
+    return MapPicture(data, {"resolution": resolution, "origin": place, "marks": marks})
+
+
 _MAX_BACKOFF = 3.0
 """Longest pause between attempts to connect, in seconds; short, because somebody is watching."""
-_UPDATE_PERIOD = 0.1
-"""Shortest time between two updates of the viewers, in seconds."""
-_SLOW_PERIOD = 1.0
-"""Time between two updates of what changes all the time, such as counters, in seconds."""
+_MAP_PERIOD = 1.0
+"""Time between two looks whether the robot uses another map, in seconds."""
 _LISTEN_PERIOD = 0.1
 """Time between two looks whether the robot has sent something, in seconds."""
 _PROBE_AFTER = 0.5
@@ -78,32 +335,31 @@ _BUSY = 0.3
 READ_ONLY = "the dashboard only shows: start it with --control to command the robot"
 """Reason for which commands are refused."""
 
-SCAN = "scan"
-"""Name of the part that holds the laser scan, which is binary; the others are JSON."""
-
 
 class Robot:
     """A robot that viewers watch. Used in one asyncio event loop.
 
-    Its state is divided into parts, each a message for the page. A part is sent again when it has
-    changed. While nobody watches, no scans and no maps are requested.
+    While nobody watches, no scans and no maps are requested.
 
     Args:
         config: address and timeouts of the robot.
         control: the robot may be commanded. Otherwise the client of the link refuses every request
             that could change something.
         scan_rate: rate at which scans are requested, in Hz.
+        update_period: shortest time between two updates of the viewers, in seconds.
 
     Attributes:
         chassis: the link.
         view: state of the robot as received so far.
         requests: puts the robot's id into requests, if there is one.
         map: the map of the robot.
+        parts: what viewers see of the robot.
         silence: whole seconds for which a watched robot has sent nothing although it is connected.
-        parts: last message of each part, by its name.
     """
 
-    def __init__(self, config: LinkConfig, *, control: bool, scan_rate: float) -> None:
+    def __init__(
+        self, config: LinkConfig, *, control: bool, scan_rate: float, update_period: float = 0.1
+    ) -> None:
         self.chassis = ChassisClient(
             config=replace(config, backoff_max=_MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
         )
@@ -111,28 +367,23 @@ class Robot:
             self.chassis.permit_only(only_reads, READ_ONLY)
         self.view = RobotView()
         self.requests = RequestMaker(config.robot_id)
-        self.map = MapSource(self.chassis, self.changed)
+        self.parts = Parts()
+        self.map = MapSource(self.chassis, self.parts.changed)
         self.silence = 0
-        self._heard_at = 0.0
-        """Loop time at which the last frame of the robot was noticed."""
-        self.parts: dict[str, str | bytes] = {}
         self._scan_rate = scan_rate
-        self._sources: dict[str, Callable[[], Any]] = {
-            "pose": lambda: part_data.pose_data(self.view.info),
-            "robot": lambda: part_data.robot_data(self.view),
-            "outline": lambda: part_data.outline_data(self.view.info),
-            "path": lambda: part_data.path_data(self.view),
-            "codes": lambda: part_data.codes_data(self.view),
-            "map": self._map_data,
-        }
-        self._slow_sources: dict[str, Callable[[], Any]] = {"link": self._link_data}
-        self._watchers: dict[object, Callable[[Set[str]], None]] = {}
-        """Callbacks of the viewers."""
-        self._changed = asyncio.Event()
-        self._watched = asyncio.Event()
-        """Set while somebody watches."""
-        self._tasks: list[asyncio.Task[None]] = []
-        self.chassis.on_state(lambda state: self.changed())
+        self._update_period = update_period
+        for name, source in (
+            ("pose", lambda: part_data.pose_data(self.view.info)),
+            ("robot", lambda: part_data.robot_data(self.view)),
+            ("outline", lambda: part_data.outline_data(self.view.info)),
+            ("path", lambda: part_data.path_data(self.view)),
+            ("codes", lambda: part_data.codes_data(self.view)),
+            ("map", self.map.data),
+        ):
+            self.parts.add(name, source)
+        self.parts.add("link", self._link_data, on_change=False, each_second=True)
+        self._running: asyncio.Task[None] | None = None
+        self.chassis.on_state(lambda state: self.parts.changed())
         self.chassis.on_snapshot(self._received)
         for topic in TOPICS:
             if not topic.on_demand:
@@ -142,57 +393,15 @@ class Robot:
     def start(self) -> None:
         """Start connecting."""
         self.chassis.start()
-        loop = asyncio.get_running_loop()
-        for work in (self._update(), self._update_slowly(), self._scan(), self._listen()):
-            self._tasks.append(loop.create_task(work, name="dashboard"))
+        self._running = asyncio.get_running_loop().create_task(self._run(), name="dashboard")
 
     async def close(self) -> None:
         """Close the link."""
         self.map.close()
-        for task in self._tasks:
-            task.cancel()
+        if self._running is not None:
+            self._running.cancel()
+            await asyncio.wait({self._running})
         await self.chassis.close()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
-    def add_part(self, name: str, source: Callable[[], Any]) -> None:
-        """Add a part.
-
-        Args:
-            name: name of the part.
-            source: returns the data of the part.
-        """
-        self._sources[name] = source
-        self.changed()
-
-    def add_slow_part(self, name: str, source: Callable[[], Any]) -> None:
-        """Add a part that also changes without a call of `changed`; see `add_part`."""
-        self._slow_sources[name] = source
-        self.add_part(name, source)
-
-    def changed(self) -> None:
-        """Send the parts that have changed, within `_UPDATE_PERIOD`."""
-        self._changed.set()
-
-    def watch(self, viewer: object, callback: Callable[[Set[str]], None]) -> None:
-        """Call `callback` with the names of parts that have changed, at first with all of them."""
-        if not self._watchers:
-            self._heard_at = asyncio.get_running_loop().time()
-        self._watchers[viewer] = callback
-        self._watched.set()
-        self.changed()
-        callback(self.parts.keys() - {SCAN})
-
-    def unwatch(self, viewer: object) -> None:
-        """End what `watch` began; idempotent."""
-        self._watchers.pop(viewer, None)
-        if not self._watchers:
-            self._watched.clear()
-            self.silence = 0
-
-    @property
-    def watched(self) -> bool:
-        """True while somebody watches."""
-        return self._watched.is_set()
 
     @property
     def summary(self) -> str:
@@ -207,89 +416,81 @@ class Robot:
 
     def _received(self, message: Message) -> None:
         self.view.update(message)
-        self.changed()
+        self.parts.changed()
 
-    async def _update(self) -> None:
-        while True:
-            await self._watched.wait()
-            await self._changed.wait()
-            self._changed.clear()
-            self._publish(self._sources)
-            await asyncio.sleep(_UPDATE_PERIOD)
+    async def _run(self) -> None:
+        try:
+            await asyncio.gather(
+                self.parts.publish_changes(self._update_period),
+                self.parts.publish_each_second(),
+                self._update_map(),
+                self._scan(),
+                self._listen(),
+            )
+        except Exception:
+            _LOG.exception("the page no longer shows %s", self.chassis.config.address)
 
-    async def _update_slowly(self) -> None:
+    async def _update_map(self) -> None:
         while True:
-            await self._watched.wait()
+            await self.parts.wait_watched()
             info = self.view.info
             self.map.update(info.scene, info.state == robot.kMapping)
-            self._publish(self._slow_sources)
-            await asyncio.sleep(_SLOW_PERIOD)
-
-    def _publish(self, sources: dict[str, Callable[[], Any]]) -> None:
-        """Make the messages of parts, and tell the viewers which ones have changed."""
-        changed = set()
-        for name, source in sources.items():
-            message = json.dumps({"part": name, "data": source()}, separators=(",", ":"))
-            if self.parts.get(name) != message:
-                self.parts[name] = message
-                changed.add(name)
-        self._tell(changed)
-
-    def _tell(self, names: Set[str]) -> None:
-        if names:
-            for callback in list(self._watchers.values()):
-                callback(names)
+            await asyncio.sleep(_MAP_PERIOD)
 
     async def _scan(self) -> None:
         loop = asyncio.get_running_loop()
         due = -math.inf
         while True:
-            await self._watched.wait()
+            await self.parts.wait_watched()
             due = max(due + 1.0 / self._scan_rate, loop.time())
             await asyncio.sleep(due - loop.time())
-            if self.chassis.state is LinkState.READY:
-                await self._request_scan()
+            scan = await self._request(ScannerData)
+            if scan is not None:
+                pose = self.view.info.pose_speed.pose
+                frame = scan_frame(scan, (pose.x, pose.y, pose.theta))
+                if frame is not None:
+                    self.parts.put(SCAN, frame)
 
     async def _listen(self) -> None:
         """Measure the silence of the robot, and tell the viewers of each second of it."""
         loop = asyncio.get_running_loop()
-        received, asking = 0, None
+        received, heard_at = 0, loop.time()
+        asking: asyncio.Task[None] | None = None
         while True:
-            await self._watched.wait()
+            if not self.parts.watched:
+                self.silence = 0
+                await self.parts.wait_watched()
+                heard_at = loop.time()
             due = loop.time() + _LISTEN_PERIOD
             await asyncio.sleep(_LISTEN_PERIOD)
             now = loop.time()
             if now - due > _BUSY:
-                self._heard_at += now - due
+                heard_at += now - due
             if self.chassis.state is not LinkState.READY or self.chassis.stats.rx != received:
-                self._heard_at = now
+                heard_at = now
             received = self.chassis.stats.rx
-            silence = now - self._heard_at
+            silence = now - heard_at
             if silence > _PROBE_AFTER and (asking is None or asking.done()):
                 asking = loop.create_task(self._ask(), name="dashboard probe")
             if int(silence) != self.silence:
                 self.silence = int(silence)
-                self._publish({"link": self._link_data})
+                self.parts.publish("link")
 
     async def _ask(self) -> None:
         """Request something small."""
-        with contextlib.suppress(LinkError):  # the page shows the silence
-            answer = await self.chassis.request(self.requests.empty(RobotState))
-            if answer.ok and isinstance(answer.body, RobotState):
-                self._received(answer.body)
+        state = await self._request(RobotState)
+        if state is not None:
+            self._received(state)
 
-    async def _request_scan(self) -> None:
+    async def _request(self, cls: type[M]) -> M | None:
+        """Request a value; return None if there is none, because the page shows why."""
+        if self.chassis.state is not LinkState.READY:
+            return None
         try:
-            answer = await self.chassis.request(self.requests.empty(ScannerData))
-        except LinkError:  # the page shows the state of the link
-            return
-        if not answer.ok or not isinstance(answer.body, ScannerData):
-            return
-        pose = self.view.info.pose_speed.pose
-        frame = scan_frame(answer.body, (pose.x, pose.y, pose.theta))
-        if frame is not None and frame != self.parts.get(SCAN):
-            self.parts[SCAN] = frame
-            self._tell({SCAN})
+            answer = await self.chassis.request(self.requests.empty(cls))
+        except LinkError:
+            return None
+        return answer.body if answer.ok and isinstance(answer.body, cls) else None
 
     def _link_data(self) -> dict[str, Any]:
         report = link_report(self.chassis)
@@ -297,8 +498,3 @@ class Robot:
             detail = "connected, but the robot sends nothing: its program or the network may hang"
             return {"good": False, "text": self.no_data, "detail": detail}
         return {"good": report.good, "text": report.text, "detail": report.detail}
-
-    def _map_data(self) -> dict[str, Any]:
-        if self.map.picture is None:
-            return {"number": self.map.number, "error": self.map.error}
-        return {"number": self.map.number, "error": self.map.error, **self.map.picture.data}

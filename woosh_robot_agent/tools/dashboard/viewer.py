@@ -7,7 +7,7 @@ import json
 from collections.abc import Set
 from typing import Any
 
-from websockets.exceptions import ConnectionClosed
+from aiohttp import web
 
 from woosh_robot_agent.tools.dashboard.robot import Robot
 
@@ -22,6 +22,7 @@ class Viewer:
 
     Args:
         socket: the WebSocket.
+        transport: its connection.
         number: number of the viewer, from 1.
 
     Attributes:
@@ -33,9 +34,12 @@ class Viewer:
         ended_press: number of the last press of the stick that has ended; see `Control`.
     """
 
-    def __init__(self, socket: Any, number: int) -> None:
+    def __init__(
+        self, socket: web.WebSocketResponse, transport: asyncio.Transport, number: int
+    ) -> None:
         self._socket = socket
-        address = socket.remote_address
+        self._transport = transport
+        address = transport.get_extra_info("peername")
         self.name = f"viewer {number} at {address[0]}" if address else f"viewer {number}"
         self.robot: Robot | None = None
         self.visible = True
@@ -48,7 +52,7 @@ class Viewer:
         self._notes: list[str] = []
         """Messages to send, none of which may be left out."""
         self._wake = asyncio.Event()
-        self._closing: asyncio.Task[None] | None = None
+        self._closing: asyncio.Task[bool] | None = None
         """The task that closes the WebSocket, because the loop keeps only a weak reference."""
         self.heard_at = asyncio.get_running_loop().time()
 
@@ -57,7 +61,7 @@ class Viewer:
         self.unwatch()
         self.robot = robot
         if self.visible:
-            robot.watch(self, self._changed)
+            robot.parts.watch(self, self._changed)
 
     def set_visible(self, visible: bool) -> None:
         """Stop sending while the page is hidden, and go on when it is visible again."""
@@ -65,12 +69,12 @@ class Viewer:
         if not visible:
             self.unwatch()
         elif self.robot is not None:
-            self.robot.watch(self, self._changed)
+            self.robot.parts.watch(self, self._changed)
 
     def unwatch(self) -> None:
         """Watch no robot."""
         if self.robot is not None:
-            self.robot.unwatch(self)
+            self.robot.parts.unwatch(self)
         self._stale.clear()
 
     def note(self, **content: Any) -> None:
@@ -79,11 +83,18 @@ class Viewer:
             self._notes.append(json.dumps(content, separators=(",", ":")))
             self._wake.set()
         else:
-            self._socket.transport.abort()
+            self._transport.abort()
 
     def dismiss(self, code: int, reason: str) -> None:
         """Close the WebSocket; the commands that wait for their answer go on."""
-        self._closing = asyncio.get_running_loop().create_task(self._socket.close(code, reason))
+        self._closing = asyncio.get_running_loop().create_task(
+            self._socket.close(code=code, message=reason.encode())
+        )
+
+    async def dismissed(self) -> None:
+        """Wait until `dismiss` is done, if it was called."""
+        if self._closing is not None:
+            await self._closing
 
     def tell_time(self) -> None:
         """Send the time of this process, without which the page cannot drive."""
@@ -102,8 +113,12 @@ class Viewer:
                 await self._wake.wait()
                 self._wake.clear()
                 while self._notes or self._tells_time or self._stale:
-                    await self._socket.send(self._next())
-        except ConnectionClosed:
+                    message = self._next()
+                    if isinstance(message, str):
+                        await self._socket.send_str(message)
+                    else:
+                        await self._socket.send_bytes(message)
+        except ConnectionError:
             return
 
     def _next(self) -> str | bytes:
@@ -115,7 +130,7 @@ class Viewer:
         name = next(iter(self._stale))
         del self._stale[name]
         assert self.robot is not None
-        return self.robot.parts.get(name, "{}")
+        return self.robot.parts.messages.get(name, "{}")
 
     def _changed(self, names: Set[str]) -> None:
         self._stale.update(dict.fromkeys(names))

@@ -14,12 +14,11 @@ from typing import Any
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.link.reports import printable
-from woosh_robot_agent.program import exit_on_stdout_error
+from woosh_robot_agent.program import INTERRUPTED
 from woosh_robot_agent.tools.maps import commands
 from woosh_robot_agent.tools.maps.robot import SLOW_ANSWERS, Robot
 from woosh_robot_agent.tools.maps.scene_folder import MapsError
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
-from woosh_robot_agent.tools.start import INTERRUPTED
 
 _MAX_FRAME = 256 * MIB
 """Maximum size of a frame with all files of a scene, in bytes."""
@@ -32,7 +31,6 @@ reached, or a file cannot be used, 2 if the command line is invalid, 130 after
 Ctrl-C. An upload that was cut off changes nothing on the robot."""
 
 
-@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """List, download, upload, rename or delete the maps of one robot.
 

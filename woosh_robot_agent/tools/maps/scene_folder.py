@@ -25,9 +25,8 @@ from google.protobuf.message import DecodeError
 
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
-from woosh_robot_agent.robot.maps import MapError
+from woosh_robot_agent.robot.maps import MapError, map_files
 from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
-from woosh_robot_agent.tools.nav2_map import map_files
 
 
 class MapsError(Exception):

@@ -1,5 +1,1 @@
-"""The program `monitor`: shows the state of one robot on a terminal."""
-
-from woosh_robot_agent.tools.start import program
-
-main = program("woosh_robot_agent.tools.monitor.program")
+"""The program `monitor`: shows the state of one robot in the terminal."""

@@ -18,7 +18,7 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
-from woosh_robot_agent.program import exit_on_stdout_error, import_problem
+from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.monitor.screen import draw, key_presses
 from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, link_report
@@ -90,6 +90,8 @@ class LinkSource:
 
 _REDRAW_PERIOD = 0.2
 """Time between two updates of a terminal, in seconds."""
+_PRINT_PERIOD = 1.0
+"""Time between two prints if stdout is not a terminal, in seconds."""
 _CHECK_PERIOD = 0.02
 """Time between two checks whether `--once` can print, in seconds."""
 _QUIT_KEYS = ("q", "Q", "\x03", "\x04")
@@ -102,7 +104,6 @@ The key q quits. No key commands the robot.
 Exit status with --once: 0 if the printed state is up to date, 1 if it is not."""
 
 
-@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show the state of one robot until `q`, SIGINT or SIGTERM.
 
@@ -110,8 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Arguments of the program; by default those of the command line.
 
     Returns:
-        The exit status: 0; 1 if the output was not read, or with `--once` if the printed state is
-        not up to date.
+        The exit status: 0; with `--once`, 1 if the printed state is not up to date.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     ros_at = given.index("--ros-args") if "--ros-args" in given else len(given)
@@ -132,16 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="print the state once, after --timeout seconds at the latest, and exit",
     )
-    parser.add_argument(
-        "--interval",
-        type=float,
-        default=1.0,
-        help="time between two prints if stdout is not a terminal, in seconds "
-        "(default: %(default)g)",
-    )
     options = parser.parse_args(given[:ros_at])
-    if not 0 < options.interval < 1e6:
-        parser.error(f"--interval must be above 0: {options.interval}")
     if not 0 < options.timeout < 1e6:
         parser.error(f"--timeout must be above 0: {options.timeout}")
     # The screen shows what the link would log.
@@ -176,7 +167,7 @@ async def _run(source: Source, options: argparse.Namespace) -> int:
         if console.is_terminal:
             await _show_live(source, console, stop)
         else:
-            await _print_repeatedly(source, console, stop, options.interval)
+            await _print_repeatedly(source, console, stop)
     finally:
         await source.close()
     return 0
@@ -213,12 +204,10 @@ async def _show_live(source: Source, console: Console, stop: asyncio.Event) -> N
                 await _pause(stop, _REDRAW_PERIOD)
 
 
-async def _print_repeatedly(
-    source: Source, console: Console, stop: asyncio.Event, interval: float
-) -> None:
+async def _print_repeatedly(source: Source, console: Console, stop: asyncio.Event) -> None:
     while not stop.is_set():
         console.print(draw(source.name, source.link(), source.view))
-        await _pause(stop, interval)
+        await _pause(stop, _PRINT_PERIOD)
 
 
 async def _pause(stop: asyncio.Event, duration: float) -> None:

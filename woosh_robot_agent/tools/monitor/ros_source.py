@@ -5,15 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import rclpy
 from rcl_interfaces.srv import GetParameters
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
@@ -24,12 +20,11 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.robot.last_known import parts_of
-from woosh_robot_agent.ros.logs import with_possible_log_files
 from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.second_agent import UNKNOWN_NODE
 from woosh_robot_agent.tools.options import link_arguments
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
-from woosh_robot_agent.tools.spinning import spin_until
+from woosh_robot_agent.tools.ros_node import NodeThread
 
 _DISCOVERY_PERIOD = 0.5
 """Time between two searches for the agent, in seconds."""
@@ -121,13 +116,8 @@ class RosSource:
         self, namespace: str, ros_args: Sequence[str] = (), domain: int | None = None
     ) -> None:
         self.view = RobotView()
-        self._context = Context()
-        rclpy.init(args=with_possible_log_files(ros_args), context=self._context, domain_id=domain)
-        try:
-            self._node = Node(f"monitor_{os.getpid()}", namespace=namespace, context=self._context)
-        except BaseException:
-            rclpy.try_shutdown(context=self._context)
-            raise
+        self._thread = NodeThread(f"monitor_{os.getpid()}", namespace, ros_args, domain)
+        self._node = self._thread.node
         self.name = self._node.get_namespace()
         self._agent: _RetriedCall | None = None
         """Requests the agent's parameters, as proof that it is alive; None without an agent."""
@@ -149,8 +139,6 @@ class RosSource:
         """Number of messages that could not be converted, and the error of the last one."""
         self._robot_info: _RetriedCall
         self._needs_robot_info = True
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._spin, name="monitor", daemon=True)
         self._loop: asyncio.AbstractEventLoop
 
     async def start(self) -> None:
@@ -173,11 +161,7 @@ class RosSource:
         self._thread.start()
 
     async def close(self) -> None:
-        self._stop.set()
-        if self._thread.is_alive():
-            await asyncio.get_running_loop().run_in_executor(None, self._thread.join)
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+        await asyncio.to_thread(self._thread.close)
 
     def is_complete(self) -> bool:
         has_robot_info = self.view.has_robot_info and not self._needs_robot_info
@@ -241,9 +225,6 @@ class RosSource:
         return "; ".join(problems)
 
     # The methods below run in the executor thread.
-
-    def _spin(self) -> None:
-        spin_until(self._stop, self._node)
 
     def _subscribe(self, name: str, ros_class: Any, push: str, depth: int) -> None:
         convert = converter(ros_class, message_type(push))

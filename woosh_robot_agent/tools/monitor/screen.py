@@ -24,7 +24,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.robot.readiness import accepts_task, pose_doubt, rejections
+from woosh_robot_agent.robot.readiness import accepts_task, is_charging, pose_doubt, rejections
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, enum_name
 
@@ -180,7 +180,7 @@ def _battery(info: RobotInfo) -> Text:
     if not info.HasField("battery"):
         return _UNKNOWN
     battery = info.battery
-    charging = battery.charge_state in (Battery.kManual, Battery.kAuto)
+    charging = is_charging(battery)
     how = f"charging ({enum_name(Battery.ChargeState, battery.charge_state)})" if charging else ""
     low = battery.power <= _LOW_BATTERY and not charging
     return Text(f"{battery.power} %   {how}".rstrip(), _WARNING if low else "")

@@ -1,19 +1,87 @@
-"""The channels of a recording."""
+"""The records of a recording, and the channels of its files."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from google.protobuf import message_factory
-from google.protobuf.descriptor_pb2 import (
-    DescriptorProto,
-    FieldDescriptorProto,
-    FileDescriptorProto,
-)
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
 from google.protobuf.descriptor_pool import DescriptorPool
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_protobuf.schema import build_file_descriptor_set
+
+
+class RecordingError(Exception):
+    """A recording cannot be read or written; the text says why."""
+
+
+Side = Literal["client", "chassis", "recorder"]
+EventKind = Literal["open", "close", "refused", "unreadable"]
+SIDES: tuple[Side, ...] = ("client", "chassis", "recorder")
+EVENT_KINDS: tuple[EventKind, ...] = ("open", "close", "refused", "unreadable")
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame, byte for byte.
+
+    Attributes:
+        t: Time since the start of the recording, in seconds.
+        connection: Number of the connection, from 1.
+        sender: Side that sent the frame.
+        data: Text of a text frame, bytes of a binary frame.
+        invalid: True for a text frame that is not valid UTF-8; `data` holds its bytes.
+    """
+
+    t: float
+    connection: int
+    sender: Side
+    data: str | bytes
+    invalid: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A change of a connection, such as its end.
+
+    Attributes:
+        t: Time since the start of the recording, in seconds.
+        connection: Number of the connection, from 1.
+        kind: `open`, `close`, `refused` (a client connected, but the chassis could not be reached)
+            or `unreadable` (the rest of one direction cannot be parsed into frames).
+        by: Side that caused the event.
+        text: Human-readable explanation.
+    """
+
+    t: float
+    connection: int
+    kind: EventKind
+    by: Side
+    text: str = ""
+
+
+Record = Frame | Event
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Contents of a recording.
+
+    Attributes:
+        address: Address of the recorded chassis.
+        started: Unix time of the start, in seconds.
+        records: Frames and events, in order.
+        damage: Why the end of a file is missing; empty if all files are complete.
+        missing_parts: Numbers, from 0, of the files of a split recording that were not given; those
+            after the last one that was given are unknown.
+    """
+
+    address: str
+    started: float
+    records: tuple[Record, ...]
+    damage: str = ""
+    missing_parts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +132,8 @@ _MESSAGES = {
     "ConnectionEvent": "uint32 connection, string kind, string by, string text",
 }
 """Fields of the messages, numbered from 1."""
-_ONE_OF = {"Frame": ("content", ("text", "binary", "invalid_text"))}
+_CONTENT = ("text", "binary", "invalid_text")
+"""Fields of a frame of which only one is present."""
 
 
 def _compile() -> dict[str, Any]:
@@ -76,13 +145,19 @@ def _compile() -> dict[str, Any]:
     file = FileDescriptorProto(name=f"{_PACKAGE}.proto", package=_PACKAGE, syntax="proto3")
     for name, fields in _MESSAGES.items():
         message = file.message_type.add(name=name)
-        _add_fields(message, fields)
-        if name in _ONE_OF:
-            one_of, members = _ONE_OF[name]
-            message.oneof_decl.add(name=one_of)
-            for field in message.field:
-                if field.name in members:
-                    field.oneof_index = 0
+        for number, each in enumerate(fields.split(", "), start=1):
+            type_name, field_name = each.split()
+            added = message.field.add(
+                name=field_name,
+                json_name=field_name,
+                number=number,
+                type=_TYPES[type_name],
+                label=FieldDescriptorProto.LABEL_OPTIONAL,
+            )
+            if name == "Frame" and field_name in _CONTENT:
+                added.oneof_index = 0
+        if name == "Frame":
+            message.oneof_decl.add(name="content")
     pool = DescriptorPool()
     pool.Add(file)
     found = {name: pool.FindMessageTypeByName(f"{_PACKAGE}.{name}") for name in _MESSAGES}
@@ -91,18 +166,6 @@ def _compile() -> dict[str, Any]:
         message_factory.MessageFactory(pool).GetPrototype  # type: ignore[attr-defined]
     )
     return {name: make(descriptor) for name, descriptor in found.items()}
-
-
-def _add_fields(message: DescriptorProto, fields: str) -> None:
-    for number, each in enumerate(fields.split(", "), start=1):
-        type_name, name = each.split()
-        message.field.add(
-            name=name,
-            json_name=name,
-            number=number,
-            type=_TYPES[type_name],
-            label=FieldDescriptorProto.LABEL_OPTIONAL,
-        )
 
 
 _CLASSES = _compile()

@@ -14,21 +14,17 @@ from mcap.records import Channel, Header, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader
 
 from woosh_robot_agent.tools.recording.layout import (
+    EVENT_KINDS,
     EVENTS,
     FRAMES,
     METADATA,
     ROS_PROFILE,
-    VERSION,
-    EventMessage,
-    FrameMessage,
-)
-from woosh_robot_agent.tools.recording.records import (
-    EVENTS as EVENT_KINDS,
-)
-from woosh_robot_agent.tools.recording.records import (
     SIDES,
+    VERSION,
     Event,
+    EventMessage,
     Frame,
+    FrameMessage,
     Record,
     Recording,
     RecordingError,

@@ -45,11 +45,10 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     Scene,
 )
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.robot.maps import MapError, grey_image
+from woosh_robot_agent.robot.maps import MapError, check_place, grey_image, map_files
+from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.robot.status_codes import explained
-from woosh_robot_agent.tools.nav2_map import map_files
-from woosh_robot_agent.tools.recording.layout import Channel, protobuf_channel
-from woosh_robot_agent.tools.recording.records import Side
+from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_channel
 
 _ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
 """Types of the answers whose frame may name the type of the request."""
@@ -230,14 +229,13 @@ def _scan(report: ScannerData, time: Timestamp) -> Iterator[View]:
 
 
 def _battery(report: Battery, time: Timestamp) -> Iterator[View]:
-    charging = report.charge_state in (Battery.kManual, Battery.kAuto)
     text = TextPrimitive(
         pose=pose(0.0, 0.0, 0.0, _TEXT_HEIGHT),
         billboard=True,
         font_size=14,
         scale_invariant=True,
         color=Color(r=0.2, g=0.6, b=0.2, a=1.0),
-        text=f"{report.power} %" + (", charging" if charging else ""),
+        text=f"{report.power} %" + (", charging" if is_charging(report) else ""),
     )
     yield _on_robot("battery", time, texts=[text])
 
@@ -381,9 +379,7 @@ def prepare_map(picture: Picture, time: int) -> PreparedMap | None:
         time: Time of recording, in ns.
     """
     try:
-        numbers = (picture.resolution, *picture.origin)
-        if not all(map(math.isfinite, numbers)) or picture.resolution <= 0:
-            raise MapError(f"its resolution or origin is invalid: {numbers}")
+        check_place(picture.resolution, *picture.origin)
         files = {}
         if picture.area is not None:
             files = map_files(picture.area, re.sub(r"[^\w.-]", "_", picture.name))

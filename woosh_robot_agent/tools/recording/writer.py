@@ -21,10 +21,11 @@ from woosh_robot_agent.tools.recording.layout import (
     METADATA,
     ROBOT_METADATA,
     VERSION,
+    EventKind,
     EventMessage,
     FrameMessage,
+    Side,
 )
-from woosh_robot_agent.tools.recording.records import EventKind, Side
 from woosh_robot_agent.tools.recording.views import (
     MapFinder,
     MessageDecoder,

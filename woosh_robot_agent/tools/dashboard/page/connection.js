@@ -36,7 +36,8 @@ export class Connection {
     clearTimeout(this.retry);
     this.clock = 0; // newest time of the dashboard, which goes back with everything that moves
     this.heardAt = performance.now();
-    const socket = new WebSocket(`ws://${location.host}/live`);
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     socket.onopen = () => {

@@ -20,7 +20,7 @@ from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.tools.recording.records import Event, Frame, Record, Recording
+from woosh_robot_agent.tools.recording.layout import Event, Frame, Record, Recording
 
 
 class DecodedRecord(NamedTuple):

@@ -12,14 +12,14 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.server import Listener
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
-from woosh_robot_agent.tools.record.frame_recorder import (
+from woosh_robot_agent.tools.recording.layout import Side
+from woosh_robot_agent.tools.recording.streams import (
     DelimitedParser,
     Direction,
     FrameParser,
     FrameRecorder,
     WebSocketParser,
 )
-from woosh_robot_agent.tools.recording.records import Side
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 from woosh_robot_agent.tools.robot_view import system_text
 

@@ -1,4 +1,4 @@
-"""Command line of `record`."""
+"""The program `record`: all frames between a robot and its clients, in a file."""
 
 from __future__ import annotations
 
@@ -14,11 +14,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from woosh_robot_agent.endpoints import NAMESPACE
-from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.convert.converter import RequestMaker
+from woosh_robot_agent.endpoints import NAMESPACE, QUERIES, TOPICS
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
 from woosh_robot_agent.link.config import MIB
+from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import log_to_stderr, printable
-from woosh_robot_agent.program import exit_on_stdout_error, import_problem
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.options import (
     add_link_options,
     host_and_port,
@@ -27,13 +32,15 @@ from woosh_robot_agent.tools.options import (
     stop_event,
     warn_if_not_local,
 )
-from woosh_robot_agent.tools.recording.records import RecordingError, require_libraries
+from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.layout import RecordingError
+from woosh_robot_agent.tools.recording.proxy import RecordingProxy
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
-if TYPE_CHECKING:  # needs the libraries, unlike --help
-    from woosh_robot_agent.tools.record.ros_recorder import RosRecorder
-    from woosh_robot_agent.tools.recording.files import Limits
-    from woosh_robot_agent.tools.recording.writer import RecordingWriter
+if TYPE_CHECKING:  # needs ROS
+    from woosh_robot_agent.tools.recording.ros_recorder import RosRecorder
 
+_LOG = logging.getLogger(__name__)
 _LOCALHOST = "127.0.0.1"
 _OWN_READ_PERIOD = 0.02
 """Time between two reads at high rates if there is no client that would wait, in seconds."""
@@ -49,7 +56,6 @@ a second file has what the agent publishes; rosbag2 plays that one.
 Ctrl-C ends the recording."""
 
 
-@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM.
 
@@ -63,13 +69,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _make_parser()
     options = parser.parse_args(arguments)
     config = link_config(parser, options)
-    for name in ("max_size", "split_size", "duration", "split_duration"):
-        _check_limit(parser, options, name)
     log_to_stderr(logging.INFO, "%(message)s")
     try:
-        require_libraries()
         return asyncio.run(_run(config, options))
-    except (OSError, RecordingError) as error:
+    except RecordingError as error:
         print(printable(f"error: {error}"), file=sys.stderr)
         return 1
 
@@ -96,23 +99,27 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--max-size",
-        type=float,
-        default=1024.0,
+        type=_mebibytes,
+        default=1024 * MIB,
         help="maximum size of all files together, in MiB; reaching it ends the recording "
-        "(default: %(default)g)",
+        "(default: 1024)",
     )
     parser.add_argument(
         "--split-size",
-        type=float,
+        type=_mebibytes,
+        default=0,
         help="size after which the next file begins, in MiB (default: one file)",
     )
     parser.add_argument(
         "--split-duration",
-        type=float,
+        type=_above_zero,
+        default=0.0,
         help="duration after which the next file begins, in seconds (default: one file)",
     )
     parser.add_argument(
-        "--duration", type=float, help="duration of the recording, in seconds (default: no limit)"
+        "--duration",
+        type=_above_zero,
+        help="duration of the recording, in seconds (default: no limit)",
     )
     parser.add_argument(
         "--ros",
@@ -130,25 +137,80 @@ def _make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _check_limit(parser: argparse.ArgumentParser, options: argparse.Namespace, name: str) -> None:
-    """End the program if the value of an option is not a possible limit."""
-    value, option = getattr(options, name), f"--{name.replace('_', '-')}"
-    if value is None:
-        return
+def _above_zero(text: str) -> float:
+    value = float(text)
     if not 0 < value < math.inf:
-        parser.error(f"{option} must be a finite number above 0: {value}")
-    if name.endswith("_size") and value * MIB < 1:
-        parser.error(f"{option} must be at least one byte, in MiB: {value}")
+        raise argparse.ArgumentTypeError(f"must be a finite number above 0: {text}")
+    return value
+
+
+def _mebibytes(text: str) -> int:
+    """Parse a number of MiB; return the number of bytes."""
+    size = int(_above_zero(text) * MIB)
+    if not size:
+        raise argparse.ArgumentTypeError(f"must be at least one byte, in MiB: {text}")
+    return size
+
+
+class PassiveClient:
+    """A client that subscribes to all pushes and sends each query once per connection.
+
+    It discards what it receives, because the proxy records it.
+
+    Args:
+        config: Address of the proxy.
+        with_large: Subscribe also to large pushes: laser scans and growing maps.
+    """
+
+    def __init__(self, config: LinkConfig, *, with_large: bool = True) -> None:
+        self._chassis = ChassisClient(config=config)
+        self._chassis.on_snapshot(self._on_snapshot)
+        self._scene = ""
+        """Name of the scene, by which its map is requested."""
+        for topic in TOPICS:
+            if with_large or not topic.on_demand:
+                self._chassis.subscribe_raw(message_type(topic.push), lambda _: None)
+        self._chassis.subscribe_raw(Feedbacks, lambda _: None)
+        self._chassis.on_state(self._on_state)
+        self._queries: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        """Connect, and reconnect whenever the connection is lost."""
+        self._chassis.start()
+
+    async def close(self) -> None:
+        """Disconnect."""
+        self._cancel_queries()
+        await self._chassis.close()
+
+    def _on_state(self, state: LinkState) -> None:
+        self._cancel_queries()
+        if state is LinkState.READY:
+            self._queries = asyncio.get_running_loop().create_task(self._query_all())
+
+    def _on_snapshot(self, info: RobotInfo) -> None:
+        self._scene = info.scene.scene_name
+
+    def _cancel_queries(self) -> None:
+        if self._queries is not None:
+            self._queries.cancel()
+
+    async def _query_all(self) -> None:
+        """Send each query, so that the replayed chassis can answer it."""
+        make = RequestMaker(self._chassis.config.robot_id)
+        names = dict.fromkeys(query.request for query in QUERIES)
+        requests = [make.empty(message_type(name)) for name in names]
+        if self._scene:
+            requests.append(make.address(SceneData(name=self._scene)))  # has the map
+        for request in requests:
+            try:
+                await self._chassis.request(request)
+            except LinkError as error:
+                _LOG.info("query %s failed: %s", full_name(request), error)
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
-    from woosh_robot_agent.tools.record.passive_client import PassiveClient
-    from woosh_robot_agent.tools.record.proxy import RecordingProxy
-    from woosh_robot_agent.tools.recording.files import Limits
-    from woosh_robot_agent.tools.recording.writer import RecordingWriter
-
-    stop = stop_event()
-    loop = asyncio.get_running_loop()
+    stop, loop = stop_event(), asyncio.get_running_loop()
 
     def on_early_end(reason: str) -> None:
         # An agent that is connected through the proxy needs it even without a recording.
@@ -157,58 +219,57 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         if not options.listen:
             loop.call_soon_threadsafe(stop.set)
 
-    limits = Limits(
-        int(options.max_size * MIB),
-        int((options.split_size or 0) * MIB),
-        options.split_duration or 0.0,
-    )
+    limits = Limits(options.max_size, options.split_size, options.split_duration)
     try:
         writer = RecordingWriter(options.output, config.address, limits, on_early_end)
     except OSError as error:
         raise RecordingError(_cannot_create(error)) from None
+    proxy = RecordingProxy(config, writer, *(() if options.listen else (_OWN_READ_PERIOD,)))
     ros_recorder = None
-    try:
-        if options.listen:
-            proxy = RecordingProxy(config, writer)
-        else:
-            proxy = RecordingProxy(config, writer, _OWN_READ_PERIOD)
+    async with AsyncExitStack() as stack:
+        stack.callback(writer.close)
         host, port = options.listen or (_LOCALHOST, 0)
-        async with AsyncExitStack() as stack:
-            try:
-                port = await proxy.start(host, port)
-                stack.push_async_callback(proxy.stop)
-                if options.ros:
-                    ros_recorder = _start_ros(options, limits, on_early_end)
-            except (OSError, RecordingError):
-                writer.discard()  # it is empty, and would block the next attempt
-                raise
-            if options.listen:
-                warn_if_not_local(host, "can command the robot")
-                _print_instructions(config, host, port, writer.paths[0])
-            else:
-                print(f"recording {config.address} to {writer.paths[0]}", flush=True)
-                own = replace(config, ip=_LOCALHOST, port=port)
-                # The proxy logs what concerns the robot; this client knows only the proxy.
-                logging.getLogger("woosh_robot_agent.link").setLevel(logging.ERROR)
-                client = PassiveClient(own, with_large=not options.no_large)
-                stack.push_async_callback(client.close)
-                client.start()
-            await _wait(stop, options.duration)
-    finally:
-        writer.close()
-        if ros_recorder is not None:
-            ros_recorder.close()
+        try:
+            port = await _listen(proxy, host, port)
+            stack.push_async_callback(proxy.stop)
+            if options.ros:
+                ros_recorder = _start_ros(options, limits, on_early_end)
+                stack.callback(ros_recorder.close)
+        except RecordingError:
+            writer.discard()  # it is empty, and would block the next attempt
+            raise
+        if options.listen:
+            warn_if_not_local(host, "can command the robot")
+            _print_instructions(config, host, port, writer.paths[0])
+        else:
+            print(f"recording {config.address} to {writer.paths[0]}", flush=True)
+            # The proxy logs what concerns the robot; this client knows only the proxy.
+            logging.getLogger("woosh_robot_agent.link").setLevel(logging.ERROR)
+            own = replace(config, ip=_LOCALHOST, port=port)
+            client = PassiveClient(own, with_large=not options.no_large)
+            stack.push_async_callback(client.close)
+            client.start()
+        await asyncio.wait({asyncio.ensure_future(stop.wait())}, timeout=options.duration)
     failed = _report_frames(writer, config, options)
     if ros_recorder is not None:
         failed |= _report_ros(ros_recorder, options.ros)
     return int(failed)
 
 
+async def _listen(proxy: RecordingProxy, host: str, port: int) -> int:
+    """Start the proxy; return its port."""
+    try:
+        return await proxy.start(host, port)
+    except OSError as error:
+        reason = error.strerror or error
+        raise RecordingError(f"cannot listen on {host}, port {port}: {reason}") from None
+
+
 def _start_ros(
     options: argparse.Namespace, limits: Limits, on_early_end: Callable[[str], None]
 ) -> RosRecorder:
     try:
-        from woosh_robot_agent.tools.record.ros_recorder import RosRecorder
+        from woosh_robot_agent.tools.recording.ros_recorder import RosRecorder
     except ImportError as error:
         if not (problem := import_problem(error)):
             raise
@@ -289,7 +350,3 @@ def _print_instructions(config: LinkConfig, host: str, port: int, path: Path) ->
         ),
         flush=True,
     )
-
-
-async def _wait(stop: asyncio.Event, duration: float | None) -> None:
-    await asyncio.wait({asyncio.ensure_future(stop.wait())}, timeout=duration)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 from websockets.frames import Opcode
 
-from woosh_robot_agent.tools.recording.records import EventKind, Side
+from woosh_robot_agent.tools.recording.layout import EventKind, Side
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 _protocol: Any

@@ -1,4 +1,4 @@
-"""Command line of `replay`."""
+"""The program `replay`: a recording, played back as a simulated chassis."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pathlib import Path
 
 from woosh_robot_agent.link.config import DEFAULT_PORTS
 from woosh_robot_agent.link.reports import log_to_stderr, printable
-from woosh_robot_agent.program import exit_on_stdout_error
 from woosh_robot_agent.tools.options import stop_event, warn_if_not_local
-from woosh_robot_agent.tools.recording.records import Recording, RecordingError, require_libraries
-from woosh_robot_agent.tools.replay.chassis import ReplayedChassis
-from woosh_robot_agent.tools.replay.timeline import Playback, prepare
+from woosh_robot_agent.tools.recording.layout import Recording, RecordingError
+from woosh_robot_agent.tools.recording.reader import read_recording
+from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
+from woosh_robot_agent.tools.recording.timeline import Playback, prepare
 
 _EPILOG = """\
 The playback starts when a client has subscribed. Requests get the recorded
@@ -25,7 +25,6 @@ refused. Recorded losses of the connection are replayed.
 Ctrl-C ends the program."""
 
 
-@exit_on_stdout_error
 def main(arguments: Sequence[str] | None = None) -> int:
     """Replay a recording until SIGINT or SIGTERM.
 
@@ -80,25 +79,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The library logs each interrupted handshake; a recorded loss causes some of them.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     try:
-        require_libraries()
-        from woosh_robot_agent.tools.recording.reader import read_recording
-
         recording = read_recording(*options.file)
         playback = prepare(recording)
-        _print_summary(options.file[0], playback, recording)
-    except (OSError, RecordingError) as error:
+    except RecordingError as error:
         print(printable(f"error: {error}"), file=sys.stderr)
         return 1
-    try:
-        asyncio.run(_run(playback, options))
-    except OSError as error:
-        print(
-            f"error: cannot listen on {options.host}: {error.strerror or error}; "
-            "choose another address or other ports: --host, --port and --tcp-port",
-            file=sys.stderr,
-        )
-        return 1
-    return 0
+    _print_summary(options.file[0], playback, recording)
+    return asyncio.run(_run(playback, options))
 
 
 def _print_summary(path: Path, playback: Playback, recording: Recording) -> None:
@@ -123,10 +110,10 @@ def _print_summary(path: Path, playback: Playback, recording: Recording) -> None
         )
 
 
-async def _run(playback: Playback, options: argparse.Namespace) -> None:
+async def _run(playback: Playback, options: argparse.Namespace) -> int:
     stop = stop_event()
     warn_if_not_local(options.host, "can read what was recorded")
-    async with ReplayedChassis(
+    chassis = ReplayedChassis(
         playback,
         host=options.host,
         port=options.port,
@@ -134,7 +121,17 @@ async def _run(playback: Playback, options: argparse.Namespace) -> None:
         speed=options.speed,
         loop=options.loop,
         wait_for_commands=options.wait_for_commands,
-    ) as chassis:
+    )
+    try:
+        await chassis.start()
+    except OSError as error:
+        print(
+            f"error: cannot listen on {options.host}: {error.strerror or error}; "
+            "choose another address or other ports: --host, --port and --tcp-port",
+            file=sys.stderr,
+        )
+        return 1
+    try:
         host = f"[{options.host}]" if ":" in options.host else options.host
         print(
             f"replayed chassis ready on ws://{host}:{chassis.port} "
@@ -142,3 +139,6 @@ async def _run(playback: Playback, options: argparse.Namespace) -> None:
             flush=True,
         )
         await stop.wait()
+    finally:
+        await chassis.stop()
+    return 0

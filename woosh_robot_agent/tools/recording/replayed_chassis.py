@@ -21,7 +21,7 @@ from woosh_robot_agent.link.server import (
 )
 from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.tools.replay.timeline import (
+from woosh_robot_agent.tools.recording.timeline import (
     Playback,
     Step,
     StepKind,

@@ -5,25 +5,21 @@ from __future__ import annotations
 import logging
 import os
 import re
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
+from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.ros.logs import with_possible_log_files
 from woosh_robot_agent.ros.releases import SubscriptionEventCallbacks, WithMessageInfo, type_hash
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import ROS_PROFILE, Channel
-from woosh_robot_agent.tools.spinning import spin_until
+from woosh_robot_agent.tools.ros_node import NodeThread
 
 _TYPE = re.compile(r"(\w+)/(\w+)")
 """Package and name of a message type within the type of a field."""
@@ -59,8 +55,6 @@ def definition(name: str) -> str:
 
 def _with_used(name: str) -> list[str]:
     """Return a type and all types that it uses, each once."""
-    from woosh_robot_agent.convert.mapping import class_of
-
     found = [name]
     for each in found:  # which grows
         try:
@@ -111,13 +105,12 @@ class RosRecorder:
         self, namespace: str, path: Path, limits: Limits, on_early_end: Callable[[str], None]
     ) -> None:
         self.lost: Counter[str] = Counter()
-        self._context = Context()
-        rclpy.init(args=with_possible_log_files([]), context=self._context)
+        self._thread = NodeThread(f"record_{os.getpid()}", namespace)
+        self._node = self._thread.node
         try:
-            self._node = Node(f"record_{os.getpid()}", namespace=namespace, context=self._context)
             self._files = RecordingFiles(path, limits, lambda _: None, on_early_end, ROS_PROFILE)
-        except BaseException:
-            rclpy.try_shutdown(context=self._context)
+        except OSError:
+            self._thread.close()
             raise
         self._channels: dict[str, Channel] = {}
         """The topics that are recorded, and those that cannot be."""
@@ -125,11 +118,9 @@ class RosRecorder:
         """Topics whose type is not installed."""
         self._on_early_end = on_early_end
         self._has_crashed = False
-        self._stop = threading.Event()
         self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
         self._node.create_timer(_FLUSH_PERIOD, self._files.flush)
-        self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
-        self._thread.start()
+        self._thread.start(self._crashed)
 
     @property
     def paths(self) -> list[Path]:
@@ -148,21 +139,16 @@ class RosRecorder:
 
     def close(self) -> None:
         """End the thread, and complete and close the file."""
-        self._stop.set()
-        self._thread.join()
+        self._thread.stop()
         self._files.close()
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+        self._thread.close()
 
     # The methods below run in the thread.
 
-    def _spin(self) -> None:
-        try:
-            spin_until(self._stop, self._node)
-        except Exception as error:  # the thread would end without a word
-            _LOG.exception("the recording of ROS topics failed")
-            self._has_crashed = True
-            self._on_early_end(f"internal error: {error!r}")
+    def _crashed(self, error: Exception) -> None:
+        _LOG.error("the recording of ROS topics failed", exc_info=error)
+        self._has_crashed = True
+        self._on_early_end(f"internal error: {error!r}")
 
     def _discover(self) -> None:
         """Subscribe to the topics that the agent has begun to publish."""
@@ -175,7 +161,7 @@ class RosRecorder:
         for name, namespace in agents:
             try:
                 published = node.get_publisher_names_and_types_by_node(name, namespace)
-            except rclpy.node.NodeNameNonExistentError:  # it has just ended, or is not known yet
+            except NodeNameNonExistentError:  # it has just ended, or is not known yet
                 continue
             for topic, types in published:
                 is_hidden = any(part.startswith("_") for part in topic.split("/"))

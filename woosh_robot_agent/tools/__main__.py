@@ -1,0 +1,48 @@
+"""Start of the tools: `python3 -m woosh_robot_agent.tools NAME ...`, and their entry points."""
+
+from __future__ import annotations
+
+# Import nothing slow here: until `exit_status` runs, Ctrl-C ends a program with a traceback.
+import importlib
+import sys
+from functools import partial
+
+from woosh_robot_agent.program import exit_status
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_MODULES = {
+    "dashboard": "dashboard.program",
+    "doctor": "doctor.program",
+    "maps": "maps.program",
+    "monitor": "monitor.program",
+    "record": "recording.record",
+    "replay": "recording.replay",
+}
+"""Module of each program, with its `main`."""
+
+
+def start(name: str, arguments: Sequence[str] | None = None) -> int:
+    """Run a program; return its exit status.
+
+    Args:
+        name: Name of the program.
+        arguments: Arguments of the program; by default those of the command line.
+    """
+
+    def main() -> int:
+        status: int = importlib.import_module(f"{__package__}.{_MODULES[name]}").main(arguments)
+        return status
+
+    return exit_status(main)
+
+
+dashboard, doctor, maps, monitor, record, replay = (partial(start, name) for name in _MODULES)
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2 or sys.argv[1] not in _MODULES:
+        print(f"usage: python3 -m {__package__} {{{','.join(_MODULES)}}} ...", file=sys.stderr)
+        sys.exit(2)
+    sys.exit(start(sys.argv[1], sys.argv[2:]))

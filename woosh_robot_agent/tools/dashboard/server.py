@@ -1,0 +1,413 @@
+"""The server of the page: files, map pictures, and a WebSocket for each viewer."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import mimetypes
+import socket
+import ssl
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from importlib import resources
+from typing import Any
+
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.tools.dashboard.access import SECURITY_HEADERS, Access, LimitedConnection
+from woosh_robot_agent.tools.dashboard.control import (
+    STOP,
+    CommandError,
+    Control,
+    ControlConfig,
+    Outcome,
+)
+from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
+from woosh_robot_agent.tools.dashboard.viewer import Viewer
+
+_LOG = logging.getLogger(__name__)
+_METHODS = ("GET", "HEAD")
+mimetypes.add_type("text/javascript", ".js")  # some systems say something else
+_SILENT = logging.getLogger(f"{__name__}.http")
+"""Logger of aiohttp, which reports every request that cannot be parsed: port scans fill the log."""
+_SILENT.disabled = True
+_MAX_MESSAGE = 4096
+"""Largest message that is read from a page, in bytes."""
+_MAX_COMMANDS = 8
+"""Maximum number of commands of one viewer that wait for their answer; a stop is never too many."""
+_MAX_CLOCK = 10**15
+"""Greatest time in a message of the page, in milliseconds."""
+_CLOCK_PERIOD = 0.1
+"""Time between two messages to the viewers with the time of this process, in seconds."""
+_HEARTBEAT = 8.0
+"""Silence of a page after which it is pinged, in seconds; it has half of that to answer."""
+_KEEPALIVE_TIMEOUT = 10.0
+"""Time for which a connection is kept for further requests, in seconds."""
+_CLOSE_TIMEOUT = 1.0
+"""Timeout of the closing handshake, in seconds."""
+_TOO_MANY_VIEWERS = "there are too many viewers; reload the page to come back"
+
+
+@dataclass(frozen=True)
+class DashboardConfig:
+    """Options of a dashboard.
+
+    Attributes:
+        host: address to listen on.
+        port: port to listen on; 0 takes a free one.
+        tls: certificate for HTTPS; None for HTTP.
+        control: the page may command the robots.
+        control_config: limits and timeouts of the control.
+        scan_rate: rate at which laser scans are requested while somebody watches, in Hz.
+        max_viewers: maximum number of viewers, besides one for each robot.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8480
+    tls: ssl.SSLContext | None = None
+    control: bool = False
+    control_config: ControlConfig = field(default_factory=ControlConfig)
+    scan_rate: float = 10.0
+    max_viewers: int = 20
+
+
+class Dashboard:
+    """A page that shows robots, at a port. Runs in the current event loop.
+
+    Args:
+        robots: address and timeouts of each robot.
+        config: the options.
+        more_commands: further commands of the page, such as those of a simulator, by name. They
+            take the arguments of the command.
+
+    Attributes:
+        robots: the robots.
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[LinkConfig],
+        config: DashboardConfig,
+        more_commands: Mapping[str, Callable[[Mapping[str, Any]], Outcome]] | None = None,
+    ) -> None:
+        self._config = config
+        self._more_commands = more_commands or {}
+        self._access = Access(config.host, is_encrypted=config.tls is not None)
+        self._files = _page_files()
+        self.robots = [
+            Robot(each, control=config.control, scan_rate=config.scan_rate) for each in robots
+        ]
+        self._controls = (
+            {each: Control(each, config.control_config) for each in self.robots}
+            if config.control
+            else {}
+        )
+        if len(self.robots) > 1:
+            for robot in self.robots:
+                robot.parts.add(
+                    "robots", lambda: [each.summary for each in self.robots], each_second=True
+                )
+        self._max_viewers = config.max_viewers + len(robots)
+        self._viewers: set[Viewer] = set()
+        self._count = 0
+        """Number of viewers so far."""
+        self._opening: dict[LimitedConnection, None] = {}
+        self._http: web.Server | None = None
+        self._server: asyncio.Server | None = None
+        self._clock: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Dashboard:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *exc_info: object) -> None:
+        await self.close()
+
+    async def start(self) -> None:
+        """Start listening, and connecting to the robots.
+
+        Raises:
+            OSError: it cannot listen at the address.
+        """
+        loop, config = asyncio.get_running_loop(), self._config
+        http = web.Server(
+            self._respond,
+            logger=_SILENT,
+            access_log=None,
+            keepalive_timeout=_KEEPALIVE_TIMEOUT,
+            lingering_time=0.0,
+        )
+        self._server = await loop.create_server(
+            lambda: LimitedConnection(http(), self._opening),
+            config.host,
+            config.port,
+            ssl=config.tls,
+        )
+        self._http = http
+        self._access.port = self._server.sockets[0].getsockname()[1]
+        for robot in self.robots:
+            robot.start()
+        for control in self._controls.values():
+            control.start()
+        self._clock = loop.create_task(self._tell_time(), name="clock")
+
+    async def close(self) -> None:
+        """Stop each robot that a stick drives, stop listening, and close the links."""
+        await asyncio.gather(*map(self._stop_driving, self._controls))
+        if self._clock is not None:
+            self._clock.cancel()
+        if self._server is not None and self._http is not None:
+            self._server.close()
+            for viewer in self._viewers:
+                viewer.dismiss(WSCloseCode.GOING_AWAY, "the dashboard has ended")
+            await self._http.shutdown(_CLOSE_TIMEOUT)
+        await asyncio.gather(*(robot.close() for robot in self.robots))
+
+    async def _stop_driving(self, robot: Robot) -> None:
+        if reason := await self._controls[robot].close():
+            _LOG.error(
+                "the robot at %s was not stopped; if it moves, press its emergency stop: %s",
+                robot.chassis.config.address,
+                reason,
+            )
+
+    @property
+    def url(self) -> str:
+        """Address of the page, with the token if it needs one."""
+        host = _reachable(self._config.host)
+        shown = f"[{host}]" if ":" in host else host
+        token = f"?token={self._access.token}" if self._access.token else ""
+        return f"{self._access.scheme}://{shown}:{self._access.port}/{token}"
+
+    # HTTP
+
+    async def _respond(self, request: web.BaseRequest) -> web.StreamResponse:
+        try:
+            return await self._answer(request)
+        except (web.HTTPException, ConnectionError):  # a bad handshake, or the browser has gone
+            raise
+        except Exception:
+            _LOG.exception("the request %s failed", request.path)
+            raise
+
+    async def _answer(self, request: web.BaseRequest) -> web.StreamResponse:
+        if request.method not in _METHODS:
+            return _text(HTTPStatus.METHOD_NOT_ALLOWED, "only GET", Allow=", ".join(_METHODS))
+        is_socket, access = request.path == "/live", self._access
+        if reason := access.socket_refusal(request) if is_socket else access.refusal(request):
+            return _text(HTTPStatus.FORBIDDEN, reason)
+        if is_socket:
+            return await self._serve(request)
+        found = self._files.get(request.path) or self._map_picture(request.path)
+        if found is None:
+            return _text(HTTPStatus.NOT_FOUND, "there is no such page")
+        content, content_type = found
+        headers = {**SECURITY_HEADERS, "Content-Type": content_type, **access.cookie(request)}
+        return web.Response(body=content, headers=headers)
+
+    def _map_picture(self, path: str) -> tuple[bytes, str] | None:
+        """Return the map of a robot, by `/map/ROBOT/NUMBER.png`; NUMBER tells pictures apart."""
+        for index, robot in enumerate(self.robots):
+            if path.startswith(f"/map/{index}/") and robot.map.picture is not None:
+                return robot.map.picture.png, "image/png"
+        return None
+
+    # WebSockets
+
+    async def _serve(self, request: web.BaseRequest) -> web.WebSocketResponse:
+        """Serve a viewer until it leaves."""
+        socket = web.WebSocketResponse(
+            timeout=_CLOSE_TIMEOUT,
+            heartbeat=_HEARTBEAT,
+            max_msg_size=_MAX_MESSAGE,
+            compress=False,
+        )
+        await socket.prepare(request)
+        transport = request.transport
+        if transport is None:  # it has gone already
+            return socket
+        connection = transport.get_protocol()
+        assert isinstance(connection, LimitedConnection)
+        connection.opened()
+        if not self._make_room():
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too many viewers")
+            return socket
+        self._count += 1
+        viewer = Viewer(socket, transport, self._count)
+        self._viewers.add(viewer)
+        viewer.note(part="hello", data=self._hello(viewer))
+        self._watch(viewer, 0)
+        sending = asyncio.get_running_loop().create_task(viewer.send(), name="viewer")
+        try:
+            async for message in socket:
+                viewer.heard_at = asyncio.get_running_loop().time()
+                self._handle(viewer, _parse(message.data if message.type is WSMsgType.TEXT else ""))
+            await viewer.dismissed()  # otherwise aiohttp tells the page another reason
+        except ValueError as error:
+            _LOG.debug("%s is disconnected: %s", viewer.name, error)
+            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=str(error)[:100].encode())
+        finally:
+            self._leave(viewer)
+            sending.cancel()
+        return socket
+
+    def _make_room(self) -> bool:
+        """Disconnect a viewer that does not drive, so that a new one can always come, and stop.
+
+        Returns:
+            False if there is no room, because all viewers have control.
+        """
+        if len(self._viewers) < self._max_viewers:
+            return True
+        idle = self._viewers - {control.owner for control in self._controls.values()}
+        if not idle:
+            return False
+        oldest = min(idle, key=lambda viewer: (viewer.visible, viewer.heard_at))
+        self._leave(oldest)
+        oldest.dismiss(WSCloseCode.TRY_AGAIN_LATER, _TOO_MANY_VIEWERS)
+        return True
+
+    def _leave(self, viewer: Viewer) -> None:
+        self._release(viewer)
+        viewer.unwatch()
+        self._viewers.discard(viewer)
+
+    async def _tell_time(self) -> None:
+        while True:
+            for viewer in self._viewers:
+                viewer.tell_time()
+            await asyncio.sleep(_CLOCK_PERIOD)
+
+    def _hello(self, viewer: Viewer) -> dict[str, Any]:
+        return {
+            "you": viewer.name,
+            "control": self._config.control,
+            "robots": [robot.chassis.config.address for robot in self.robots],
+        }
+
+    def _watch(self, viewer: Viewer, index: int) -> None:
+        viewer.note(part="watching", data=index)  # the parts that follow are those of this robot
+        viewer.watch(self.robots[index])
+
+    def _release(self, viewer: Viewer) -> None:
+        for control in self._controls.values():
+            control.release(viewer)
+
+    def _handle(self, viewer: Viewer, message: dict[str, Any]) -> None:
+        """Handle one message.
+
+        Raises:
+            ValueError: the page of this program does not send such a message.
+        """
+        match message:
+            case {"do": "watch", "robot": int(index)} if 0 <= index < len(self.robots):
+                self._release(viewer)
+                self._watch(viewer, index)
+            case {"do": "visible", "visible": bool(visible)}:
+                if not visible:
+                    self._release(viewer)
+                viewer.set_visible(visible)
+            case {"do": "release"}:
+                self._release(viewer)
+            case {"do": "drive"} if viewer.robot in self._controls:
+                self._controls[viewer.robot].drive(viewer, message)
+            case {
+                "do": "command",
+                "id": int(id_),
+                "name": str(name),
+                "args": dict(args),
+                "clock": int(clock),
+            } if abs(clock) < _MAX_CLOCK:
+                self._start_command(viewer, id_, name, args, clock)
+            case _:
+                raise ValueError("not a message of the page")
+
+    def _start_command(
+        self, viewer: Viewer, id_: int, name: str, args: dict[str, Any], clock: int
+    ) -> None:
+        """Start a command of a viewer for the robot that it watches now."""
+        try:
+            if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
+                raise CommandError("wait for the other commands")
+            work = self._work(viewer, name, args, clock)
+        except CommandError as error:
+            viewer.note(part="reply", id=id_, ok=False, text=str(error))
+            return
+
+        async def execute() -> None:
+            ok, text = await work
+            viewer.note(part="reply", id=id_, ok=ok, text=text)
+
+        task = asyncio.get_running_loop().create_task(execute(), name=name)
+        viewer.commands.add(task)
+        task.add_done_callback(viewer.commands.discard)
+
+    def _work(
+        self, viewer: Viewer, name: str, args: dict[str, Any], clock: int
+    ) -> Coroutine[Any, Any, Outcome]:
+        """Return the execution of a command.
+
+        Raises:
+            CommandError: the command is refused.
+        """
+        if name in self._more_commands:
+            return self._run_more(name, args)
+        if viewer.robot not in self._controls:
+            raise CommandError(READ_ONLY)
+        return self._controls[viewer.robot].command(viewer, name, args, clock)
+
+    async def _run_more(self, name: str, args: dict[str, Any]) -> Outcome:
+        outcome = self._more_commands[name](args)
+        self.robots[0].parts.changed()
+        return outcome
+
+
+def _reachable(host: str) -> str:
+    """Return an address at which other machines reach what listens on `host`.
+
+    For the wildcard address, that is the address of this machine in its default network.
+    """
+    elsewhere = {"0.0.0.0": "192.0.2.1", "::": "2001:db8::1"}  # reserved for documentation
+    if host not in elsewhere:
+        return host
+    family = socket.AF_INET if host == "0.0.0.0" else socket.AF_INET6
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((elsewhere[host], 9))  # sends nothing
+        except OSError:  # there is no such network
+            return socket.gethostname()
+        return str(probe.getsockname()[0])
+
+
+def _parse(text: str) -> dict[str, Any]:
+    """Parse a message of the page.
+
+    Raises:
+        ValueError: it is not a JSON object.
+    """
+    try:
+        message = json.loads(text)
+    except RecursionError:
+        raise ValueError("not a message of the page") from None
+    if not isinstance(message, dict):
+        raise ValueError("not a message of the page")
+    return message
+
+
+def _page_files() -> dict[str, tuple[bytes, str]]:
+    """Return content and media type of the files of the page, by path."""
+    found = {}
+    for file in resources.files(__package__).joinpath("page").iterdir():
+        content_type = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
+        if content_type.startswith("text/"):
+            content_type += "; charset=utf-8"
+        found[f"/{file.name}"] = (file.read_bytes(), content_type)
+    found["/"] = found["/index.html"]
+    return found
+
+
+def _text(status: HTTPStatus, text: str, **headers: str) -> web.Response:
+    return web.Response(status=status, text=f"{text}\n", headers={**SECURITY_HEADERS, **headers})

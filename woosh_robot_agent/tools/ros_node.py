@@ -1,0 +1,88 @@
+"""The ROS node of a tool."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from woosh_robot_agent.ros.logs import with_possible_log_files
+
+_TIMEOUT = 0.1
+"""Maximum delay before the end is noticed, in seconds."""
+
+
+class NodeThread:
+    """A ROS node with a context of its own, whose callbacks run in a thread of its own.
+
+    Args:
+        name: Name of the node.
+        namespace: Its namespace, unless the arguments have another one.
+        args: Command-line arguments for rclpy.
+        domain: ROS_DOMAIN_ID; by default that of the environment.
+
+    Attributes:
+        node: The node.
+
+    Raises:
+        Exception: The namespace or the arguments are invalid; the type is rclpy's.
+    """
+
+    def __init__(
+        self, name: str, namespace: str, args: Sequence[str] = (), domain: int | None = None
+    ) -> None:
+        context = Context()
+        rclpy.init(args=with_possible_log_files(args), context=context, domain_id=domain)
+        try:
+            self.node = Node(name, namespace=namespace, context=context)
+        except BaseException:
+            rclpy.try_shutdown(context=context)
+            raise
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self, on_error: Callable[[Exception], None] | None = None) -> None:
+        """Start the thread.
+
+        Args:
+            on_error: Called in the thread with the exception of a callback, which ends the thread.
+        """
+
+        def spin() -> None:
+            try:
+                self._spin()
+            except Exception as error:
+                if on_error is None:
+                    raise
+                on_error(error)
+
+        self._thread = threading.Thread(target=spin, name="ros", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread: no callback runs any more."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def close(self) -> None:
+        """End the thread, and destroy the node."""
+        self.stop()
+        context = self.node.context
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+    def _spin(self) -> None:
+        executor = SingleThreadedExecutor(context=self.node.context)
+        executor.add_node(self.node)
+        try:
+            while not self._stop.is_set():
+                executor.spin_once(timeout_sec=_TIMEOUT)
+        except ExternalShutdownException:
+            pass
+        finally:
+            executor.shutdown()
