@@ -25,7 +25,6 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.testing import AgentProcess
-from woosh_robot_agent.tools.monitor import ros_source
 from woosh_robot_agent.tools.monitor.program import print_once
 from woosh_robot_agent.tools.monitor.ros_source import RosSource
 from woosh_robot_agent.tools.monitor.screen import draw
@@ -38,8 +37,8 @@ PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools", "monitor"]
 class Watching:
     """A `RosSource` in its own event loop, used from the test's thread."""
 
-    def __init__(self, domain: int, namespace: str = NAMESPACE) -> None:
-        self.source = RosSource(namespace, domain=domain)
+    def __init__(self, domain: int, **timing: float) -> None:
+        self.source = RosSource(NAMESPACE, domain=domain, **timing)
         self.loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self._thread.start()
@@ -143,10 +142,9 @@ def test_the_link_of_the_agent_is_shown(watching, agent, simulator):
     watching.wait_link(lambda link: link.good and "is connected to" in link.text)
 
 
-def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent, monkeypatch):
+def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent):
     """The message on `connected` arrives before the monitor has discovered the agent."""
-    monkeypatch.setattr(ros_source, "_DISCOVERY_PERIOD", 2.0)
-    watching = Watching(domain)
+    watching = Watching(domain, discovery_period=2.0)
     try:
         watching.wait_link(lambda link: "is connected to" in link.text)
     finally:
@@ -178,7 +176,7 @@ class Output:
 
 @pytest.fixture
 def agent_without_connected(domain: int, simulator: Any) -> Iterator[AgentProcess]:
-    """An agent that claims to publish `connected`, but publishes it under another name."""
+    """An agent that publishes `connected` under another name."""
     remapped = ("-r", f"{NAMESPACE}/connected:=/elsewhere")
     parameters = {"ip": "127.0.0.1", "port": simulator.port}
     agent = AgentProcess(domain, NAMESPACE, *remapped, **parameters)
@@ -189,25 +187,22 @@ def agent_without_connected(domain: int, simulator: Any) -> Iterator[AgentProces
         agent.close()
 
 
-def test_once_waits_for_a_late_latched_message(
-    watching, agent_without_connected, client, monkeypatch
-):
-    monkeypatch.setattr(ros_source, "_LATCHED_TIMEOUT", TIMEOUT)
-    output = Output(watching)
-    watching.wait(lambda view: view.has_robot_info, "RobotInfo")
-    watching.wait_link(lambda link: link.good and "waiting for its topic connected" in link.text)
-    path = client.path("connected")
-    publisher = client.node.create_publisher(Bool, path, latched(1))
-    publisher.publish(Bool(data=True))
-    status, text = output.wait()
+def test_once_waits_for_the_topic_connected(domain, agent_without_connected, client):
+    watching = Watching(domain, patience=TIMEOUT)
+    try:
+        output = Output(watching)
+        watching.wait(lambda view: view.has_robot_info, "RobotInfo")
+        watching.wait_link(lambda link: link.good and "waiting for its topic" in link.text)
+        publisher = client.node.create_publisher(Bool, client.path("connected"), latched(1))
+        publisher.publish(Bool(data=True))
+        status, text = output.wait()
+    finally:
+        watching.close()
     assert "the agent is connected to 127.0.0.1" in text
     assert status == 0
 
 
-def test_once_names_a_latched_topic_without_a_message(
-    watching, agent_without_connected, monkeypatch
-):
-    monkeypatch.setattr(ros_source, "_LATCHED_TIMEOUT", 0.2)
+def test_once_says_that_no_message_came_on_connected(watching, agent_without_connected):
     status, text = Output(watching).wait()
     assert "no message has come on its topic connected" in text
     assert status == 0
@@ -216,7 +211,7 @@ def test_once_names_a_latched_topic_without_a_message(
 def test_once_works_with_an_agent_that_does_not_publish_connected(watching, start_agent, simulator):
     start_agent(ip="127.0.0.1", port=simulator.port, disabled_parts=["connected"]).wait_connected()
     status, text = Output(watching).wait()
-    assert "it is unknown whether it is connected" in text
+    assert "it is unknown whether it is connected to 127.0.0.1" in text
     assert "disabled_parts" in text
     assert status == 0
 

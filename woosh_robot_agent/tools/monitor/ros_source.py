@@ -7,6 +7,7 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters
@@ -19,15 +20,12 @@ from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.robot.last_known import parts_of
 from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.second_agent import UNKNOWN_NODE
 from woosh_robot_agent.tools.options import link_arguments
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 from woosh_robot_agent.tools.ros_node import NodeThread
 
-_DISCOVERY_PERIOD = 0.5
-"""Time between two searches for the agent, in seconds."""
 _AGENT_TIMEOUT = 5.0
 """Time without an answer of the agent after which the view may be outdated, in seconds."""
 _PARAMETERS_TIMEOUT = 2.0
@@ -37,16 +35,11 @@ _ROBOT_INFO_TIMEOUT = 12.0
 
 Longer than the agent's own timeout of 10 s for the robot.
 """
-_LATCHED_TIMEOUT = 3.0
-"""Time that latched topics get to deliver their first message, in seconds.
-
-It counts from the answer to RobotInfo.
-"""
 _ROBOT_INFO = next(query for query in QUERIES if query.request == full_name(RobotInfo))
 _CONNECTED = "connected"
 _AGENT_TOPIC = TOPICS[0]
 """Topic whose publisher is taken for the agent."""
-_PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id", "disabled_parts")
+_PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id")
 """Parameters requested from the agent, to show the address and to see that it is alive."""
 
 
@@ -103,6 +96,8 @@ class RosSource:
         namespace: Namespace of the agent; overridden by `--ros-args -r __ns:=`.
         ros_args: Command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default that of the environment.
+        discovery_period: Time between two searches for the agent, in seconds.
+        patience: Time for which to wait for the topic `connected` of an agent, in seconds.
 
     Attributes:
         name: Namespace of the agent.
@@ -113,9 +108,17 @@ class RosSource:
     """
 
     def __init__(
-        self, namespace: str, ros_args: Sequence[str] = (), domain: int | None = None
+        self,
+        namespace: str,
+        ros_args: Sequence[str] = (),
+        domain: int | None = None,
+        *,
+        discovery_period: float = 0.5,
+        patience: float = 3.0,
     ) -> None:
         self.view = RobotView()
+        self._discovery_period = discovery_period
+        self._patience = patience
         self._thread = NodeThread(f"monitor_{os.getpid()}", namespace, ros_args, domain)
         self._node = self._thread.node
         self.name = self._node.get_namespace()
@@ -129,12 +132,8 @@ class RosSource:
         """Command that examines the agent's robot."""
         self._connected: bool | None = None
         """Last value of the topic `connected`; None before the first one."""
-        self._received: set[str] = set()
-        """Latched topics that have delivered a message."""
-        self._expected: set[str] = set()
-        """Latched topics that the agent must have published on."""
-        self._latched_deadline: float | None = None
-        """Time until which to wait for first messages; None before the answer to RobotInfo."""
+        self._found_at = 0.0
+        """Time of the agent's first answer; 0 before it."""
         self._invalid = (0, "")
         """Number of messages that could not be converted, and the error of the last one."""
         self._robot_info: _RetriedCall
@@ -157,15 +156,14 @@ class RosSource:
                     action.name, class_of(action.action, "action"), action.feedback
                 )
         self._node.create_subscription(Bool, _CONNECTED, self._on_connected, latched(1))
-        self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
+        self._node.create_timer(self._discovery_period, self._discover)
         self._thread.start()
 
     async def close(self) -> None:
         await asyncio.to_thread(self._thread.close)
 
     def is_complete(self) -> bool:
-        has_robot_info = self.view.has_robot_info and not self._needs_robot_info
-        return has_robot_info and not self._is_awaiting()
+        return self.view.has_robot_info and not (self._needs_robot_info or self._is_awaiting())
 
     def link(self) -> LinkReport:
         if self._agent is None:
@@ -192,49 +190,31 @@ class RosSource:
             )
         if self._connected:
             return LinkReport(True, f"the agent is connected to {address}", self._problems())
-        publishes_it = _CONNECTED in self._expected
-        if publishes_it and self._is_awaiting():
+        if self._is_awaiting():
             return LinkReport(True, f"the agent answers; waiting for its topic {_CONNECTED}")
-        if publishes_it:
-            text = f"the agent answers, but no message has come on its topic {_CONNECTED}"
-            detail = f"it is unknown whether the agent is connected to {address}"
-        else:
-            text = f"the agent answers; it is unknown whether it is connected to {address}"
-            detail = "to see it, take connected out of the agent's parameter disabled_parts"
-        return LinkReport(True, text, "; ".join(filter(None, (detail, self._problems()))))
+        detail = (
+            f"it is unknown whether it is connected to {address}; see whether the agent's "
+            f"parameter disabled_parts has {_CONNECTED}"
+        )
+        return LinkReport(
+            True,
+            f"the agent answers, but no message has come on its topic {_CONNECTED}",
+            "; ".join(filter(None, (detail, self._problems()))),
+        )
 
     def _is_awaiting(self) -> bool:
-        """Return True while first messages of latched topics can still be expected."""
-        deadline = self._latched_deadline
-        if deadline is None:
-            return True
-        return bool(self._missing()) and time.monotonic() < deadline
-
-    def _missing(self) -> set[str]:
-        """Return the latched topics whose first message has not arrived."""
-        return self._expected - self._received
+        """Return True while the first message on `connected` can still be expected."""
+        return self._connected is None and time.monotonic() < self._found_at + self._patience
 
     def _problems(self) -> str:
-        problems = []
         count, error = self._invalid
-        if count:
-            problems.append(f"{count} unreadable messages, the last one because of {error}")
-        missing = self._missing() - {_CONNECTED}
-        if missing and not self._is_awaiting():
-            problems.append(f"no message on {', '.join(sorted(missing))}")
-        return "; ".join(problems)
+        return f"{count} unreadable messages, the last one because of {error}" if count else ""
 
     # The methods below run in the executor thread.
 
     def _subscribe(self, name: str, ros_class: Any, push: str, depth: int) -> None:
-        convert = converter(ros_class, message_type(push))
-
-        def on_message(message: Any) -> None:
-            self._update(convert, message)
-            # In this order, so that a received value is also in the view.
-            self._in_loop(self._received.add, name)
-
-        self._node.create_subscription(ros_class, name, on_message, latched(depth))
+        update = partial(self._update, converter(ros_class, message_type(push)))
+        self._node.create_subscription(ros_class, name, update, latched(depth))
 
     def _subscribe_feedback(self, name: str, action_class: Any, feedback: str) -> None:
         """Receive the feedback on all goals of an action, whichever client sent them."""
@@ -248,20 +228,15 @@ class RosSource:
             QoSProfile(depth=10),
         )
 
-    def _update(self, convert: Converter, message: Any) -> Any:
-        """Update the view; return the converted message, or None if it is invalid."""
+    def _update(self, convert: Converter, message: Any) -> None:
+        """Update the view, in the asyncio loop."""
         try:
             converted = convert.to_proto(message)
         except BadFieldError as error:  # robots do report values such as NaN
             self._invalid = self._invalid[0] + 1, str(error)
-            return None
-        self._in_loop(self.view.update, converted)
-        return converted
-
-    def _in_loop(self, function: Callable[[Any], None], argument: Any) -> None:
-        """Call a function in the asyncio loop."""
+            return
         if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(function, argument)
+            self._loop.call_soon_threadsafe(self.view.update, converted)
 
     def _on_connected(self, message: Any) -> None:
         if message.data and not self._connected:
@@ -269,7 +244,6 @@ class RosSource:
             self._robot_info.cancel()
             self._needs_robot_info = True
         self._connected = message.data
-        self._received.add(_CONNECTED)
 
     def _discover(self) -> None:
         """Find the agent, check that it is alive, and request RobotInfo if that is needed."""
@@ -292,7 +266,7 @@ class RosSource:
             self._robot_info.call()
 
     def _set_agent(self, name: str) -> None:
-        self._agent_answered_at = 0.0
+        self._agent_answered_at = self._found_at = 0.0
         self._needs_robot_info = True
         client = self._node.create_client(GetParameters, f"{name}/get_parameters")
         request = GetParameters.Request(names=list(_PARAMETERS))
@@ -304,13 +278,11 @@ class RosSource:
         self._agent.cancel()
         self._node.destroy_client(self._agent.client)
         self._robot_info.cancel()
-        self._agent = self._connected = self._latched_deadline = None
+        self._agent = self._connected = None
         self._agent_name = ""
-        self._received.clear()
-        self._expected.clear()
 
     def _on_parameters(self, response: Any) -> None:
-        transport, ip, port, encoding, robot_id, disabled_parts = response.values
+        transport, ip, port, encoding, robot_id = response.values
         self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
         self._address += f" over {transport.string_value}"
         config: dict[str, Any] = {
@@ -322,15 +294,9 @@ class RosSource:
         }
         with contextlib.suppress(ValueError):  # the agent has no such parameter, or refuses it
             self._doctor = f"doctor {link_arguments(LinkConfig(**config))}"
-        if "connected" not in disabled_parts.string_array_value:
-            self._expected.add(_CONNECTED)
         self._agent_answered_at = time.monotonic()
+        self._found_at = self._found_at or self._agent_answered_at
 
     def _on_robot_info(self, response: Any) -> None:
-        info = self._update(converter(type(response.info), RobotInfo), response.info)
+        self._update(converter(type(response.info), RobotInfo), response.info)
         self._needs_robot_info = False
-        if info is not None:
-            # The agent publishes each part of RobotInfo when it connects.
-            parts = {full_name(part) for part in parts_of(info)}
-            self._expected.update(topic.name for topic in TOPICS if topic.push in parts)
-        self._latched_deadline = time.monotonic() + _LATCHED_TIMEOUT
