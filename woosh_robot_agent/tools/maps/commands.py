@@ -1,29 +1,31 @@
-"""The commands of `maps`, with a progress bar on stderr, if that is a terminal."""
+"""The commands of `maps`, with a progress bar on stderr, if that is a terminal.
+
+Each refusal and each lost link is a `MapsError`.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import sys
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import TypeVar
 
+from google.protobuf.message import Message
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    DownloadColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-)
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
 
-from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.link import Answer, ChassisClient, LinkError
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import printable
-from woosh_robot_agent.pb.map.map_pack_pb2 import Rename
+from woosh_robot_agent.pb.map import map_pack_pb2 as pack
+from woosh_robot_agent.pb.map import storage_edit_pb2 as edit
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storages
-from woosh_robot_agent.tools.maps.robot import Robot
+from woosh_robot_agent.pb.robot.robot_pb2 import Scene
+from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.tools.maps.scene_folder import (
     MapsError,
     SavedScene,
@@ -34,45 +36,93 @@ from woosh_robot_agent.tools.maps.scene_folder import (
     write_scene,
 )
 
-_PERIOD = 0.1
-"""Time between two updates, in seconds."""
+SLOW_ANSWERS = {
+    "woosh.map.Download": 300.0,
+    "woosh.map.Upload": 300.0,
+    "woosh.map.SceneData": 300.0,
+    "woosh.map.SceneDataEasy": 60.0,
+    "woosh.map.SceneList": 60.0,
+    "woosh.map.Rename": 60.0,
+    "woosh.map.Delete": 60.0,
+}
+"""Minimum timeouts of requests, in seconds. Robots have taken minutes to save a map."""
+
+_M = TypeVar("_M", bound=Message)
+"""Class of the message in an answer."""
 
 
-@asynccontextmanager
-async def receiving(chassis: ChassisClient, text: str) -> AsyncIterator[None]:
-    """Show how many bytes arrive meanwhile. The total is not known in advance."""
-    start, _ = chassis.traffic()
-    with _progress() as progress:
-        task = progress.add_task(escape(text), total=None)
-        async with _repeatedly(
-            lambda: progress.update(task, completed=max(0, chassis.traffic()[0] - start))
-        ):
-            yield
+class Robot:
+    """The map library of one robot.
 
+    Args:
+        chassis: The link, which must be ready.
 
-@asynccontextmanager
-async def sending(chassis: ChassisClient, text: str, size: int) -> AsyncIterator[None]:
-    """Show how many of `size` bytes are sent meanwhile.
-
-    The frame is larger than the files in it, so the bar shows the share of the frame.
+    Attributes:
+        chassis: The link.
     """
-    largest = 0
-    with _progress() as progress:
-        task = progress.add_task(escape(text), total=size)
 
-        def update() -> None:
-            nonlocal largest
-            waiting = chassis.traffic()[1]
-            largest = max(largest, waiting)
-            if largest:
-                progress.update(task, completed=size * (1 - waiting / largest))
+    def __init__(self, chassis: ChassisClient) -> None:
+        self.chassis = chassis
 
-        async with _repeatedly(update):
-            yield
+    async def scenes(self) -> dict[str, list[str]]:
+        """Return the names of all scenes, each with those of its maps."""
+        answer = await self.query(pack.SceneList(), pack.SceneList)
+        return {scene.name: list(scene.maps) for scene in answer.scenes}
+
+    async def current(self) -> Scene:
+        """Return the current scene and map."""
+        return await self.query(Scene(), Scene)
+
+    async def scene_data(self, scene: str) -> pack.SceneData:
+        """Return the maps of a scene with their pictures and marks."""
+        return await self.query(pack.SceneData(name=scene), pack.SceneData)
+
+    async def download(self, scene: str) -> dict[str, bytes]:
+        """Return the files of a scene, by the names that the robot gives them."""
+        answer = await self.query(pack.Download(scene_name=scene), pack.DownloadResponse)
+        files = {file.name: file.data for file in answer.file_datas}
+        if len(files) < len(answer.file_datas):
+            raise MapsError(f"the robot sent two files of the same name for scene {scene}")
+        if not files:
+            raise MapsError(f"the robot sent no files for scene {scene}")
+        return files
+
+    async def query(self, request: Message, cls: type[_M]) -> _M:
+        """Return the body of an answer."""
+        answer = await self.request(request)
+        if not isinstance(answer.body, cls):
+            raise MapsError(
+                f"the robot answered {full_name(request)} with {answer.defect or answer.type}, "
+                f"not with {full_name(cls)}: its firmware may not have this request"
+            )
+        return answer.body
+
+    async def request(self, request: Message) -> Answer:
+        """Send a request, which the robot must accept."""
+        try:
+            answer = await self.chassis.request(request)
+        except LinkError as error:
+            raise MapsError(f"{full_name(request)}: {error}") from None
+        if not answer.ok:
+            reason = answer.msg or "no reason given"
+            raise MapsError(f"the robot refused {full_name(request)}: {reason}")
+        return answer
 
 
-def _progress() -> Progress:
-    return Progress(
+_PERIOD = 0.1
+"""Time between two updates of the progress, in seconds."""
+
+
+@asynccontextmanager
+async def _progress(
+    chassis: ChassisClient, text: str, size: int | None = None
+) -> AsyncIterator[None]:
+    """Show how many bytes arrive, or with `size` how many of that number of bytes are sent.
+
+    The total of what arrives is not known in advance. The frame that is sent is larger than the
+    files in it, so the bar shows the share of the frame.
+    """
+    bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         DownloadColumn(),
@@ -82,19 +132,24 @@ def _progress() -> Progress:
         disable=not sys.stderr.isatty(),
     )
 
-
-@asynccontextmanager
-async def _repeatedly(update: Callable[[], None]) -> AsyncIterator[None]:
-    async def run() -> None:
+    async def update() -> None:
+        start, largest = chassis.traffic()[0], 0
         while True:
-            update()
+            received, waiting = chassis.traffic()
+            largest = max(largest, waiting)
+            if size is None:
+                bar.update(shown, completed=max(0, received - start))
+            elif largest:
+                bar.update(shown, completed=size * (1 - waiting / largest))
             await asyncio.sleep(_PERIOD)
 
-    task = asyncio.create_task(run())
-    try:
-        yield
-    finally:
-        task.cancel()
+    with bar:
+        shown = bar.add_task(escape(text), total=size)
+        updating = asyncio.create_task(update())
+        try:
+            yield
+        finally:
+            updating.cancel()
 
 
 _HEADINGS = ("SCENE", "MAP", "ID", "FLOOR", "VERSION", "MARKS")
@@ -106,7 +161,8 @@ async def list_maps(robot: Robot, *, as_json: bool) -> None:
     current = await robot.current()
     rows: list[dict[str, object]] = []
     for scene in await robot.scenes():
-        for area in (await robot.overview(scene)).maps:
+        overview = await robot.query(pack.SceneDataEasy(name=scene), pack.SceneDataEasy)
+        for area in overview.maps:
             is_current = (scene, area.name) == (current.scene_name, current.map_name)
             rows.append(
                 {
@@ -150,7 +206,7 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
     for target in targets.values():
         check_writable(target, force=force)
     for scene, target in targets.items():
-        async with receiving(robot.chassis, f"downloading {printable(scene)}"):
+        async with _progress(robot.chassis, f"downloading {printable(scene)}"):
             data = await robot.scene_data(scene)
             files = await robot.download(scene)
         data.name = scene
@@ -192,10 +248,10 @@ async def rename(robot: Robot, scene: str, area: str, new_name: str) -> None:
     what = _described(known, scene, area)
     if new_name in (known[scene] if area else known):
         raise MapsError(f"{what} cannot be renamed: {new_name} exists already; choose another name")
-    request = Rename(old_scene_name=scene, new_scene_name=scene if area else new_name)
+    request = pack.Rename(old_scene_name=scene, new_scene_name=scene if area else new_name)
     if area:
         request.old_map_name, request.new_map_name = area, new_name
-    await robot.rename(request)
+    await robot.request(request)
     print(printable(f"renamed {what} to {new_name}"))
 
 
@@ -207,14 +263,16 @@ async def delete(robot: Robot, scene: str, area: str) -> None:
         raise MapsError(
             f"{what} cannot be deleted: the robot is using it; switch to another one first"
         )
-    await robot.delete(scene, area)
+    await robot.request(pack.Delete(scene_name=scene, map_name=area))
     print(printable(f"deleted {what}"))
 
 
 async def _upload(robot: Robot, name: str, scene: SavedScene) -> None:
     size = sum(map(len, scene.files.values()))
-    async with sending(robot.chassis, f"uploading {printable(name)}", size):
-        await robot.upload(name, scene.files)
+    datas = [FileData(name=file, data=data) for file, data in scene.files.items()]
+    request = pack.Upload(scene_name=name, file_datas=datas, method=pack.Upload.kFull)
+    async with _progress(robot.chassis, f"uploading {printable(name)}", size):
+        await robot.request(request)
     if name not in await robot.scenes():
         raise MapsError(f"the robot accepted scene {name} but does not list it")
     for area in scene.loose_marks:
@@ -240,12 +298,12 @@ async def _bring_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -
     before = {storage.identity.no: storage for storage in old.storages}
     after = {storage.identity.no: storage for storage in new.storages}
     for number in before.keys() - after.keys():
-        await robot.delete_mark(number)
+        await robot.request(edit.Delete(no=number))
     for number, storage in after.items():
         if number not in before:
-            await robot.create_mark(storage)
+            await robot.request(edit.Create(storage=storage))
         elif storage != before[number]:
-            await robot.update_mark(storage)
+            await robot.request(edit.Update(storage=storage))
 
 
 def _scene_of(name: str, known: dict[str, list[str]]) -> str:

@@ -16,7 +16,6 @@ from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.program import INTERRUPTED
 from woosh_robot_agent.tools.maps import commands
-from woosh_robot_agent.tools.maps.robot import SLOW_ANSWERS, Robot
 from woosh_robot_agent.tools.maps.scene_folder import MapsError
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
 
@@ -120,11 +119,11 @@ def _parser() -> argparse.ArgumentParser:
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> None:
-    async with ChassisClient(config=config, minimum_timeouts=SLOW_ANSWERS) as chassis:
-        await _command(Robot(chassis), options)
+    async with ChassisClient(config=config, minimum_timeouts=commands.SLOW_ANSWERS) as chassis:
+        await _command(commands.Robot(chassis), options)
 
 
-def _command(robot: Robot, options: argparse.Namespace) -> Coroutine[Any, Any, None]:
+def _command(robot: commands.Robot, options: argparse.Namespace) -> Coroutine[Any, Any, None]:
     if options.command == "list":
         return commands.list_maps(robot, as_json=options.json)
     if options.command == "download":
