@@ -37,7 +37,6 @@ class McapFile:
         path: Path of the file.
         written: Number of messages in the file, by topic.
         pending: Number of messages in the chunk that is not written yet, by topic.
-        max_size: Maximum size that the complete file would have if it were closed now, in bytes.
 
     Raises:
         OSError: The file cannot be created.
@@ -52,14 +51,18 @@ class McapFile:
         self._writer.start(profile=profile, library=_LIBRARY)
         self._schemas: dict[tuple[str, str], int] = {}
         self._channels: dict[Channel, int] = {}
-        self.max_size = 0
+        self._size = 0
+        """Size of what is complete in the file, in bytes."""
         self._pending_size = 0
         """Maximum size of the chunk that is not written yet, in bytes."""
         self._end_size = _END_OVERHEAD
         """Maximum size of what `close` will write after the last chunk, in bytes."""
-        self._size = 0
-        """Size of the complete chunks, attachments and metadata, in bytes."""
         self.flush()
+
+    @property
+    def max_size(self) -> int:
+        """Maximum size that the complete file would have if it were closed now, in bytes."""
+        return self._size + self._pending_size + self._end_size + self._chunk_end_size()
 
     def add(self, channel: Channel, log_time: int, publish_time: int, data: bytes) -> None:
         """Add a message to the chunk; write the chunk if it is full.
@@ -78,9 +81,7 @@ class McapFile:
             number, log_time, data, publish_time, self.written[topic] + self.pending[topic]
         )
         self.pending[topic] += 1
-        size = len(data) + _MESSAGE_OVERHEAD
-        self._pending_size += size
-        self.max_size += size
+        self._pending_size += len(data) + _MESSAGE_OVERHEAD
         if self._pending_size > _CHUNK_SIZE:
             self.flush()
 
@@ -110,7 +111,6 @@ class McapFile:
         self._writer.flush()
         self._size = self._file.tell()
         self._pending_size = 0
-        self._update_max_size()
         self.written.update(self.pending)
         self.pending.clear()
 
@@ -140,11 +140,7 @@ class McapFile:
         size = _definition_size(channel)
         self._pending_size += size
         self._end_size += size
-        self._update_max_size()
         return number
-
-    def _update_max_size(self) -> None:
-        self.max_size = self._size + self._pending_size + self._end_size + self._chunk_end_size()
 
     def _chunk_end_size(self) -> int:
         """Return the maximum size that the indexes of the current chunk add, in bytes."""
@@ -257,56 +253,46 @@ class RecordingFiles:
         Returns:
             False if the recording has ended.
         """
-        if self._file is None:
-            return False
         published = log_time if publish_time is None else publish_time
-        try:
+
+        def work(_: McapFile) -> None:
             self._make_room(channel, log_time, data)
             if self._file is not None:
                 self._file.add(channel, log_time, published, data)
                 if self._start is None:
                     self._start = log_time
-        except OSError as error:
-            self._fail(error)
+
+        self._write(work)
         return self._file is not None
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
         """Write an attachment, unless it is too large for the limits."""
-        if self._file is None or self._closed_size + self._file.max_size + len(data) > (
-            self._limits.max_size
-        ):
-            return
-        try:
-            self._file.attach(name, media_type, data, log_time)
-        except OSError as error:
-            self._fail(error)
+
+        def work(file: McapFile) -> None:
+            if self._closed_size + file.max_size + len(data) <= self._limits.max_size:
+                file.attach(name, media_type, data, log_time)
+
+        self._write(work)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write metadata."""
-        if self._file is None:
-            return
-        try:
-            self._file.add_metadata(name, values)
-        except OSError as error:
-            self._fail(error)
+        self._write(lambda file: file.add_metadata(name, values))
 
     def flush(self) -> None:
         """Pass everything written so far on to the operating system."""
-        if self._file is None:
-            return
-        try:
-            self._file.flush()
-        except OSError as error:
-            self._fail(error)
+        self._write(McapFile.flush)
 
     def close(self) -> None:
         """Complete and close the current file."""
-        if self._file is None:
-            return
-        try:
-            self._close_file()
-        except OSError as error:
-            self._fail(error)
+        self._write(lambda _: self._close_file())
+
+    def _write(self, work: Callable[[McapFile], None]) -> None:
+        """Do something with the current file, if there is one; an error ends the recording."""
+        if self._file is not None:
+            try:
+                work(self._file)
+            except OSError as error:
+                self._fail(error)
 
     def _make_room(self, channel: Channel, log_time: int, data: bytes) -> None:
         """Begin the next file or end the recording if a message would exceed a limit."""
