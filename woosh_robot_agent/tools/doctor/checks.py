@@ -37,7 +37,7 @@ from woosh_robot_agent.robot.readiness import (
     rejections,
 )
 from woosh_robot_agent.robot.status_codes import explained
-from woosh_robot_agent.tools.options import link_arguments
+from woosh_robot_agent.tools.options import Address, link_arguments
 from woosh_robot_agent.tools.robot_view import enum_name, system_text
 
 
@@ -205,13 +205,6 @@ def check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
         "and tasks are wrong by this difference; stamps of ROS messages are not affected, because "
         "the agent takes them from this computer's clock",
     )
-
-
-class Address(NamedTuple):
-    """Numeric IP address and port."""
-
-    ip: str
-    port: int
 
 
 async def resolve(config: LinkConfig) -> list[Address]:

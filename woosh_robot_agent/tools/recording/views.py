@@ -299,23 +299,17 @@ Compressing it would block the proxy for too long.
 """
 
 
-class Picture(NamedTuple):
-    """The image of a map, and where it belongs.
+class FoundMap(NamedTuple):
+    """A map in a message of the chassis.
 
     Attributes:
-        name: Name of the map.
-        image: Image file.
-        resolution: Size of a pixel, in metres.
-        origin: Pose of the bottom left corner: x and y in metres, angle in radians.
-        area: The map as the chassis sent it; None for one that the robot is making.
+        area: The map.
+        is_saved: False for one that the robot is making.
         is_current: True for the map that the robot uses, or is making.
     """
 
-    name: str
-    image: bytes
-    resolution: float
-    origin: tuple[float, float, float]
-    area: SceneData.Map | None
+    area: SceneData.Map
+    is_saved: bool
     is_current: bool
 
 
@@ -345,71 +339,62 @@ class MapFinder:
         self._current = ("", 0)
         """Name and id of the current map."""
 
-    def pictures_of(self, message: Message) -> Iterator[Picture]:
+    def maps_in(self, message: Message) -> Iterator[FoundMap]:
         """Yield the maps in a message."""
         if isinstance(message, RobotInfo) and message.HasField("scene"):
             message = message.scene
         if isinstance(message, Scene):
             self._current = message.map_name, message.map_id
         elif isinstance(message, BuildMapData):
-            origin = (message.origin_x, message.origin_y, 0.0)
-            name = "in the making"
-            yield Picture(name, message.map_data, message.resolution, origin, None, True)
+            area = SceneData.Map(
+                name="in the making", map_png=message.map_data, resolution=message.resolution
+            )
+            area.origin.x, area.origin.y = message.origin_x, message.origin_y
+            yield FoundMap(area, is_saved=False, is_current=True)
         elif isinstance(message, SceneData):
             for area in message.maps:
+                is_current = (area.name, area.id) == self._current or len(message.maps) == 1
                 if area.map_png:
-                    at = area.origin
-                    yield Picture(
-                        area.name,
-                        area.map_png,
-                        area.resolution,
-                        (at.x, at.y, at.theta),
-                        area,
-                        (area.name, area.id) == self._current or len(message.maps) == 1,
-                    )
+                    yield FoundMap(area, is_saved=True, is_current=is_current)
 
 
-def prepare_map(picture: Picture, time: int) -> PreparedMap | None:
+def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
     """Return a map in the form in which it is written; None if it is not usable, which is logged.
 
     Decoding a large image takes long: call it in a thread of its own.
 
     Args:
-        picture: The map.
+        found: The map.
         time: Time of recording, in ns.
     """
+    area = found.area
     try:
-        check_place(picture.resolution, *picture.origin)
-        files = {}
-        if picture.area is not None:
-            files = map_files(picture.area, re.sub(r"[^\w.-]", "_", picture.name))
-        return PreparedMap(
-            picture.name, files, _view(picture, time) if picture.is_current else None
-        )
+        check_place(area.resolution, area.origin.x, area.origin.y, area.origin.theta)
+        files = map_files(area, re.sub(r"[^\w.-]", "_", area.name)) if found.is_saved else {}
+        return PreparedMap(area.name, files, _view(area, time) if found.is_current else None)
     except MapError as error:
-        _LOG.warning("map %s is left out: %s", picture.name, error)
+        _LOG.warning("map %s is left out: %s", area.name, error)
         return None
 
 
-def _view(picture: Picture, time: int) -> View | None:
+def _view(area: SceneData.Map, time: int) -> View | None:
     from PIL import ImageOps
 
-    grey = grey_image(picture.image)
+    grey = grey_image(area.map_png)
     if grey.width * grey.height > _MAX_CELLS:
-        _LOG.warning("map %s is too large for a view; it is attached only", picture.name)
+        _LOG.warning("map %s is too large for a view; it is attached only", area.name)
         return None
     colours = ImageOps.flip(grey).convert("RGBA").tobytes()
     fields = [
         PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)
         for offset, name in enumerate(_COLOURS)
     ]
-    x, y, theta = picture.origin
     grid = Grid(
         timestamp=timestamp(time),
         frame_id=MAP_FRAME,
-        pose=pose(x, y, theta),
+        pose=pose(area.origin.x, area.origin.y, area.origin.theta),
         column_count=grey.width,
-        cell_size=Vector2(x=picture.resolution, y=picture.resolution),
+        cell_size=Vector2(x=area.resolution, y=area.resolution),
         row_stride=len(_COLOURS) * grey.width,
         cell_stride=len(_COLOURS),
         fields=fields,

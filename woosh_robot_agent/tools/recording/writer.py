@@ -213,11 +213,11 @@ class RecordingWriter:
                 return
             thinned.shown_at, thinned.waiting = now, None
         self._add_views_of(message, now)
-        for picture in self._finder.pictures_of(message):
+        for found in self._finder.maps_in(message):
             if len(self._preparing) >= _MAX_MAPS:
-                self._log.warn("maps", f"map {picture.name} is left out: too many maps at a time")
+                self._log.warn("maps", f"map {found.area.name} is left out: too many at a time")
                 continue
-            self._preparing.append(self._worker.submit(prepare_map, picture, now))
+            self._preparing.append(self._worker.submit(prepare_map, found, now))
         general = message.genral if isinstance(message, RobotInfo) else message
         if isinstance(general, General):
             self._note_robot(general)
