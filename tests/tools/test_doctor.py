@@ -340,14 +340,3 @@ def test_last_line_lists_the_skipped_checks(capsys):
         assert main(["--ip", f"127.0.0.1:{port}"]) == 1
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith("skip  RobotInfo, mode,")
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [[], ["--ip", "a b"], ["--ip", "x:70000"]],
-)
-def test_wrong_usage_ends_with_status_2(arguments, capsys):
-    with pytest.raises(SystemExit) as ending:
-        main(arguments)
-    assert ending.value.code == 2
-    assert "doctor: error:" in capsys.readouterr().err

@@ -133,10 +133,6 @@ class Cable:
                 each.shutdown(socket.SHUT_RDWR)
             each.close()
 
-    def cut_when_used_up(self) -> None:
-        assert self.used_up.wait(TIMEOUT)
-        self.cut()
-
     def _run(self) -> None:
         client, _ = self._listener.accept()
         self._sockets.append(client)
@@ -412,32 +408,6 @@ def test_upload_of_the_folder_of_all_backups_names_the_scenes_in_it(run: Run) ->
     )
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["list"],
-        ["--ip", "127.0.0.1"],
-        ["--ip", "127.0.0.1", "upload"],
-        ["--ip", "127.0.0.1", "upload", "a", "b", "--scene", "c"],
-        ["--ip", "127.0.0.1", "upload", "a", "--scene", ""],
-        ["--ip", "127.0.0.1", "--timeout", "0", "list"],
-    ],
-)
-def test_wrong_usage_ends_with_status_2(arguments: list[str], capsys: Any) -> None:
-    with pytest.raises(SystemExit) as ending:
-        main(arguments)
-    assert ending.value.code == 2
-    assert "error:" in capsys.readouterr().err
-
-
-def test_a_robot_that_is_not_there_is_told(capsys: Any) -> None:
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        port = str(unused.getsockname()[1])
-        assert main(["--ip", f"127.0.0.1:{port}", "--timeout", "1", "list"]) == 1
-    assert capsys.readouterr().err.startswith("error: ")
-
-
 def test_missing_file_of_a_saved_scene_is_told(run: Run, tmp_path: Path) -> None:
     run("download", "scenex")
     (tmp_path / "scenex" / "files" / "task_info.data").unlink()
@@ -545,21 +515,9 @@ def save_big_scene(run: Run, wire: JsonClient, folder: Path) -> Json:
     return wire.ask("woosh.map.SceneData", {"name": "lab"})
 
 
-def test_an_upload_that_is_cut_off_leaves_the_robots_map(
-    run: Run, wire: JsonClient, tmp_path: Path, chassis: SimulatorThread, capsys: Any
-) -> None:
-    before = save_big_scene(run, wire, tmp_path / "lab")
-    with Cable(chassis.port, 5 << 20) as cable:
-        arguments = ["--ip", f"127.0.0.1:{cable.port}", "upload", "lab", "--force"]
-        threading.Thread(target=cable.cut_when_used_up, daemon=True).start()
-        assert main(arguments) == 1
-    assert capsys.readouterr().err.startswith("error: woosh.map.Upload: ")
-    assert wire.ask("woosh.map.SceneData", {"name": "lab"}) == before
-    assert chassis.counts["woosh.map.Upload"] == 1  # that of upload_lab
-
-
-def test_ctrl_c_during_an_upload_leaves_the_robots_map(
-    run: Run, wire: JsonClient, tmp_path: Path, chassis: SimulatorThread
+@pytest.mark.parametrize("how", ["cut off", "Ctrl-C"])
+def test_an_upload_that_does_not_end_leaves_the_robots_map(
+    run: Run, wire: JsonClient, tmp_path: Path, chassis: SimulatorThread, how: str
 ) -> None:
     before = save_big_scene(run, wire, tmp_path / "lab")
     with (
@@ -568,11 +526,18 @@ def test_ctrl_c_during_an_upload_leaves_the_robots_map(
     ):
         try:
             assert cable.used_up.wait(TIMEOUT)
-            process.send_signal(signal.SIGINT)
+            if how == "cut off":
+                cable.cut()
+            else:
+                process.send_signal(signal.SIGINT)
             out, err = process.communicate(timeout=TIMEOUT)
         finally:
             process.kill()
-    assert (process.returncode, out, err) == (130, "", "interrupted\n")
+    if how == "cut off":
+        assert (process.returncode, out) == (1, "")
+        assert err.startswith("error: woosh.map.Upload: ")
+    else:
+        assert (process.returncode, out, err) == (130, "", "interrupted\n")
     assert wire.ask("woosh.map.SceneData", {"name": "lab"}) == before
     assert chassis.counts["woosh.map.Upload"] == 1  # that of upload_lab
 

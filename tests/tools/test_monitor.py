@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -38,7 +38,6 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.monitor.program import main
 from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, enum_name
 
@@ -140,23 +139,6 @@ def test_every_reason_to_reject_a_task_is_shown():
     assert "turn the key switch to automatic" in text
 
 
-def test_a_task_that_is_executed_is_a_reason_to_reject_another_one():
-    view = seen(
-        OperationState(robot=OperationState.kTaskable),
-        TaskProc(robot_task_id=7, type=task.kPick, state=task.kPaused),
-    )
-    text = shown(view)
-    assert row(text, "new task") == "would be rejected"
-    assert "- the robot is executing task 7: wait for its end, or cancel it" in text
-
-
-def test_status_codes_are_shown_with_their_meaning():
-    codes = [StatusCode(code=110201000013), StatusCode(code=110301000042, msg="左电机过热")]
-    text = shown(seen(*codes))
-    assert "110201000013: emergency stop 1 was pressed" in text
-    assert "110301000042: 左电机过热 (left motor is too hot)" in text
-
-
 def test_unresolved_problems_are_shown():
     codes = [StatusCode(code=110201000013), StatusCode(code=110301000042, msg="左电机过热")]
     text = shown(seen(AbnormalCodes(scs=codes)))
@@ -256,16 +238,6 @@ def test_once_prints_the_state(
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
 
-def test_once_shows_why_tasks_are_rejected(
-    chassis: SimulatorThread, set_state: Callable[..., None]
-) -> None:
-    set_state(ctrl=robot.kManual)
-    status, text = once(chassis.port, "--timeout", str(TIMEOUT))
-    assert status == 0
-    assert row(text, "new task") == "would be rejected"
-    assert "manual mode: turn the key switch" in text
-
-
 def test_once_without_a_robot_fails(chassis: SimulatorThread) -> None:
     chassis.stop_listening()
     status, text = once(chassis.port, "--timeout", "0.5")
@@ -328,8 +300,9 @@ def terminal(chassis: SimulatorThread) -> Iterator[Terminal]:
     running.close()
 
 
+@pytest.mark.parametrize("end", ["q", "Ctrl-C"])
 def test_terminal_follows_the_robot_and_its_link(
-    terminal: Terminal, chassis: SimulatorThread
+    terminal: Terminal, chassis: SimulatorThread, end: str
 ) -> None:
     terminal.wait("connected since")
     terminal.wait("q quits")
@@ -344,13 +317,10 @@ def test_terminal_follows_the_robot_and_its_link(
         terminal.press(key)
     terminal.wait("would be rejected")
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
-    terminal.press("q")
-    assert terminal.end() == 0
-
-
-def test_ctrl_c_ends_it(terminal: Terminal) -> None:
-    terminal.wait("connected since")
-    terminal.process.send_signal(signal.SIGINT)
+    if end == "q":
+        terminal.press("q")
+    else:
+        terminal.process.send_signal(signal.SIGINT)
     assert terminal.end() == 0
     assert "Traceback" not in terminal.text
 
@@ -380,19 +350,6 @@ def test_without_a_terminal_the_view_is_printed_repeatedly(chassis: SimulatorThr
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=TIMEOUT)
         assert (process.returncode, err) == (0, "")
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [["--ip", "a b"], ["--timeout", "nan"], ["--what"]],
-)
-def test_wrong_usage_ends_with_status_2(
-    arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ending:
-        main(arguments)
-    assert ending.value.code == 2
-    assert "monitor: error:" in capsys.readouterr().err
 
 
 def test_error_without_ros_names_the_option_ip() -> None:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from websockets.frames import Frame as WireFrame
-from websockets.frames import Opcode
 
 from tests.quick_chassis import quick_config
 from tests.tools.connections import KINDS, connected, link
@@ -251,29 +248,3 @@ async def test_the_passive_client_sends_each_query_and_no_command(tmp_path: Path
     playback = prepare(read_recording(path))
     assert set(playback.answers.types) == asked - {"woosh.Subscription"}
     assert not asked & {command.request for command in COMMANDS if not command.reads}
-
-
-@aio
-async def test_frames_in_pieces_are_recorded_whole(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    async with simulator() as chassis, recording(path, chassis) as port:
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(
-            b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
-        )
-        assert b"101" in await reader.readuntil(b"\r\n\r\n")
-        frame = WireFrame(Opcode.TEXT, b'{"type":"woosh.robot.Mode","sn":5}').serialize(mask=True)
-        for index in range(len(frame)):
-            writer.write(frame[index : index + 1])
-            await writer.drain()
-            await asyncio.sleep(0)
-        await eventually(lambda: chassis.counts["woosh.robot.Mode"])
-        assert await reader.read(2)
-        writer.transport.abort()
-        await eventually(lambda: ("close", "client") in events(read_recording(path)))
-    found = read_recording(path)
-    assert frames(found, "client") == ['{"type":"woosh.robot.Mode","sn":5}']
-    (answer,) = frames(found, "chassis")
-    assert json.loads(answer)["sn"] == 5
-    assert events(found)[-1] == ("close", "client")

@@ -76,19 +76,6 @@ def test_a_recording_is_read_as_it_was_written(tmp_path):
     )
 
 
-def test_a_crash_loses_only_what_came_after_the_last_flush(tmp_path):
-    path = tmp_path / "a.mcap"
-    file, _ = writer(path)
-    for number in range(100):
-        file.frame(1, "client", numbered(number), text=True)
-        if number == 89:
-            file.flush()
-    found = read_recording(path)  # as after a crash, because the file is not closed
-    assert numbers(found) == list(range(90))
-    assert "has no end" in found.damage
-    file.close()
-
-
 def test_a_file_that_is_cut_off_anywhere_is_read_up_to_there(tmp_path):
     path, cut = tmp_path / "a.mcap", tmp_path / "cut.mcap"
     file, _ = writer(path)
@@ -131,14 +118,6 @@ def test_a_damaged_file_is_read_up_to_the_damage(tmp_path):
     found = read_recording(path)
     assert "is damaged" in found.damage
     assert numbers(found) == list(range(50))
-
-
-def test_an_existing_file_is_not_overwritten(tmp_path):
-    path = tmp_path / "a.mcap"
-    path.write_text("mine")
-    with pytest.raises(FileExistsError):
-        writer(path)
-    assert path.read_text() == "mine"
 
 
 def test_the_size_limit_ends_the_recording(tmp_path):

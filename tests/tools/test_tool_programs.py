@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import os
 import re
@@ -30,7 +29,7 @@ from woosh_robot_agent.tools import __main__ as tools
 from woosh_robot_agent.tools.doctor import program as doctor
 from woosh_robot_agent.tools.maps import program as maps
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
-from woosh_robot_agent.tools.recording import record, replay
+from woosh_robot_agent.tools.recording import replay
 from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.layout import Event
 from woosh_robot_agent.tools.recording.reader import read_recording
@@ -76,14 +75,8 @@ def empty_recording(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("tool", TOOLS)
-def test_every_tool_has_an_entry_point(tool: str) -> None:
-    found = re.search(rf'"{tool} = (\S+):(\w+)"', (ROOT / "setup.py").read_text())
-    assert found
-    assert callable(getattr(importlib.import_module(found[1]), found[2]))
-
-
-@pytest.mark.parametrize("tool", TOOLS)
-def test_every_tool_has_a_help_text(tool: str) -> None:
+def test_every_tool_has_an_entry_point_and_a_help_text(tool: str) -> None:
+    assert f'"{tool} = woosh_robot_agent.tools.__main__:{tool}"' in (ROOT / "setup.py").read_text()
     status, out, err = run(tool, "--help")
     assert (status, err) == (0, "")
     assert out.startswith(f"usage: {tool} ")
@@ -255,13 +248,6 @@ def test_record_works_without_an_agent(chassis: SimulatorThread, tmp_path: Path)
     assert {query.request for query in QUERIES} <= set(prepare(recording).answers.types)
 
 
-def test_record_ends_after_its_duration(chassis: SimulatorThread, tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    status, _, _ = run("record", *address(chassis), "--output", str(path), "--duration", "2")
-    assert status == 0
-    assert read_recording(path).damage == ""
-
-
 def parsed(*arguments: str) -> LinkConfig:
     parser = argparse.ArgumentParser(prog="tool")
     add_link_options(parser)
@@ -309,24 +295,6 @@ def test_the_options_of_a_hint_are_those_that_were_given() -> None:
     given = ["--ip", "[fe80::1]:5490", "--transport", "tcp", "--encoding", "protobuf"]
     given += ["--robot-id", "7"]
     assert shlex.split(link_arguments(parsed(*given))) == given
-
-
-@pytest.mark.parametrize(
-    ("tool", "arguments"),
-    [
-        ("doctor", []),
-        ("monitor", ["--once"]),
-        ("maps", ["list"]),
-        ("record", ["--duration", "2", "--output", "a.mcap"]),
-    ],
-)
-def test_every_tool_connects_to_an_address_with_a_port(
-    tool: str, arguments: list[str], chassis: SimulatorThread, tmp_path: Path, monkeypatch: Any
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    status, out, err = run(tool, "--ip", f"127.0.0.1:{chassis.port}", *arguments)
-    assert (status, "error" in err) == (0, False), out + err
 
 
 @pytest.mark.parametrize("tool", ["monitor", "maps", "record"])
@@ -435,10 +403,16 @@ def test_record_warns_if_other_machines_can_connect(
     assert "nothing was recorded: no client connected" in err
 
 
-def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:
-    path = empty_recording(tmp_path)
-    path.write_bytes(path.read_bytes()[:-20])
-    with start("replay", str(path), "--port", "0", "--tcp-port", "0") as process:
+def test_replay_plays_what_there_is_and_says_what_is_missing(tmp_path: Path) -> None:
+    file = RecordingWriter(
+        tmp_path / "a.mcap", "ws://x", Limits(2**20, split_size=5_000), lambda reason: None
+    )
+    for number in range(200):
+        file.frame(1, "client", numbered(number), text=True)
+    file.close()
+    given = [file.paths[1], file.paths[3]]
+    given[1].write_bytes(given[1].read_bytes()[:-20])
+    with start("replay", *map(str, given), "--port", "0", "--tcp-port", "0") as process:
         try:
             assert process.stdout is not None
             assert any("replayed chassis ready" in line for line in process.stdout)
@@ -447,25 +421,7 @@ def test_replay_of_a_damaged_file_plays_its_start(tmp_path: Path) -> None:
         finally:
             process.kill()
     assert process.returncode == 0
-    assert f"end of the recording is missing: {path} has no end" in err
-
-
-def test_replay_names_the_files_that_are_not_given(tmp_path: Path) -> None:
-    file = RecordingWriter(
-        tmp_path / "a.mcap", "ws://x", Limits(2**20, split_size=5_000), lambda reason: None
-    )
-    for number in range(200):
-        file.frame(1, "client", numbered(number), text=True)
-    file.close()
-    given = [str(file.paths[1]), str(file.paths[3])]
-    with start("replay", *given, "--port", "0", "--tcp-port", "0") as process:
-        try:
-            assert process.stdout is not None
-            assert any("replayed chassis ready" in line for line in process.stdout)
-            process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=TIMEOUT)
-        finally:
-            process.kill()
+    assert f"end of the recording is missing: {given[1]} has no end" in err
     assert "files of this split recording are not given" in err
     assert "the numbers in their names: 0, 2\n" in err
 
@@ -493,28 +449,35 @@ def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
 @pytest.mark.parametrize(
     ("tool", "arguments"),
     [
-        (record, []),
-        (record, ["--ip", "x", "--listen", "nonsense"]),
-        (record, ["--ip", "x", "--listen", "x:70000"]),
-        (record, ["--ip", "x", "--max-size", "0"]),
-        (record, ["--ip", "x", "--max-size", "inf"]),
-        (record, ["--ip", "x", "--max-size", "nan"]),
-        (record, ["--ip", "x", "--duration", "-1"]),
-        (record, ["--ip", "x", "--duration", "inf"]),
-        (record, ["--ip", "x", "--split-size", "0.0000001"]),
-        (record, ["--ip", "x", "--split-size", "0"]),
-        (record, ["--ip", "x", "--split-duration", "-1"]),
-        (replay, []),
-        (replay, ["f", "--speed", "0"]),
-        (replay, ["f", "--port", "70000"]),
+        ("doctor", []),
+        ("doctor", ["--ip", "a b"]),
+        ("monitor", ["--timeout", "nan"]),
+        ("monitor", ["--what"]),
+        ("maps", ["list"]),
+        ("maps", ["--ip", "127.0.0.1"]),
+        ("maps", ["--ip", "127.0.0.1", "upload"]),
+        ("maps", ["--ip", "127.0.0.1", "upload", "a", "b", "--scene", "c"]),
+        ("maps", ["--ip", "127.0.0.1", "upload", "a", "--scene", ""]),
+        ("maps", ["--ip", "127.0.0.1", "--timeout", "0", "list"]),
+        ("record", []),
+        ("record", ["--ip", "x", "--listen", "nonsense"]),
+        ("record", ["--ip", "x", "--listen", "x:70000"]),
+        ("record", ["--ip", "x", "--max-size", "0"]),
+        ("record", ["--ip", "x", "--max-size", "nan"]),
+        ("record", ["--ip", "x", "--duration", "inf"]),
+        ("record", ["--ip", "x", "--split-size", "0.0000001"]),
+        ("record", ["--ip", "x", "--split-duration", "-1"]),
+        ("replay", []),
+        ("replay", ["f", "--speed", "0"]),
+        ("replay", ["f", "--port", "70000"]),
     ],
 )
 def test_wrong_usage_ends_with_status_2(
-    tool: Any, arguments: list[str], capsys: Any, tmp_path: Path, monkeypatch: Any
+    tool: str, arguments: list[str], capsys: Any, tmp_path: Path, monkeypatch: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ending:
-        tool.main(arguments)
+        getattr(tools, tool)(arguments)
     assert ending.value.code == 2
     assert "error:" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

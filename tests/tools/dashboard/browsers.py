@@ -5,15 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import shutil
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
@@ -113,8 +110,7 @@ def chromium(width: int = 1280, height: int = 800) -> Iterator[Any]:
         driver.set_script_timeout(TIMEOUT)
         yield driver
     finally:
-        with contextlib.suppress(Exception):  # a killed browser cannot be asked to quit
-            driver.quit()
+        driver.quit()
         service.stop()
 
 
@@ -142,15 +138,12 @@ class SharedBrowser:
         try:
             yield driver
         finally:
-            if driver.service.process.poll() is not None:  # it was killed
-                self.close()
-            else:
-                _release_keys_and_pointers(driver)
-                for handle in driver.window_handles:
-                    if handle != first:
-                        driver.switch_to.window(handle)
-                        driver.close()
-                driver.switch_to.window(first)
+            _release_keys_and_pointers(driver)
+            for handle in driver.window_handles:
+                if handle != first:
+                    driver.switch_to.window(handle)
+                    driver.close()
+            driver.switch_to.window(first)
 
     def close(self) -> None:
         """End the browser, if it runs."""
@@ -221,19 +214,3 @@ def requested_urls(driver: Any) -> set[str]:
         elif message["method"] == "Network.webSocketCreated":
             urls.add(message["params"]["url"])
     return urls
-
-
-def kill_browser(driver: Any) -> None:
-    """Kill the browser with all its processes, and its driver, as a crash would."""
-    root = driver.service.process.pid
-    for pid in (*_descendants(root), root):
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-
-
-def _descendants(pid: int) -> list[int]:
-    found = []
-    for children in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, children.read_text().split()):
-            found += [child, *_descendants(child)]
-    return found

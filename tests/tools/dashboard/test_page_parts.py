@@ -9,7 +9,6 @@ import struct
 
 from PIL import Image
 
-from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import dashboard, fetch, page
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
@@ -254,18 +253,6 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
         robot.parts.watch("somebody", lambda _: seen.add(robot.no_data))
         await eventually(lambda: chassis.counts[full_name(ScannerData)] > count + 3)
         assert seen == {""}
-
-
-@aio
-async def test_a_page_switches_between_robots(chassis: SimulatorThread) -> None:
-    with SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=7)) as other:
-        async with dashboard(chassis, other) as running, page(running) as viewer:
-            hello = await viewer.until(lambda parts: parts["hello"])
-            assert len(hello["robots"]) == 2
-            await viewer.until(lambda parts: parts["robot"]["id"] == 30001)
-            await viewer.send(do="watch", robot=1)
-            await viewer.until(lambda parts: parts["watching"] == 1 and parts["robot"]["id"] == 7)
-            assert running.robots[0].parts.watched is False
 
 
 @aio

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -37,13 +38,19 @@ class ReadPace:
     Args:
         transport: Transport that the stream is read from.
         period: Time between two reads at high rates, in seconds.
+        now: Returns the time, in seconds; by default that of the event loop.
     """
 
-    def __init__(self, transport: asyncio.BaseTransport, period: float) -> None:
+    def __init__(
+        self,
+        transport: asyncio.BaseTransport,
+        period: float,
+        now: Callable[[], float] | None = None,
+    ) -> None:
         assert isinstance(transport, asyncio.ReadTransport)
         self._transport = transport
         self._period = period
-        self._now = asyncio.get_running_loop().time
+        self._now = now or asyncio.get_running_loop().time
         self._due = 0.0
         """Loop time at which the next read would follow at an even rate."""
 
