@@ -28,6 +28,9 @@ from woosh_robot_agent.robot import status_codes
 from woosh_robot_agent.ros.standard import endpoints as standard_endpoints
 from woosh_robot_agent.simulator import faults, refusals
 from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
+from woosh_robot_agent.tools.dashboard import program as dashboard
+from woosh_robot_agent.tools.options import add_link_options
+from woosh_robot_agent.tools.recording import record, replay
 
 ROOT = Path(__file__).resolve().parents[1]
 """Root of the source checkout."""
@@ -48,6 +51,25 @@ def options_table(parser: argparse.ArgumentParser) -> str:
     return "\n".join(rows)
 
 
+def tool_options(make_parser: Callable[[], argparse.ArgumentParser] | None) -> str:
+    """Return the options of a tool as a Markdown list, with their help, which has the defaults.
+
+    Args:
+        make_parser: makes the parser of a tool, whose options of the link are left out; None for
+            these.
+    """
+    link = argparse.ArgumentParser(add_help=False)
+    add_link_options(link)
+    shared = {action.dest for action in link._actions}
+    lines = []
+    for action in (link if make_parser is None else make_parser())._actions:
+        is_shared = action.dest in shared
+        if action.option_strings and action.dest != "help" and is_shared is (make_parser is None):
+            text = str(action.help) % {**vars(action), "prog": ""}
+            lines.append(f"- `{action.option_strings[0]}`: {text}")
+    return "\n".join(lines)
+
+
 def status_codes_json() -> str:
     """Return the table of status codes as JSON, which is read much faster than YAML."""
     table = yaml.safe_load((ROOT / "tests/facts/status_codes.yaml").read_text("utf-8"))
@@ -66,6 +88,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "endpoints": endpoints.markdown,
     "standard-topics": standard_endpoints.markdown,
     "parameters": parameters.markdown,
+    "link-options": lambda: tool_options(None),
+    "dashboard-options": lambda: tool_options(dashboard.make_parser),
+    "record-options": lambda: tool_options(record.make_parser),
+    "replay-options": lambda: tool_options(replay.make_parser),
     "simulator-options": lambda: options_table(simulator_parser()),
     "simulator-faults": faults.markdown,
     "simulator-refusals": refusals.markdown,

@@ -23,12 +23,8 @@ from woosh_robot_agent.tools.dashboard.program import main
 # on a busy machine, the connection was too slow, and the stick had stopped the robot
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
-@aio
-async def test_the_end_of_the_program_stops_the_robot(
-    chassis: SimulatorThread, end: signal.Signals, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(ownership, "COMMAND_TIMEOUT", math.inf)  # only a zero stops the robot
+async def end_while_driving(chassis: SimulatorThread, end: signal.Signals) -> int:
+    """End a new program while its stick drives the robot; return its exit status."""
     with program(chassis) as (process, url):
         async with page(url) as viewer:
             await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
@@ -37,8 +33,28 @@ async def test_the_end_of_the_program_stops_the_robot(
                 process.send_signal(end)
                 await eventually(lambda: process.poll() is not None)
         await eventually(lambda: chassis.state.velocity.forward == 0.0)
-        assert process.returncode == 0
+        return int(process.returncode)
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+@aio
+async def test_the_end_of_the_program_stops_the_robot(
+    chassis: SimulatorThread, end: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ownership, "COMMAND_TIMEOUT", math.inf)  # only a zero stops the robot
+    assert await end_while_driving(chassis, end) == 0
     assert chassis.last(full_name(Twist)) == Twist()
+
+
+@aio
+async def test_the_chassis_stops_by_itself_when_the_program_is_killed(
+    chassis: SimulatorThread,
+) -> None:
+    while True:
+        assert await end_while_driving(chassis, signal.SIGKILL) == -signal.SIGKILL
+        if chassis.last(full_name(Twist)) != Twist():  # no zero has come
+            break
+        # on a busy machine, the connection was too slow, and the stick had stopped the robot
 
 
 @pytest.fixture

@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status: 0; 1 if the page cannot be served.
     """
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(arguments)
     if not options.host:
         parser.error("--host is empty: give an address of this machine, or 0.0.0.0 for all of them")
@@ -53,7 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return asyncio.run(_run(robots, config))
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
     default = DashboardConfig()
     parser = argparse.ArgumentParser(
         prog="dashboard",
@@ -65,8 +66,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--host",
         default=default.host,
-        help="address to serve the page on; another one than this machine's own needs the token of "
-        "the printed address (default: %(default)s)",
+        help="address to serve the page on; other machines need the token of the printed address "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--page-port",

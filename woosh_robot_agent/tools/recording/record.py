@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status: 0, or 1 if the program could not listen, the recording ended early,
         nothing was recorded, or frames or ROS messages were lost.
     """
-    parser = _make_parser()
+    parser = make_parser()
     options = parser.parse_args(arguments)
     config = link_config(parser, options)
     log_to_stderr(logging.INFO, "%(message)s")
@@ -77,7 +77,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="record",
         description="Record all frames between a robot and its clients.",
@@ -126,13 +127,13 @@ def _make_parser() -> argparse.ArgumentParser:
         nargs="?",
         const=NAMESPACE,
         metavar="NAMESPACE",
-        help="also record what the agent in this namespace publishes, in a file of its own whose "
-        "name ends in _ros; the limits apply to it, too (default namespace: %(const)s)",
+        help="also record what the agent in this namespace publishes, in a file whose name ends in "
+        "_ros (default: %(const)s)",
     )
     parser.add_argument(
         "--no-large",
         action="store_true",
-        help="without --listen: do not subscribe to laser scans and growing maps, which are large",
+        help="without --listen: leave out laser scans and growing maps, which are large",
     )
     return parser
 

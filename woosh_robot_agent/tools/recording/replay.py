@@ -34,6 +34,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 if the file cannot be read or a port is in use.
     """
+    parser = make_parser()
+    options = parser.parse_args(arguments)
+    if not 0 < options.speed < 1e6:
+        parser.error(f"--speed must be above 0: {options.speed}")
+    for port in (options.port, options.tcp_port):
+        if not 0 <= port < 2**16:
+            parser.error(f"port must be in 0..65535: {port}")
+    log_to_stderr(logging.INFO, "%(message)s")
+    # The library logs each interrupted handshake; a recorded loss causes some of them.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    try:
+        recording = read_recording(*options.file)
+        playback = prepare(recording)
+    except RecordingError as error:
+        print(printable(f"error: {error}"), file=sys.stderr)
+        return 1
+    _print_summary(options.file[0], playback, recording)
+    return asyncio.run(_run(playback, options))
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="replay",
         description="Simulate the chassis of a recording made with `record`.",
@@ -69,23 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="pause at each recorded command until a client sends one of its type",
     )
-    options = parser.parse_args(arguments)
-    if not 0 < options.speed < 1e6:
-        parser.error(f"--speed must be above 0: {options.speed}")
-    for port in (options.port, options.tcp_port):
-        if not 0 <= port < 2**16:
-            parser.error(f"port must be in 0..65535: {port}")
-    log_to_stderr(logging.INFO, "%(message)s")
-    # The library logs each interrupted handshake; a recorded loss causes some of them.
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    try:
-        recording = read_recording(*options.file)
-        playback = prepare(recording)
-    except RecordingError as error:
-        print(printable(f"error: {error}"), file=sys.stderr)
-        return 1
-    _print_summary(options.file[0], playback, recording)
-    return asyncio.run(_run(playback, options))
+    return parser
 
 
 def _print_summary(path: Path, playback: Playback, recording: Recording) -> None:
