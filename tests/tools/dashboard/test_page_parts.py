@@ -23,8 +23,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
 )
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard.part_data import robot_data
-from woosh_robot_agent.tools.dashboard.robot import scan_frame
+from woosh_robot_agent.tools.dashboard.part_data import robot_data, scan_frame
 from woosh_robot_agent.tools.robot_view import RobotView
 
 

@@ -1,15 +1,24 @@
-"""The parts of the page's data: texts, numbers and lists, ready for JSON."""
+"""The parts of the page's data: texts, numbers and lists, ready for JSON, and the binary scan."""
 
 from __future__ import annotations
 
+import array
 import math
+import struct
+import sys
 import time
 from typing import Any
 
 from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, NavPath, RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    DeviceState,
+    NavPath,
+    RobotInfo,
+    ScannerData,
+    TaskProc,
+)
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
@@ -235,3 +244,36 @@ def _points(points: Any) -> list[list[float]]:
 
 def _number(value: float) -> float:
     return round(value, 3) if math.isfinite(value) else 0.0
+
+
+_HEADER = struct.Struct("<4x7f")
+"""Pose x, y, theta of the robot; offset x, y of the laser; first angle, angle between two rays.
+
+The first four bytes are zero, and the ranges follow: whole millimetres, as 16-bit integers. The
+range 0 stands for no reflection. All is little-endian, in metres and radians.
+"""
+_MAX_RAYS = 10_000
+"""Maximum number of rays that are sent."""
+_MAX_RANGE = 65.535
+"""Greatest range that can be expressed, in metres."""
+
+
+def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | None:
+    """Return the message for a scan; None if the scan has no valid angles or pose.
+
+    Args:
+        scan: the scan.
+        pose: pose of the robot, used if the scan has none.
+    """
+    if scan.HasField("pose"):
+        pose = scan.pose.x, scan.pose.y, scan.pose.theta
+    values = (*pose, scan.offset.x, scan.offset.y, scan.angle_min, scan.angle_increment)
+    if not all(map(math.isfinite, values)):
+        return None
+    low, high = max(0.0, scan.range_min), min(scan.range_max or _MAX_RANGE, _MAX_RANGE)
+    # a comparison with NaN is False
+    measured = [int(r * 1000.0) if low <= r <= high else 0 for r in scan.ranges[:_MAX_RAYS]]
+    ranges = array.array("H", measured)
+    if sys.byteorder == "big":
+        ranges.byteswap()
+    return _HEADER.pack(*values) + ranges.tobytes()

@@ -122,7 +122,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
     except TransportClosedError as error:
         raise CheckFailedError(
             f"the robot closed the connection after the request: {error}",
-            "check --port, --transport and --encoding; if they are right, the robot's program is "
+            "check --ip, --transport and --encoding; if they are right, the robot's program is "
             "faulty: switch the robot off and on",
         ) from None
     except TimeoutError:
@@ -131,7 +131,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
             + (
                 f", only frames that cannot be read: {invalid_frames[-1]}" if invalid_frames else ""
             ),
-            "check --port, --transport, --encoding and --robot-id; if they are right, the robot's "
+            "check --ip, --transport, --encoding and --robot-id; if they are right, the robot's "
             "program hangs: switch the robot off and on",
         ) from None
     received_at = time.time()
@@ -207,11 +207,16 @@ def check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
     )
 
 
-async def resolve(config: LinkConfig) -> list[Address]:
-    """Return the addresses of the robot.
+async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
+    """Return the first address of the robot with an open port, or else a reachable one.
+
+    A name can have several addresses, and the robot need not listen on the first one.
+
+    Returns:
+        The numeric address, and why its port is closed; empty if it is open.
 
     Raises:
-        CheckFailedError: The host name has no address.
+        CheckFailedError: The host name has no address, or none is reachable.
     """
     loop = asyncio.get_running_loop()
     lookup = loop.getaddrinfo(config.ip, config.effective_port, type=socket.SOCK_STREAM)
@@ -222,63 +227,40 @@ async def resolve(config: LinkConfig) -> list[Address]:
             f"the host name {config.ip} cannot be resolved: {error}",
             "check its spelling, or give --ip a numeric address",
         ) from None
-    return [Address(str(address[0]), int(address[1])) for *_, address in found]
-
-
-async def find_reachable(
-    config: LinkConfig, addresses: list[Address]
-) -> tuple[Address, str | None]:
-    """Return the first address with an open port, or else a reachable one.
-
-    A name can have several addresses, and the robot need not listen on the first one.
-
-    Returns:
-        The address, and why its port is closed; None if it is open.
-
-    Raises:
-        CheckFailedError: No address is reachable.
-    """
-    closed: tuple[Address, str | None] | None = None
+    closed: tuple[Address, str] | None = None
     failure: CheckFailedError | None = None
-    for address in addresses:
+    for *_, (ip, port, *_) in found:
+        address = Address(str(ip), int(port))
+        opening = asyncio.open_connection(*address)
         try:
-            reason = await _try_port(config, address)
-        except CheckFailedError as error:
-            failure = error
-            continue
-        if reason is None:
-            return address, None
-        closed = address, reason
+            _, writer = await run_with_timeout(config.connect_timeout, opening)
+        except ConnectionError as error:  # sent by the other end, which is therefore reachable
+            closed = address, system_text(error)
+        except OSError as error:
+            failure = _not_reached(config, address, error)
+        else:
+            writer.transport.abort()
+            return address, ""
     if closed is None:
         assert failure is not None
         raise failure
     return closed
 
 
-async def _try_port(config: LinkConfig, address: Address) -> str | None:
-    """Connect and disconnect; return why the port is closed, or None if it is open."""
-    try:
-        _, writer = await run_with_timeout(
-            config.connect_timeout, asyncio.open_connection(*address)
-        )
-    except ConnectionError as error:  # sent by the other end, which is therefore reachable
-        return system_text(error)
-    except TimeoutError:
-        raise CheckFailedError(
+def _not_reached(config: LinkConfig, address: Address, error: OSError) -> CheckFailedError:
+    if isinstance(error, TimeoutError):
+        return CheckFailedError(
             f"{address.ip} did not answer within {config.connect_timeout:g} s",
             "check that the robot is switched on and in this network, that --ip is right, and that "
             f"no firewall blocks port {config.effective_port}",
-        ) from None
-    except OSError as error:
-        has_no_route = error.errno in (errno.ENETUNREACH, errno.EADDRNOTAVAIL)
-        raise CheckFailedError(
-            f"{address.ip} cannot be reached: {system_text(error)}",
-            "connect this computer to the robot's network, with an address in the same subnet"
-            if has_no_route
-            else "check that the robot is switched on and in this network, and that --ip is right",
-        ) from None
-    writer.transport.abort()
-    return None
+        )
+    has_no_route = error.errno in (errno.ENETUNREACH, errno.EADDRNOTAVAIL)
+    return CheckFailedError(
+        f"{address.ip} cannot be reached: {system_text(error)}",
+        "connect this computer to the robot's network, with an address in the same subnet"
+        if has_no_route
+        else "check that the robot is switched on and in this network, and that --ip is right",
+    )
 
 
 def own_address(address: Address) -> str:
@@ -300,12 +282,12 @@ async def open_link(config: LinkConfig) -> Transport:
     except TransportClosedError as error:
         raise CheckFailedError(
             f"the program on this port is not a chassis: {error}",
-            "check --port and --transport; a proxy or another program may use the port",
+            "check --ip and --transport; a proxy or another program may use the port",
         ) from None
     except TimeoutError:
         raise CheckFailedError(
             f"the connection was accepted, but no answer came within {config.connect_timeout:g} s",
-            "check --port and --transport; if they are right, the robot's program hangs: switch "
+            "check --ip and --transport; if they are right, the robot's program hangs: switch "
             "the robot off and on",
         ) from None
     except OSError as error:

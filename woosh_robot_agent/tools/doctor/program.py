@@ -27,7 +27,6 @@ from woosh_robot_agent.tools.doctor.checks import (
     open_link,
     own_address,
     request_robot_info,
-    resolve,
 )
 from woosh_robot_agent.tools.options import add_link_options, link_config
 
@@ -67,12 +66,12 @@ async def examine(config: LinkConfig, max_skew: float = TOLERANCE) -> AsyncItera
 
 
 async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
-    address, closed = await find_reachable(config, await resolve(config))
+    address, closed = await find_reachable(config)
     yield Result(Status.OK, f"{address.ip} is reachable from {own_address(address)}")
-    if closed is not None:
+    if closed:
         raise CheckFailedError(
             f"port {config.effective_port} is closed: {closed}",
-            "check --port and --transport; if they are right, the robot's program is not running: "
+            "check --ip and --transport; if they are right, the robot's program is not running: "
             "wait until it has started, or switch the robot off and on",
         )
     yield Result(Status.OK, f"{config.effective_port} is open")

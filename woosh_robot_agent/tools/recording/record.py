@@ -303,7 +303,7 @@ def _report_frames(
         )
     elif not writer.answered:
         if writer.connections:
-            problem = "the connection was accepted, but no frame came; check --port and --transport"
+            problem = "the connection was accepted, but no frame came; check --ip and --transport"
         else:
             problem = f"{writer.refusal}; check that it is switched on and in this network"
         hint = f"run `doctor {link_arguments(config)}` to find the cause"
