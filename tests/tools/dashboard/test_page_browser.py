@@ -21,7 +21,6 @@ from tests.tools.dashboard.browsers import (
     SharedBrowser,
     SimulatedPage,
     actions,
-    chromium,
     element,
     eventually,
     requested_urls,
@@ -589,53 +588,6 @@ def test_the_page_comes_back_after_a_lost_link(robot: SimulatedPage, browser: An
     element(browser, "#fault button").click()
     eventually(lambda: element(browser, "#outdated").is_displayed(), "the warning")
     eventually(lambda: not element(browser, "#outdated").is_displayed(), "the link")
-
-
-_SIZES = [(1280, 800), (900, 700), (768, 1024), (844, 390), (667, 375), (360, 640), (320, 568)]
-_ZOOMED = [(640, 400), (427, 267)]
-"""A window of 1280 x 800 pixels at 200 % and 300 %."""
-
-
-@pytest.fixture(scope="module")
-def window() -> Iterator[Any]:
-    """A browser whose window has the size of many devices."""
-    running = SimulatedPage()
-    try:
-        with chromium() as driver:
-            driver.get(running.url)
-            eventually(lambda: script(driver, "mapView.image !== null"), "map")
-            yield driver
-    finally:
-        running.close()
-
-
-@pytest.mark.parametrize(("width", "height"), _SIZES + _ZOOMED)
-def test_the_stick_lies_over_nothing_that_is_pressed(window: Any, width: int, height: int) -> None:
-    set_screen(window, width, height)
-    eventually(lambda: script(window, "[innerWidth, innerHeight]") == [width, height], "the size")
-    stick = element(window, "#stick").rect
-    for selector in ("#stop", "#zoom-in", "#fit", "#follow", "#tools", "aside", "header"):
-        other = element(window, selector).rect
-        apart = (
-            stick["x"] + stick["width"] <= other["x"]
-            or other["x"] + other["width"] <= stick["x"]
-            or stick["y"] + stick["height"] <= other["y"]
-            or other["y"] + other["height"] <= stick["y"]
-        )
-        assert apart, (selector, stick, other)
-    tools, view_tools = element(window, "#tools").rect, element(window, "#view-tools").rect
-    assert view_tools["y"] + view_tools["height"] <= tools["y"]
-    eventually(lambda: script(window, "Math.abs(mapView.canvas.width - mapView.width) <= 1"), "map")
-    element(window, "#fit").click()
-    marks = script(
-        window,
-        "mapView.marks.map(({x, y}) => { const at = mapView.toScreen(x, y);"
-        "  const box = mapView.canvas.getBoundingClientRect();"
-        "  return [at.x + box.x, at.y + box.y]; })",
-    )
-    assert marks
-    for x, y in marks:
-        assert x < stick["x"] or y < stick["y"]
 
 
 def test_the_page_fits_a_phone(

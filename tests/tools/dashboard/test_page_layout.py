@@ -29,7 +29,9 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatorThread
 
 pytestmark = pytest.mark.timeout(300)
-_SCREENS = [(360, 640), (390, 844), (667, 375), (768, 1024), (1024, 768), (1440, 900)]
+_SCREENS = [(360, 640), (390, 844), (667, 375), (768, 1024), (844, 390), (1440, 900)]
+_SMALL = [(320, 568), (640, 400), (427, 267)]
+"""An old phone, and a window of 1280 x 800 pixels at 200 % and 300 %."""
 _STICK_RADIUS = 60.0
 """Radius of the stick on a phone, in pixels."""
 
@@ -99,14 +101,15 @@ class _Served:
             loop.close()
 
 
-@pytest.fixture(params=[1, 2], ids=["one robot", "two robots"])
-def served(request: pytest.FixtureRequest) -> Iterator[_Served]:
+@contextmanager
+def served(number_of_robots: int) -> Iterator[_Served]:
+    """Serve a page for simulated robots."""
     with contextlib.ExitStack() as running:
         robots = [
             running.enter_context(
                 SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=number))
             )
-            for number in range(30001, 30001 + request.param)
+            for number in range(30001, 30001 + number_of_robots)
         ]
         process, url = running.enter_context(program(*robots))
         yield _Served(robots, process, url)
@@ -151,12 +154,45 @@ def middle(browser: Any, selector: str) -> tuple[float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
+@pytest.mark.parametrize(("width", "height"), _SCREENS + _SMALL)
+def test_the_stick_lies_over_nothing_that_is_pressed(
+    shared_browser: SharedBrowser, width: int, height: int
+) -> None:
+    with served(1) as page_, opened(shared_browser, page_.url, width, height) as browser:
+        stick = element(browser, "#stick").rect
+        for selector in ("#stop", "#zoom-in", "#fit", "#follow", "#tools", "aside", "header"):
+            assert are_apart(stick, element(browser, selector).rect), (selector, stick)
+        assert are_apart(element(browser, "#tools").rect, element(browser, "#view-tools").rect)
+        element(browser, "#fit").click()
+        marks = script(
+            browser,
+            "mapView.marks.map(({x, y}) => { const at = mapView.toScreen(x, y);"
+            "  const box = mapView.canvas.getBoundingClientRect();"
+            "  return [at.x + box.x, at.y + box.y]; })",
+        )
+        assert marks
+        assert all(x < stick["x"] or y < stick["y"] for x, y in marks)
+
+
+def are_apart(one: dict[str, float], other: dict[str, float]) -> bool:
+    """Return True if two boxes do not overlap."""
+    return any(
+        first[start] + first[size] <= second[start]
+        for first, second in ((one, other), (other, one))
+        for start, size in (("x", "width"), ("y", "height"))
+    )
+
+
 @pytest.mark.parametrize(("width", "height"), _SCREENS)
 def test_nothing_moves_or_covers_the_stick_and_stop(
-    served: _Served, shared_browser: SharedBrowser, width: int, height: int
+    shared_browser: SharedBrowser, width: int, height: int
 ) -> None:
-    first = served.robots[0]
-    with opened(shared_browser, served.url, width, height) as browser:
+    number = 1 + _SCREENS.index((width, height)) % 2
+    with (
+        served(number) as served_,
+        opened(shared_browser, served_.url, width, height) as browser,
+    ):
+        first = served_.robots[0]
 
         def check(state: str) -> None:
             assert script(browser, _COVERED) == [], state
@@ -169,9 +205,9 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         stop = element(browser, "#stop").rect
         assert stop["height"] >= 64
         assert stop["width"] >= 98
-        assert element(browser, "#robots").is_displayed() == (len(served.robots) > 1)
+        assert element(browser, "#robots").is_displayed() == (number > 1)
         check("standing")
-        with served.commanded_by_another():
+        with served_.commanded_by_another():
             eventually(lambda: text(browser, "#owner").startswith("viewer "), "the other owner")
             check("control of another viewer")
         eventually(lambda: text(browser, "#owner") == "", "the end of the other's control")
@@ -203,7 +239,7 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         first.listen()
         eventually(lambda: text(browser, "#link").startswith("connected"), "the link")
 
-        with served.silent():
+        with served_.silent():
             eventually(lambda: "no answer from" in text(browser, "#link"), "the silence")
             check("dashboard silent")
             element(browser, "#stop").click()
