@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
@@ -41,6 +42,14 @@ async def ready(viewer: Page) -> None:
     await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
 
 
+@asynccontextmanager
+async def controlled(chassis: SimulatorThread, **options: Any) -> AsyncIterator[Page]:
+    """Open a page with control that knows the robot."""
+    async with dashboard(chassis, control=True, **options) as running, page(running) as viewer:
+        await ready(viewer)
+        yield viewer
+
+
 def last(chassis: SimulatorThread, cls: Any) -> Any:
     return chassis.last(full_name(cls))
 
@@ -70,8 +79,7 @@ def is_stopped_by_zero(chassis: SimulatorThread) -> bool:
 
 @aio
 async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         assert await viewer.command("go", x=3.0, y=-5.0, theta=0.5) == (True, "go: accepted")
         pose = last(chassis, ExecTask).pose
         assert (pose.x, pose.y, pose.theta) == (3.0, -5.0, 0.5)
@@ -125,8 +133,7 @@ async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThrea
 async def test_the_page_sees_what_became_of_a_task_while_the_link_was_lost(
     real_chassis: SimulatorThread,
 ) -> None:
-    async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(real_chassis) as viewer:
         assert (await viewer.command("goMark", mark="A2"))[0]
         await viewer.until(lambda parts: "executing" in parts["result"]["text"])
         real_chassis.stop_listening()
@@ -140,8 +147,7 @@ async def test_the_page_sees_what_became_of_a_task_while_the_link_was_lost(
 
 @aio
 async def test_the_page_says_that_the_end_of_a_task_was_not_seen(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         assert (await viewer.command("goMark", mark="A2"))[0]
         await viewer.until(lambda parts: "executing" in parts["result"]["text"])
         chassis.push(TaskProc(robot_task_id=17, state=task.kExecuting))
@@ -153,8 +159,7 @@ async def test_the_page_says_that_the_end_of_a_task_was_not_seen(chassis: Simula
 
 @aio
 async def test_modes_pose_and_speech(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         here = chassis.state.pose
         assert (await viewer.command("setPose", x=here.x, y=here.y, theta=here.theta))[0]
         assert math.isclose(last(chassis, SetRobotPose).pose.x, here.x)
@@ -182,8 +187,7 @@ async def test_the_pose_of_a_robot_that_has_none_initialises_it() -> None:
 
 @aio
 async def test_a_refusal_says_why(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         chassis.set_emergency_stop(True)
         await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
         ok, text = await viewer.command("goMark", mark="A2")
@@ -215,8 +219,7 @@ async def test_a_refusal_says_why(chassis: SimulatorThread) -> None:
 async def test_an_invalid_command_is_refused(
     chassis: SimulatorThread, name: str, args: dict[str, Any]
 ) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         before = chassis.counts
         ok, text = await viewer.command(name, **args)
         assert not ok
@@ -244,8 +247,7 @@ async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorTh
 
 @aio
 async def test_the_stick_drives_and_stops_when_let_go(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         await hold(viewer, lambda: is_driving(chassis))
         await viewer.drive(0.0)
         await eventually(lambda: is_stopped_by_zero(chassis))
@@ -305,8 +307,7 @@ async def test_the_stick_is_limited(chassis: SimulatorThread) -> None:
 
 @aio
 async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         assert (await viewer.command("goMark", mark="A2"))[0]
         await viewer.until(lambda parts: parts["robot"]["task"]["running"])
         await hold(viewer, lambda: viewer.parts.get("stick"))
@@ -316,8 +317,7 @@ async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> No
 
 @aio
 async def test_the_stick_drives_while_a_task_is_paused(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         assert (await viewer.command("goMark", mark="A2"))[0]
         await viewer.until(lambda parts: parts["robot"]["task"]["state"] == "executing")
         assert (await viewer.command("pause"))[0]
@@ -328,8 +328,7 @@ async def test_the_stick_drives_while_a_task_is_paused(chassis: SimulatorThread)
 
 @aio
 async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         for count, wrong in enumerate((0, 10**14), start=1):
             viewer.press = count
             await viewer.drive(0.4, clock=wrong)
@@ -342,8 +341,7 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
 @pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])
 @aio
 async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         before = chassis.counts
         args = {"x": 1.0, "y": 0.0, "theta": 0.0, "mark": "A2", "mode": 1}
         await viewer.send(do="command", id=1, name=name, args=args, clock=0)
@@ -411,8 +409,7 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
 
 @aio
 async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         clock = await viewer.until(lambda parts: parts["clock"])
         await viewer.command("stop")
         await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
@@ -450,8 +447,7 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
 
 @aio
 async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         await hold(viewer, lambda: is_driving(chassis))
         await passed(viewer, 0.6)
         await eventually(lambda: chassis.state.velocity.forward == 0.0)
@@ -465,8 +461,7 @@ async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) 
 
 @aio
 async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         chassis.refuse(TWIST, "the wheels are blocked")
         async with viewer.holds(0.3):
             await viewer.until(lambda _: any("blocked" in each for each in viewer.refusals))
@@ -481,8 +476,7 @@ async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: Simulat
 
 @aio
 async def test_a_robot_that_sends_nothing_is_not_driven(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         async with viewer.holds(0.3):
             await eventually(lambda: is_driving(chassis))
             freeze = chassis.inject("freeze")
@@ -501,8 +495,7 @@ async def test_a_robot_that_sends_nothing_is_not_driven(chassis: SimulatorThread
 
 @aio
 async def test_a_press_may_rest_in_the_middle_of_the_stick(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
 
         async def rested() -> bool:
             """Drive, rest for longer than a press may be silent, and drive on."""
@@ -540,8 +533,7 @@ async def test_a_press_may_rest_in_the_middle_of_the_stick(chassis: SimulatorThr
 async def test_an_invalid_velocity_ends_the_connection(
     chassis: SimulatorThread, wrong: dict[str, Any]
 ) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         velocity = {"linear": 0.3, "angular": 0.0, "press": 1, "clock": viewer.parts["clock"]}
         await viewer.send(do="drive", **{**velocity, **wrong})
         assert await viewer.closed() == 1008
@@ -567,8 +559,7 @@ async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
 async def test_too_many_commands_wait_for_each_other_but_a_stop_does_not(
     chassis: SimulatorThread,
 ) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         chassis.mute(full_name(ActionOrder))
         for number in range(1, 10):
             await viewer.send(do="command", id=number, name="pause", args={}, clock=0)
