@@ -31,7 +31,6 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.behaviour import ownership
 from woosh_robot_agent.tools.dashboard import control
 
 TWIST = full_name(Twist)
@@ -255,11 +254,8 @@ async def test_the_stick_drives_and_stops_when_let_go(chassis: SimulatorThread) 
 
 @pytest.mark.parametrize("end", ["hidden", "closed", "aborted", "silent", "switched", "released"])
 @aio
-async def test_a_driver_that_goes_away_stops_the_robot(
-    chassis: SimulatorThread, end: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # neither the timeout of the chassis nor, except in silence, that of the stick stops the robot
-    monkeypatch.setattr(ownership, "COMMAND_TIMEOUT", math.inf)
+async def test_a_driver_that_goes_away_stops_the_robot(chassis: SimulatorThread, end: str) -> None:
+    # except in silence, the timeout of the stick does not stop the robot
     timing = {} if end == "silent" else {"stick_timeout": TIMEOUT}
     with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
         async with (
