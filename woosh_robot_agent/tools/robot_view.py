@@ -6,7 +6,7 @@ import os
 import re
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -14,7 +14,9 @@ from typing import Any
 from google.protobuf.descriptor import EnumDescriptor
 from google.protobuf.message import Message
 
+from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
@@ -114,6 +116,19 @@ class RobotView:
         }
         self.codes.clear()
         self.codes.extend(sorted(merged.values(), key=lambda code: code.time))
+
+
+MAX_BACKOFF = 3.0
+"""Longest pause between attempts to connect, in seconds; short, because somebody is watching."""
+
+
+def subscribe_all(chassis: ChassisClient, callback: Callable[[Message], None]) -> None:
+    """Call `callback` with everything that a robot reports by itself, and with each RobotInfo."""
+    chassis.on_snapshot(callback)
+    for topic in TOPICS:
+        if not topic.on_demand:
+            chassis.subscribe(message_type(topic.push), callback)
+    chassis.subscribe(Feedbacks, callback)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert.converter import RequestMaker
-from woosh_robot_agent.endpoints import TOPICS, minimum_timeouts
+from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.link import (
     Body,
     ChassisClient,
@@ -22,15 +22,18 @@ from woosh_robot_agent.link import (
     LinkError,
     LinkState,
 )
-from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, ScannerData, Scene
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.maps import MapError, check_place, grey_png, scene_map
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.robot_view import RobotView, link_report
+from woosh_robot_agent.tools.robot_view import (
+    MAX_BACKOFF,
+    RobotView,
+    link_report,
+    subscribe_all,
+)
 
 _LOG = logging.getLogger(__name__)
 M = TypeVar("M", bound=Message)
@@ -285,8 +288,6 @@ async def _picture(
     return MapPicture(data, {"resolution": resolution, "origin": place, "marks": marks})
 
 
-_MAX_BACKOFF = 3.0
-"""Longest pause between attempts to connect, in seconds; short, because somebody is watching."""
 _MAP_PERIOD = 1.0
 """Time between two looks whether the robot uses another map, in seconds."""
 _LISTEN_PERIOD = 0.1
@@ -327,7 +328,7 @@ class Robot:
         self, config: LinkConfig, *, control: bool, scan_rate: float, update_period: float = 0.1
     ) -> None:
         self.chassis = ChassisClient(
-            config=replace(config, backoff_max=_MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
+            config=replace(config, backoff_max=MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
         )
         if not control:
             self.chassis.permit_only(only_reads, READ_ONLY)
@@ -350,11 +351,7 @@ class Robot:
         self.parts.add("link", self._link_data, on_change=False, each_second=True)
         self._running: asyncio.Task[None] | None = None
         self.chassis.on_state(lambda state: self.parts.changed())
-        self.chassis.on_snapshot(self._received)
-        for topic in TOPICS:
-            if not topic.on_demand:
-                self.chassis.subscribe(message_type(topic.push), self._received)
-        self.chassis.subscribe(Feedbacks, self._received)
+        subscribe_all(self.chassis, self._received)
 
     def start(self) -> None:
         """Start connecting."""

@@ -13,15 +13,19 @@ from typing import Protocol
 from rich.console import Console
 from rich.live import Live
 
-from woosh_robot_agent.endpoints import NAMESPACE, TOPICS
+from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.link import ChassisClient, LinkConfig
-from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.tasks import run_with_timeout
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.monitor.screen import draw, key_presses
 from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event
-from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, link_report
+from woosh_robot_agent.tools.robot_view import (
+    MAX_BACKOFF,
+    LinkReport,
+    RobotView,
+    link_report,
+    subscribe_all,
+)
 
 
 class Source(Protocol):
@@ -48,10 +52,6 @@ class Source(Protocol):
         """Stop receiving."""
 
 
-_MAX_BACKOFF = 3.0
-"""Longest pause between attempts to connect, in seconds; short, because a user is watching."""
-
-
 class LinkSource:
     """Receives from one chassis; implements `Source`.
 
@@ -68,12 +68,8 @@ class LinkSource:
     def __init__(self, config: LinkConfig) -> None:
         self.name = config.address
         self.view = RobotView()
-        self._chassis = ChassisClient(config=replace(config, backoff_max=_MAX_BACKOFF))
-        self._chassis.on_snapshot(self.view.update)
-        for topic in TOPICS:
-            if not topic.on_demand:
-                self._chassis.subscribe(message_type(topic.push), self.view.update)
-        self._chassis.subscribe(Feedbacks, self.view.update)
+        self._chassis = ChassisClient(config=replace(config, backoff_max=MAX_BACKOFF))
+        subscribe_all(self._chassis, self.view.update)
 
     async def start(self) -> None:
         self._chassis.start()
