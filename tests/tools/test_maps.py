@@ -26,7 +26,7 @@ from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from tests.simulator.test_sim_map_library import scene_data, scenes, send_files
 from tests.simulator.test_sim_uploads import NAV2, floor_png
-from tests.tools.test_tool_programs import TIMEOUT, address, start
+from tests.tools.test_tool_programs import TIMEOUT, address, end, start
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse, SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
 from woosh_robot_agent.robot.maps import cells_of
@@ -524,20 +524,15 @@ def test_an_upload_that_does_not_end_leaves_the_robots_map(
         Cable(chassis.port, 5 << 20) as cable,
         start("maps", "--ip", f"127.0.0.1:{cable.port}", "upload", "lab", "--force") as process,
     ):
-        try:
-            assert cable.used_up.wait(TIMEOUT)
-            if how == "cut off":
-                cable.cut()
-            else:
-                process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=TIMEOUT)
-        finally:
-            process.kill()
+        assert cable.used_up.wait(TIMEOUT)
+        if how == "cut off":
+            cable.cut()
+        status, out, err = end(process, None if how == "cut off" else signal.SIGINT)
     if how == "cut off":
-        assert (process.returncode, out) == (1, "")
+        assert (status, out) == (1, "")
         assert err.startswith("error: woosh.map.Upload: ")
     else:
-        assert (process.returncode, out, err) == (130, "", "interrupted\n")
+        assert (status, out, err) == (130, "", "interrupted\n")
     assert wire.ask("woosh.map.SceneData", {"name": "lab"}) == before
     assert chassis.counts["woosh.map.Upload"] == 1  # that of upload_lab
 

@@ -11,6 +11,8 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,21 +46,34 @@ HOSTILE = "\x1b]0;owned\x07 \x9b31m \u202e gnp \u2028 \r\nok    taskable"
 TOOLS = ("dashboard", "monitor", "doctor", "record", "replay", "maps")
 
 
-def start(tool: str, *arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
+@contextmanager
+def start(tool: str, *arguments: str) -> Iterator[Any]:
+    """Start a program; yield its process, which is killed at the end."""
+    with subprocess.Popen(
         [sys.executable, "-m", "woosh_robot_agent.tools", tool, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         # as in a terminal: tests that run in the background pass on that SIGINT is ignored
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def end(process: Any, number: signal.Signals | None = signal.SIGINT) -> tuple[int, str, str]:
+    """End a program by a signal, or wait for its end; return exit status, stdout and stderr."""
+    if number is not None:
+        process.send_signal(number)
+    out, err = process.communicate(timeout=2 * TIMEOUT)
+    return process.returncode, out, err
 
 
 def run(tool: str, *arguments: str) -> tuple[int, str, str]:
     with start(tool, *arguments) as process:
-        out, err = process.communicate(timeout=2 * TIMEOUT)
-    return process.returncode, out, err
+        return end(process, None)
 
 
 def address(chassis: SimulatorThread) -> list[str]:
@@ -207,18 +222,13 @@ def test_texts_of_the_robot_cannot_control_the_terminal_of_maps(
 def test_texts_of_clients_cannot_control_the_terminal_of_replay(tmp_path: Path) -> None:
     path = empty_recording(tmp_path)
     with start("replay", str(path), "--port", "0", "--tcp-port", "0") as process:
-        try:
-            assert process.stdout is not None
-            ready = next(line for line in process.stdout if "replayed chassis ready" in line)
-            port = re.search(r"ws://127\.0\.0\.1:(\d+)", ready)
-            assert port
-            client = JsonClient(int(port[1]))
-            assert not client.request(HOSTILE, {})["ok"]
-            client.close()
-            process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=TIMEOUT)
-        finally:
-            process.kill()
+        ready = next(line for line in process.stdout if "replayed chassis ready" in line)
+        port = re.search(r"ws://127\.0\.0\.1:(\d+)", ready)
+        assert port
+        client = JsonClient(int(port[1]))
+        assert not client.request(HOSTILE, {})["ok"]
+        client.close()
+        _, _, err = end(process)
     assert "owned" in err
     assert harmless(err)
 
@@ -234,13 +244,9 @@ def test_the_logs_of_all_programs_are_harmless() -> None:
 def test_record_works_without_an_agent(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with start("record", *address(chassis), "--output", str(path)) as process:
-        try:
-            chassis.wait_received(QUERIES[-1].request, timeout=TIMEOUT)
-            process.send_signal(signal.SIGINT)
-            out, _ = process.communicate(timeout=TIMEOUT)
-        finally:
-            process.kill()
-    assert process.returncode == 0
+        chassis.wait_received(QUERIES[-1].request, timeout=TIMEOUT)
+        status, out, _ = end(process)
+    assert status == 0
     assert out.startswith(f"recording ws://127.0.0.1:{chassis.port} to {path}\n")
     assert re.search(r"recorded \d+ frames of 1 connections to", out)
     recording = read_recording(path)
@@ -325,14 +331,9 @@ def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> No
     path = tmp_path / "a.mcap"
     arguments = ["--ip", "127.0.0.1:1", "--output", str(path)]
     with start("record", *arguments) as process:
-        try:
-            assert process.stderr is not None
-            assert any("cannot be reached: " in line for line in process.stderr)
-            process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=TIMEOUT)
-        finally:
-            process.kill()
-    assert process.returncode == 1
+        assert any("cannot be reached: " in line for line in process.stderr)
+        status, out, err = end(process)
+    assert status == 1
     assert "error: no robot answered at ws://127.0.0.1:1: Connection refused; check that" in err
     assert "recorded" not in out
     records = read_recording(path).records
@@ -373,19 +374,13 @@ def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Pa
     path = tmp_path / "a.mcap"
     there = ["--listen", "127.0.0.1:0", "--output", str(path), "--max-size", "0.04"]
     with start("record", *address(chassis), *there) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stderr is not None
-            port = re.search(r"agent to 127\.0\.0\.1:(\d+)", process.stdout.readline())
-            assert port
-            for _ in range(2):
-                status, out, _ = run("doctor", "--ip", f"127.0.0.1:{port[1]}")
-                assert status == 0, out
-            process.send_signal(signal.SIGTERM)
-            _, err = process.communicate(timeout=TIMEOUT)
-        finally:
-            process.kill()
-    assert process.returncode == 1
+        port = re.search(r"agent to 127\.0\.0\.1:(\d+)", process.stdout.readline())
+        assert port
+        for _ in range(2):
+            status, out, _ = run("doctor", "--ip", f"127.0.0.1:{port[1]}")
+            assert status == 0, out
+        status, _, err = end(process, signal.SIGTERM)
+    assert status == 1
     assert "size limit" in err
     assert "the proxy keeps running" in err
     assert re.search(r"error: frames that passed but are not recorded: \d+", err)
@@ -413,14 +408,9 @@ def test_replay_plays_what_there_is_and_says_what_is_missing(tmp_path: Path) -> 
     given = [file.paths[1], file.paths[3]]
     given[1].write_bytes(given[1].read_bytes()[:-20])
     with start("replay", *map(str, given), "--port", "0", "--tcp-port", "0") as process:
-        try:
-            assert process.stdout is not None
-            assert any("replayed chassis ready" in line for line in process.stdout)
-            process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=TIMEOUT)
-        finally:
-            process.kill()
-    assert process.returncode == 0
+        assert any("replayed chassis ready" in line for line in process.stdout)
+        status, _, err = end(process)
+    assert status == 0
     assert f"end of the recording is missing: {given[1]} has no end" in err
     assert "files of this split recording are not given" in err
     assert "the numbers in their names: 0, 2\n" in err

@@ -110,7 +110,9 @@ def _tls(parser: argparse.ArgumentParser, options: argparse.Namespace) -> ssl.SS
             password=lambda: parser.error("--tls-key is encrypted: give a key without a password"),
         )
     except OSError as error:  # also for files that are no certificate, or do not belong together
-        parser.error(f"cannot use --tls-cert and --tls-key: {error}")
+        parser.error(
+            f"cannot use --tls-cert and --tls-key: {error}; give PEM files that belong together"
+        )
     return context
 
 
