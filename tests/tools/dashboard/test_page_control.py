@@ -541,7 +541,7 @@ async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
     chassis: SimulatorThread,
 ) -> None:
     async with (
-        dashboard(chassis, control=True, idle_timeout=3.0) as running,
+        dashboard(chassis, control=True, idle_timeout=5.0) as running,
         page(running) as idle,
         page(running) as other,
     ):
