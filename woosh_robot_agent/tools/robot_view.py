@@ -15,7 +15,7 @@ from google.protobuf.descriptor import EnumDescriptor
 from google.protobuf.message import Message
 
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link import ChassisClient, LinkState, OtherRobotError
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -69,17 +69,11 @@ class RobotView:
     def __init__(self) -> None:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
         self.actions: dict[str, Feedback] = {}
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget everything: the next messages come from another robot."""
-        self.is_empty = True
-        self.has_robot_info = False
-        self.codes.clear()
-        self.actions.clear()
         self.values = LastKnown(None)
         # An empty one, because its parts can arrive before it.
         self.values.remember(RobotInfo())
+        self.is_empty = True
+        self.has_robot_info = False
 
     @property
     def info(self) -> RobotInfo:
@@ -160,6 +154,8 @@ def link_report(chassis: ChassisClient) -> LinkReport:
     state = "connection lost" if stats.connects else "not connected"
     reason = f": {chassis.last_error}" if chassis.last_error else ""
     remedy = f"run `doctor {link_arguments(chassis.config)}` to find the cause"
+    if isinstance(chassis.last_error, OtherRobotError):  # its text has the remedy
+        remedy = ""
     return LinkReport(False, f"{state} since {since}, retrying{reason}", remedy)
 
 

@@ -9,6 +9,7 @@ import struct
 
 from PIL import Image
 
+from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import dashboard, fetch, page
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
@@ -204,6 +205,29 @@ async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread
         assert link["text"].startswith("connection lost since ")
         assert "doctor" in link["detail"]
         assert viewer.parts["robot"]["id"] == 30001
+        chassis.listen()
+        await viewer.until(lambda parts: parts["link"]["good"])
+
+
+@aio
+async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+        chassis.stop_listening()
+        await viewer.until(lambda parts: not parts["link"]["good"])
+        config = quick_config(port=chassis.port, tcp_port=0, robot_id=7)
+        with SimulatorThread(config) as other:
+            link = await viewer.until(
+                lambda parts: "robot 7 " in parts["link"]["text"] and parts["link"]
+            )
+            assert "answers instead of robot 30001" in link["text"]
+            assert (link["good"], link["detail"]) == (False, "")
+            assert viewer.parts["robot"]["id"] == 30001
+            ok, text = await viewer.command("goMark", mark="A2")
+            assert not ok
+            assert "answers instead of robot 30001" in text
+            await viewer.until(lambda parts: parts["robot"]["id"] == 30001)
+            assert other.counts[full_name(ExecTask)] == 0
         chassis.listen()
         await viewer.until(lambda parts: parts["link"]["good"])
 
