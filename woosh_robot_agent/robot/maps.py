@@ -107,7 +107,7 @@ def check_place(resolution: float, *origin: float) -> None:
     if not 0.0 < resolution < math.inf:
         raise MapError(f"its resolution is invalid: {resolution:g}")
     if not all(map(math.isfinite, origin)):
-        raise MapError(f"its origin is invalid: {', '.join(f'{each:g}' for each in origin)}")
+        raise MapError(f"its origin is not finite: {', '.join(f'{each:g}' for each in origin)}")
 
 
 def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
