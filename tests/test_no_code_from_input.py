@@ -26,7 +26,7 @@ PERMITTED = {
     ("simulator/command_line.py", "importlib.import_module"): "the page's module, a constant",
     ("tools/start.py", "importlib.import_module"): "the package's own programs",
     ("agent.py", "ctypes"): "memory settings and exit of the C library, with constants",
-    ("simulator/yaml_fields.py", "yaml.load"): "a loader derived from SafeLoader",
+    ("data_files.py", "yaml.load"): "a loader derived from SafeLoader",
     ("testing/agents.py", "subprocess"): "runs the agent in tests, without a shell",
 }
 """Reason why each permitted use is safe, by file and name."""

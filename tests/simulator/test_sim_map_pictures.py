@@ -13,13 +13,13 @@ from PIL import Image
 
 from tests.quick_chassis import quick_config
 from tests.simulator.map_files import cells, room_picture, write_map
+from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.planner import Planner
-from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 
 @pytest.mark.parametrize(
@@ -131,14 +131,14 @@ def test_ray_casting_matches_brute_force(tmp_path: Path) -> None:
 
 INVALID_MAPS = [
     ("resolution: 0.1", "", "room.yaml: resolution is missing"),
-    ("resolution: 0.1", "resolution: 0", "resolution: must be within"),
+    ("resolution: 0.1", "resolution: 0", "resolution: must be a number from 0.001 to 10"),
     ("0.0]", "0.5]", "origin: a rotated map is not supported"),
-    ("negate: 0", "negate: 2", "negate: must be 0 or 1"),
+    ("negate: 0", "negate: 2", "negate: 2 is not one of 0, 1"),
     ("trinary", "color", "mode: 'color' is not one of trinary, scale, raw"),
     (
         "free_thresh: 0.196",
         "free_thresh: 0.9",
-        "free_thresh: must be at least 0 and less than",
+        "free_thresh (0.9) must be at least 0 and less than",
     ),
     ("room.png", "none.png", "none.png: No such file or directory"),
     ("room.png", "room.yaml", "room.yaml: not readable as a PNG or PGM picture"),

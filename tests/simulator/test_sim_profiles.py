@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
+from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
@@ -17,7 +18,6 @@ from woosh_robot_agent.simulator.profile import SHIPPED, SHIPPED_FOLDER, load_pr
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 SHIPPED_FILE = SHIPPED_FOLDER / "tr200.yaml"
 
@@ -90,19 +90,19 @@ def test_unknown_key_is_named(tmp_path: Path, data: Any) -> None:
     ("section", "key", "value", "error"),
     [
         ("tasks", "between_jobs", "soon", "must be a number"),
-        ("tasks", "between_jobs", -1.0, "must not be negative"),
+        ("tasks", "between_jobs", -1.0, "must be a number of at least 0"),
         ("tasks", "final_wait", 1, "must be true or false"),
         ("tasks", "order_effect", [1.0, 2.0], "must be [median, usual, longest]"),
         ("tasks", "order_effect", [3.0, 2.0, 1.0], "must be [median, usual, longest]"),
-        ("tasks", "empty_report", 1.0, "must be a list"),
-        ("tasks", "state_first", 1.5, "must be at most 1"),
+        ("tasks", "empty_report", 1.0, "must be [least, most]"),
+        ("tasks", "state_first", 1.5, "must be a number from 0.0 to 1.0"),
         ("tasks", "starting_states", ["kWarm"], "'kWarm' is not one of kInit, kReady"),
         ("answers", "requests", [], "must be a mapping"),
-        ("answers", "requests", {"woosh.robot.Mode": 1.0}, "must be a list"),
+        ("answers", "requests", {"woosh.robot.Mode": 1.0}, "must be [median, usual, longest]"),
         ("answers", "requests", {"woosh.robot.Mod": [0, 0, 0]}, "no such request"),
         ("battery", "health", 1.5, "must be a whole number"),
         ("rates", "pose_speed", None, "is missing"),
-        ("model", "outline", [[0.0, 1.0], [1.0, 0.0]], "has 2 corners, less than 3"),
+        ("model", "outline", [[0.0, 1.0], [1.0, 0.0]], "has 2 entries, which is less than 3"),
         ("model", "outline", [[0.0], [1.0], [2.0]], "must be [x, y]"),
     ],
 )

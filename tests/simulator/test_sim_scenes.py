@@ -13,6 +13,7 @@ from PIL import Image
 from tests.quick_chassis import quick_config
 from tests.simulator.map_files import room_picture, write_map
 from tests.simulator.sim_wire import JsonClient
+from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.simulator import SimulatorThread
@@ -23,7 +24,6 @@ from woosh_robot_agent.simulator.scenes import files as scene_files
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import MarkKind
-from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 SCENE = """
 name: lab
@@ -120,7 +120,7 @@ def test_robot_starts_in_the_first_scene(tmp_path: Path) -> None:
 
 
 INVALID_SCENES = [
-    ("maps:", "mapps:", "scene.yaml: unknown key 'mapps'; use one of name, start, maps, tasks"),
+    ("maps:", "mapps:", "scene.yaml: unknown key 'mapps'; use one of maps, name, start, tasks"),
     ("name: ground\n", "floor: x\n", "scene.yaml: maps[0]: name is missing"),
     ("name: ground\n", "name: upstairs\n", "scene.yaml: maps[1]: name upstairs is used twice"),
     ("name: ground\n", "name: ground\n    id: 9\n", "maps[1]: id 9 is used twice"),
@@ -157,7 +157,7 @@ INVALID_SCENES = [
     ("name: lab", "name: " + "[" * 50000, "scene.yaml: nested more than 20 levels"),
     ("name: lab", "name: lab #" + "x" * 300000, "more than 262144"),
     (SCENE, "[]", "scene.yaml: must be a mapping of keys to values"),
-    (SCENE, "maps: []", "scene.yaml: maps: a scene needs at least one map"),
+    (SCENE, "maps: []", "scene.yaml: maps: has 0 entries, which is less than 1"),
 ]
 
 
@@ -175,7 +175,7 @@ def test_invalid_scenes_are_refused_with_place_and_reason(
 def test_total_pixels_of_a_scene_are_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scene_files, "_MAX_PIXELS", 2 * 60 * 40)
+    monkeypatch.setattr(scene_files, "MAX_PIXELS", 2 * 60 * 40)
     maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
     with pytest.raises(DataFileError, match=r"maps\[2\]: the pictures of the scene have"):
         load_scene(write_scene(tmp_path, f"maps:\n{maps}"))

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.device import device_pb2
 from woosh_robot_agent.pb.robot import (
     robot_count_pb2,
@@ -39,7 +40,6 @@ from woosh_robot_agent.simulator.world.collision import CollisionDetector, Obsta
 from woosh_robot_agent.simulator.world.geometry import Outline, Pose, Wall, footprints
 from woosh_robot_agent.simulator.world.laser import Laser
 from woosh_robot_agent.simulator.world.maps import Map, MarkKind
-from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 TIME_STEP = 0.05
 """Simulated time per step of the motion, in seconds."""

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import woosh_robot_agent.link.protos  # noqa: F401 - reports protobuf modules that are missing
+from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.link.reports import log_to_stderr
 from woosh_robot_agent.program import StopSignals
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -22,7 +23,6 @@ from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown
 from woosh_robot_agent.simulator.profile import SHIPPED
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.simulator.status_codes import LANGUAGES
-from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _DISCONNECT_TIMEOUT = 1.0
 """Maximum time for which clients are still served after a signal, in seconds.

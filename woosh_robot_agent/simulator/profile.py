@@ -5,23 +5,25 @@ The shipped profiles are in the folder `data/profiles/`. Their comments describe
 
 from __future__ import annotations
 
-import dataclasses
-import types
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Literal, NamedTuple
 
+from woosh_robot_agent.data_files import (
+    Between,
+    DataFileError,
+    NotNegative,
+    load_yaml,
+    place,
+    structure,
+)
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.status_codes import Language
-from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
-
-STARTING_STATES = ("kInit", "kReady")
-"""States of a task before it is executed, by name."""
 
 
-class Spread(NamedTuple):
+class Distribution(NamedTuple):
     """A distribution of times, in seconds. In a file it is a list of these three numbers.
 
     Attributes:
@@ -44,8 +46,8 @@ class Spread(NamedTuple):
         return self.usual + (self.longest - self.usual) * ((share - 0.9) / 0.1) ** 30
 
 
-class Range(NamedTuple):
-    """A range of equally likely times, in seconds. In a file it is a list of these two numbers.
+class Interval(NamedTuple):
+    """Equally likely times between two, in seconds. In a file it is a list of these two numbers.
 
     Attributes:
         least: Minimum.
@@ -67,6 +69,26 @@ class Corner(NamedTuple):
     y: float
 
 
+def _check_rising(times: Distribution | Interval) -> None:
+    if times[0] < 0.0 or list(times) != sorted(times):
+        shape = ", ".join(times._fields)
+        raise ValueError(f"must be [{shape}], each at least as long as the one before")
+
+
+def _check_request(times: Mapping[str, Distribution]) -> None:
+    for name in times:
+        try:
+            message_type(name)
+        except KeyError:
+            raise ValueError(f"there is no such request: {name}") from None
+
+
+Spread = Annotated[Distribution, _check_rising]
+Range = Annotated[Interval, _check_rising]
+Share = Annotated[float, Between(0.0, 1.0)]
+Count = Annotated[int, Between(0, 2**31 - 1)]
+
+
 @dataclass(frozen=True)
 class ModelProfile:
     """Model and sizes.
@@ -84,16 +106,12 @@ class ModelProfile:
 
     display_model: str
     urdf_name: str
-    length: int
-    width: int
-    height: int
-    weight: int
-    load: int
-    outline: tuple[Corner, ...]
-
-    def __post_init__(self) -> None:
-        if len(self.outline) < 3:
-            raise ValueError(f"outline has {len(self.outline)} corners, less than 3")
+    length: Count
+    width: Count
+    height: Count
+    weight: Count
+    load: Count
+    outline: Annotated[tuple[Corner, ...], Between(3)]
 
 
 @dataclass(frozen=True)
@@ -122,30 +140,21 @@ class TaskProfile:
         own_id_offset: Offset in these ids.
     """
 
-    starting_states: tuple[str, ...]
-    first_report: tuple[float, ...]
-    between_jobs: float
+    starting_states: tuple[Literal["kInit", "kReady"], ...]
+    first_report: tuple[NotNegative, ...]
+    between_jobs: NotNegative
     order_effect: Spread
-    state_first: float
+    state_first: Share
     empty_report: Range | None
     report_last_action: bool
     final_wait: bool
     leave_dock: bool
     pause_at_obstacle: bool
-    obstacle_timeout: float | None
+    obstacle_timeout: NotNegative | None
     charge_as_parking: bool
     messages: bool
-    own_id_factor: int
-    own_id_offset: int
-
-    def __post_init__(self) -> None:
-        if self.state_first > 1.0:
-            raise ValueError(f"state_first must be at most 1, not {self.state_first:g}")
-        for name in self.starting_states:
-            if name not in STARTING_STATES:
-                raise ValueError(
-                    f"starting_states: {name!r} is not one of {', '.join(STARTING_STATES)}"
-                )
+    own_id_factor: Count
+    own_id_offset: Count
 
 
 @dataclass(frozen=True)
@@ -159,15 +168,8 @@ class AnswerProfile:
     """
 
     default: Spread
-    requests: Mapping[str, Spread]
+    requests: Annotated[Mapping[str, Spread], _check_request]
     initialisation: Range
-
-    def __post_init__(self) -> None:
-        for name in self.requests:
-            try:
-                message_type(name)
-            except KeyError:
-                raise ValueError(f"requests: there is no such request: {name}") from None
 
 
 @dataclass(frozen=True)
@@ -186,14 +188,14 @@ class MappingProfile:
     """
 
     start: Range
-    state_after: float
-    picture_period: float
+    state_after: NotNegative
+    picture_period: NotNegative
     save: Spread
-    scene_after: float
+    scene_after: NotNegative
     cancel: Range
 
     def __post_init__(self) -> None:
-        if not self.picture_period:
+        if self.picture_period == 0.0:
             raise ValueError("picture_period must be more than 0")
 
 
@@ -211,11 +213,11 @@ class RateProfile:
             has not driven, in seconds; None for never.
     """
 
-    pose_speed: float
-    scan: float
-    scan_push: float
+    pose_speed: NotNegative
+    scan: NotNegative
+    scan_push: NotNegative
     battery: Range | None
-    operation: float | None
+    operation: NotNegative | None
 
 
 @dataclass(frozen=True)
@@ -229,9 +231,9 @@ class DrivingProfile:
         stops_below: Speed at which the base stands after a slowdown, in m/s or rad/s.
     """
 
-    start_delay: float
-    rolls_for: float
-    stops_below: float
+    start_delay: NotNegative
+    rolls_for: NotNegative
+    stops_below: NotNegative
 
 
 @dataclass(frozen=True)
@@ -248,13 +250,13 @@ class BatteryProfile:
         temp_max: Maximum temperature of the cells, in degrees Celsius.
     """
 
-    idle_drain: float
-    driving_drain: float
-    charging_rate: float
-    health: int
-    charge_cycle: int
-    battery_cycle: int
-    temp_max: int
+    idle_drain: NotNegative
+    driving_drain: NotNegative
+    charging_rate: NotNegative
+    health: Count
+    charge_cycle: Count
+    battery_cycle: Count
+    temp_max: Count
 
 
 @dataclass(frozen=True)
@@ -272,13 +274,13 @@ class ChargingProfile:
         completed_after: Time from the end of the job to the end of the task, in seconds.
     """
 
-    docking_distance: float
-    docking_speed: float
-    steps: tuple[float, ...]
-    step_speed: float
-    starts_after: float
-    confirmed_after: float | None
-    completed_after: float
+    docking_distance: NotNegative
+    docking_speed: NotNegative
+    steps: tuple[NotNegative, ...]
+    step_speed: NotNegative
+    starts_after: NotNegative
+    confirmed_after: NotNegative | None
+    completed_after: NotNegative
 
 
 @dataclass(frozen=True)
@@ -313,7 +315,7 @@ class Profile:
     """How a robot of one model behaves.
 
     Attributes:
-        name: Name of the file without its suffix.
+        file: Name of the file.
         model: Model and sizes.
         tasks: Tasks.
         answers: Answers.
@@ -326,7 +328,6 @@ class Profile:
         status_codes: Status codes.
     """
 
-    name: str
     model: ModelProfile
     tasks: TaskProfile
     answers: AnswerProfile
@@ -337,6 +338,12 @@ class Profile:
     charging: ChargingProfile
     refusals: RefusalProfile
     status_codes: StatusCodeProfile
+    file: str = place()
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its suffix."""
+        return Path(self.file).stem
 
 
 SHIPPED_FOLDER = Path(__file__).parent / "data" / "profiles"
@@ -344,13 +351,6 @@ SHIPPED_FOLDER = Path(__file__).parent / "data" / "profiles"
 
 SHIPPED = tuple(sorted(path.stem for path in SHIPPED_FOLDER.glob("*.yaml")))
 """Names of the shipped profiles."""
-
-_MAX_ITEMS = 100
-"""Maximum number of items of a list."""
-
-_MAX_INTEGER = 2**31 - 1
-
-_T = TypeVar("_T")
 
 
 def load_profile(source: str | Path | Profile) -> Profile:
@@ -382,69 +382,4 @@ def _read(path: Path) -> Profile:
             f"profile {path}: {error.strerror or error}; give a YAML file, or one of "
             + ", ".join(SHIPPED)
         ) from error
-    found: Profile = _section(parse(path.name, data), Profile, name=path.stem)
-    return found
-
-
-def _section(node: Node, kind: type[_T], **given: Any) -> _T:
-    """Return a section of the file as an object of the dataclass `kind`.
-
-    Args:
-        node: The section, with exactly the attributes of the dataclass as keys.
-        kind: The dataclass.
-        given: Attributes that are not in the file.
-    """
-    hints = get_type_hints(kind)
-    names = [
-        field.name
-        for field in dataclasses.fields(kind)  # type: ignore[arg-type]
-        if field.name not in given
-    ]
-    node.check_keys(names)
-    values = {name: _value(node, name, hints[name]) for name in names}
-    try:
-        return kind(**given, **values)
-    except ValueError as error:
-        raise node.error(str(error)) from None
-
-
-def _value(section: Node, name: str, kind: Any) -> Any:
-    """Return the value of a key, converted to its type."""
-    if get_origin(kind) is types.UnionType:
-        if name in section.value and section.value[name] is None:
-            return None
-        kind = next(each for each in get_args(kind) if each is not type(None))
-    return _converted(section.required(name), kind)
-
-
-def _converted(node: Node, kind: Any) -> Any:
-    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
-        return _section(node, kind)
-    if kind is Corner:
-        return Corner(*node.numbers("x, y"))
-    if kind in (Spread, Range):
-        numbers = [_converted(item, float) for item in node.items(len(kind._fields))]
-        if len(numbers) < len(kind._fields) or numbers != sorted(numbers):
-            raise node.error(f"must be [{', '.join(kind._fields)}], not {node.preview()}")
-        return kind(*numbers)
-    if get_origin(kind) is tuple:
-        return tuple(_converted(item, get_args(kind)[0]) for item in node.items(_MAX_ITEMS))
-    if get_origin(kind) is Mapping:
-        node.check_keys([key for key in node.value if isinstance(key, str)] if node.value else [])
-        return {key: _converted(node.required(key), get_args(kind)[1]) for key in node.value}
-    if get_origin(kind) is Literal:
-        if node.value not in get_args(kind):
-            raise node.error(f"must be one of {', '.join(get_args(kind))}, not {node.preview()}")
-        return node.value
-    if kind is bool:
-        if not isinstance(node.value, bool):
-            raise node.error(f"must be true or false, not {node.preview()}")
-        return node.value
-    if kind is str:
-        return node.text()
-    if kind is int:
-        return node.integer(0, _MAX_INTEGER)
-    number = node.number()
-    if number < 0.0:
-        raise node.error(f"must not be negative, but is {node.preview()}")
-    return number
+    return structure(Profile, load_yaml(path.name, data), path.name)

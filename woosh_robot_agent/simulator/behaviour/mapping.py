@@ -15,8 +15,14 @@ from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.behaviour.robot import DelayedCalls, Robot
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
-from woosh_robot_agent.simulator.scenes.files import MAX_MAPS, MAX_NAME, MAX_SCENES, is_plain
-from woosh_robot_agent.simulator.scenes.scene import Scene, with_map, with_map_changed
+from woosh_robot_agent.simulator.scenes.files import MAX_MAPS, MAX_SCENES
+from woosh_robot_agent.simulator.scenes.scene import (
+    MAX_NAME,
+    Scene,
+    is_plain,
+    with_map,
+    with_map_changed,
+)
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map
 

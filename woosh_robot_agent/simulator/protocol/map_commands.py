@@ -26,15 +26,17 @@ from woosh_robot_agent.simulator.protocol.handlers import (
 )
 from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.scenes.files import MAX_NAME, MAX_SCENES, is_plain
+from woosh_robot_agent.simulator.scenes.files import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.scene import (
+    MAX_NAME,
     Scene,
+    files_of,
+    is_plain,
     storage_of,
     storages_of,
     with_map_renamed,
     without_map,
 )
-from woosh_robot_agent.simulator.scenes.writing import files_of
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 

@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import PurePosixPath
 
+from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.map import mark_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
@@ -24,24 +25,23 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.files import (
     MAX_MAPS,
     MAX_MARKS,
-    MAX_NAME,
-    SCENE_FILE,
-    is_plain,
     read_maps,
     read_scene,
 )
 from woosh_robot_agent.simulator.scenes.scene import (
+    MAX_NAME,
+    SCENE_FILE,
     Scene,
+    files_of,
     free_mark_id,
     has_pose,
+    is_plain,
     mark_of,
     storage_of,
     with_map,
     with_marks,
 )
-from woosh_robot_agent.simulator.scenes.writing import files_of
 from woosh_robot_agent.simulator.world.maps import Map, Mark
-from woosh_robot_agent.simulator.yaml_fields import DataFileError
 
 _MAX_FILES = 100
 """Maximum number of files of a scene."""

@@ -7,62 +7,74 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
-from typing import TypeAlias
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
+from woosh_robot_agent.data_files import Between, DataFileError, structure
 from woosh_robot_agent.simulator.world.grid import Grid
 from woosh_robot_agent.simulator.world.raster import FREE, OCCUPIED, UNKNOWN
-from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node
 
 _MAX_PIXELS = 4096 * 4096
 """Cells of 5 cm for 200 x 200 m. Computing the distance fields then takes some seconds."""
-
-_MODES = ("trinary", "scale", "raw")
 
 Cells: TypeAlias = npt.NDArray[np.int8]
 Floats: TypeAlias = npt.NDArray[np.float32]
 
 
-def read_grid(description: Node, read: Callable[[str], bytes]) -> Grid:
-    """Return the grid that a YAML file of map_server describes.
+class _Origin(NamedTuple):
+    """Pose of the lower left corner of the picture, in metres and radians."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True)
+class _Description:
+    """The YAML file of a map."""
+
+    image: str
+    resolution: Annotated[float, Between(0.001, 10)]
+    origin: _Origin
+    negate: Literal[0, 1]
+    occupied_thresh: float
+    free_thresh: float
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+
+    def __post_init__(self) -> None:
+        if self.origin.yaw:
+            raise ValueError(
+                "origin: a rotated map is not supported: rotate the picture and set yaw to 0"
+            )
+        if not 0.0 <= self.free_thresh < self.occupied_thresh <= 1.0:
+            raise ValueError(
+                f"free_thresh ({self.free_thresh:g}) must be at least 0 and less than "
+                f"occupied_thresh ({self.occupied_thresh:g}), which must be at most 1"
+            )
+
+
+def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> tuple[Grid, str, bytes]:
+    """Return the grid that a YAML file of map_server describes, and its picture with its name.
 
     Args:
-        description: Content of the YAML file. Unknown keys are ignored, as by map_server.
+        name: Name of the YAML file.
+        content: Its content. Unknown keys are ignored, as by map_server.
         read: Returns the content of the file with the given name, or raises `DataFileError`.
 
     Raises:
         DataFileError: The YAML file or the picture is invalid.
     """
-    name = description.required("image").text()
-    mode = description.get("mode")
-    resolution = description.required("resolution")
-    if not 0.001 <= resolution.number() <= 10.0:
-        raise resolution.error("must be within 0.001 to 10 m")
-    origin = description.required("origin")
-    x, y, yaw = origin.numbers("x, y, yaw")
-    if yaw:
-        raise origin.error("a rotated map is not supported: rotate the picture and set yaw to 0")
-    negate = description.required("negate")
-    if negate.value not in (0, 1):  # False and True are equal to these
-        raise negate.error("must be 0 or 1")
-    occupied, free = description.required("occupied_thresh"), description.required("free_thresh")
-    if not 0.0 <= free.number() < occupied.number() <= 1.0:
-        raise free.error(
-            f"must be at least 0 and less than occupied_thresh ({occupied.value}), which must be "
-            "at most 1"
-        )
-    cells = _cells(
-        *_pixels(name, read(name)),
-        mode=mode.choice(_MODES) if mode else _MODES[0],
-        negate=bool(negate.value),
-        occupied=occupied.number(),
-        free=free.number(),
-    )
+    description = structure(_Description, content, name, known_only=False)
+    picture = read(description.image)
+    cells = _cells(*_pixels(description.image, picture), description)
     # The first row of a picture has the greatest y.
-    return Grid(np.ascontiguousarray(cells[::-1]), resolution.number(), (x, y))
+    low = description.origin.x, description.origin.y
+    grid = Grid(np.ascontiguousarray(cells[::-1]), description.resolution, low)
+    return grid, description.image, picture
 
 
 def check_picture(name: str, data: bytes) -> None:
@@ -108,16 +120,10 @@ def _pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
     return pixels[:, :, :3].mean(axis=2), opacity
 
 
-def _cells(
-    brightness: Floats,
-    opacity: Floats | None,
-    *,
-    mode: str,
-    negate: bool,
-    occupied: float,
-    free: float,
-) -> Cells:
+def _cells(brightness: Floats, opacity: Floats | None, description: _Description) -> Cells:
     """Convert pixels to cells as map_server does."""
+    mode, negate = description.mode, description.negate
+    occupied, free = description.occupied_thresh, description.free_thresh
     if mode == "raw":
         values = np.rint(brightness * 255.0)
         return np.where(values <= OCCUPIED, values, UNKNOWN).astype(np.int8)

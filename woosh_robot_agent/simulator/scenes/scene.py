@@ -1,20 +1,25 @@
-"""A scene: the maps of a site with their marks, and the tasks that are defined there."""
+"""A scene: the maps of a site with their marks, its tasks, and the files that describe all this."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import count
-from pathlib import PurePosixPath
+from pathlib import PurePosixPath, PureWindowsPath
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from woosh_robot_agent.data_files import load_yaml
 from woosh_robot_agent.pb.map import mark_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2
-from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.maps import ImageFiles, Map, Mark, MarkKind
-from woosh_robot_agent.simulator.yaml_fields import parse
+
+if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
+    from woosh_robot_agent.simulator.world.grid import Grid
 
 
 @dataclass
@@ -46,13 +51,6 @@ class Scene:
         return next((each for each in self.maps if each.name == name), None)
 
 
-_CATEGORIES = {kind: kind.value.removesuffix("s") for kind in MarkKind}
-"""Field of `woosh.map.mark.Storage` that is set for each kind; a base has none."""
-
-_KINDS = {category: kind for kind, category in _CATEGORIES.items()}
-"""Kind of a mark by the field that is set."""
-
-
 def has_pose(storage: mark_pb2.Storage) -> bool:
     """Return True if the data of a mark say where it is."""
     return storage.pose.HasField("dock") or storage.pose.HasField("real")
@@ -65,7 +63,7 @@ def mark_of(storage: mark_pb2.Storage) -> Mark:
         id=storage.identity.id,
         number=storage.identity.no,
         pose=Pose(pose.x, pose.y, pose.theta),
-        kind=_KINDS[storage.WhichOneof("category") or _CATEGORIES[MarkKind.BASE]],
+        kind=MarkKind(storage.WhichOneof("category") or MarkKind.BASE),
         description=storage.identity.desc,
         storage=storage,
     )
@@ -81,7 +79,7 @@ def storage_of(mark: Mark) -> mark_pb2.Storage:
     storage.identity.CopyFrom(mark_pb2.Identity(id=mark.id, no=mark.number, desc=mark.description))
     storage.pose.CopyFrom(mark_pb2.Pose(dock=pose, real=pose))
     if mark.kind is not MarkKind.BASE:
-        getattr(storage, _CATEGORIES[mark.kind]).SetInParent()
+        getattr(storage, mark.kind.value).SetInParent()
     return storage
 
 
@@ -90,7 +88,7 @@ def storages_of(marks: Iterable[Mark]) -> mark_pb2.Storages:
     groups = mark_pb2.Storages()
     for mark in marks:
         storage = storage_of(mark)
-        getattr(groups, mark.kind.value).add(
+        getattr(groups, f"{mark.kind.value}s").add(
             identity=storage.identity, pose=storage.pose, custom=storage.custom
         )
     return groups
@@ -166,7 +164,7 @@ def with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
 def _renamed(image: ImageFiles, stem: str) -> ImageFiles:
     """Return the files of a map under other names."""
     picture_name = stem + PurePosixPath(image.picture_name).suffix
-    description = {**parse(image.name, image.description).value, "image": picture_name}
+    description = {**load_yaml(image.name, image.description), "image": picture_name}
     text = yaml.safe_dump(description, sort_keys=False, allow_unicode=True)
     return ImageFiles(f"{stem}.yaml", text.encode(), picture_name, image.picture)
 
@@ -192,3 +190,136 @@ def _free_id(taken: Iterable[int]) -> int:
 def with_map_changed(scene: Scene, old: Map, new: Map) -> Scene:
     """Return a scene with `new` in place of one of its maps."""
     return replace(scene, maps=[new if each is old else each for each in scene.maps])
+
+
+TASK_INFO = "task_info.data"
+"""Name of the file with the tasks of a scene, a `woosh.task.TaskInfo`."""
+
+MARK_INFO = ".mark_info.data"
+"""End of the name of a file with the marks of a map, a `woosh.map.mark.MarkInfo`."""
+
+SCENE_FILE = "scene.yaml"
+"""Name of the file that describes a scene."""
+
+MAX_NAME = 255
+"""Maximum length of a name, in characters."""
+
+
+def is_plain(name: str) -> bool:
+    """Return True if a name is not empty and is a file name, not a path, on every system."""
+    plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
+    return plain and name not in ("", "..") and name.isprintable() and len(name) <= MAX_NAME
+
+
+@dataclass(frozen=True)
+class SceneFiles:
+    """The files of a scene as `scenes.files` reads them, by name. All names are plain file names.
+
+    Each map NAME has `NAME.mark_info.data`, and a map of map_server if it has a grid: a YAML file
+    and a picture. The scene has `scene.yaml`, `task_info.data`, and the files that clients uploaded
+    and that describe nothing.
+
+    Attributes:
+        shared: Files that belong to no map.
+        of_maps: Files of each map, by the map's name.
+    """
+
+    shared: dict[str, bytes]
+    of_maps: dict[str, dict[str, bytes]]
+
+    @property
+    def all(self) -> dict[str, bytes]:
+        """All files."""
+        files = dict(self.shared)
+        for each in self.of_maps.values():
+            files.update(each)
+        return files
+
+
+def files_of(scene: Scene) -> SceneFiles:
+    """Return the files of a scene."""
+    tasks = woosh_task_pb2.TaskInfo(
+        repeat_tasks=scene.predefined.repeat_tasks, call_tasks=scene.calls.call_tasks
+    )
+    shared = {TASK_INFO: tasks.SerializeToString(deterministic=True)}
+    taken = {SCENE_FILE, TASK_INFO}
+    maps: list[dict[str, Any]] = []
+    of_maps: dict[str, dict[str, bytes]] = {}
+    for area in scene.maps:
+        description, files = _map_files(area, taken)
+        taken.update(files)
+        maps.append(description)
+        of_maps[area.name] = files
+    root: dict[str, Any] = {"name": scene.name}
+    if scene.start:
+        start = scene.start
+        root["start"] = {"pose": [start.x, start.y, start.theta]}
+        if scene.start_map:
+            root["start"]["map"] = scene.start_map
+    root |= {"maps": maps, "task_info": TASK_INFO}
+    text = yaml.safe_dump(root, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    shared[SCENE_FILE] = text.encode()
+    shared.update((name, data) for name, data in scene.files.items() if name not in taken)
+    return SceneFiles(shared, of_maps)
+
+
+def _map_files(area: Map, taken: set[str]) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """Return the description of a map for `scene.yaml`, and its files."""
+    stem = area.name if is_plain(f"{area.name}{MARK_INFO}") else f"map-{area.id}"
+    description: dict[str, Any] = {
+        "name": area.name,
+        "id": area.id,
+        "floor": area.floor,
+        "area": [*area.low, *area.high],
+    }
+    if area.walls:
+        description["walls"] = _polylines(area.walls)
+    files: dict[str, bytes] = {}
+    if area.grid:
+        image = area.image or _drawn(area.grid, stem)
+        if {image.name, image.picture_name} & taken:  # of another map, from another folder
+            image = _drawn(area.grid, _free_stem(f"map-{area.id}", ".yaml", taken))
+        files = {image.name: image.description, image.picture_name: image.picture}
+        description["image"] = image.name
+    marks = _free_stem(stem, MARK_INFO, taken | set(files)) + MARK_INFO
+    files[marks] = mark_info_of(area).SerializeToString(deterministic=True)
+    description["mark_info"] = marks
+    return description, files
+
+
+def _free_stem(stem: str, suffix: str, taken: set[str]) -> str:
+    """Return `stem`, lengthened if the file with this suffix would not be new."""
+    while f"{stem}{suffix}" in taken:
+        stem += "-"
+    return stem
+
+
+def _polylines(walls: tuple[Wall, ...]) -> list[list[float]]:
+    """Return walls as polylines: x and y of each corner."""
+    lines: list[list[float]] = []
+    for wall in walls:
+        if lines and lines[-1][-2:] == [wall.x1, wall.y1]:
+            lines[-1] += [wall.x2, wall.y2]
+        else:
+            lines.append([wall.x1, wall.y1, wall.x2, wall.y2])
+    return lines
+
+
+@lru_cache(maxsize=32)
+def _drawn(grid: Grid, stem: str) -> ImageFiles:
+    """Return a grid as a map of map_server."""
+    # numpy and Pillow load slowly, and only pictures need them.
+    from woosh_robot_agent.simulator.world.picture import png
+
+    picture = f"{stem}.png"
+    description = {
+        "image": picture,
+        "mode": "trinary",
+        "resolution": grid.resolution,
+        "origin": [*grid.low, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    }
+    text = yaml.safe_dump(description, sort_keys=False, allow_unicode=True)
+    return ImageFiles(f"{stem}.yaml", text.encode(), picture, png(grid.cells))

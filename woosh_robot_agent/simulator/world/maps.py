@@ -15,17 +15,17 @@ if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
 
 
 class MarkKind(Enum):
-    """Kind of a mark. The value is its group in `woosh.map.mark.Storages`."""
+    """Kind of a mark, by its category in `woosh.map.mark.Storage`. BASE has none there."""
 
-    BASE = "bases"
-    RACK = "racks"
-    PARKSPOT = "parkspots"
-    CHARGER = "chargers"
-    PALLET_PLATFORM = "pallet_platforms"
-    LIFT_TROLLEY = "lift_trolleys"
-    TRACTOR_TRAILER = "tractor_trailers"
-    ROLLER_STATION = "roller_stations"
-    ARM_WORKTOP = "arm_worktops"
+    BASE = "base"
+    RACK = "rack"
+    PARKSPOT = "parkspot"
+    CHARGER = "charger"
+    PALLET_PLATFORM = "pallet_platform"
+    LIFT_TROLLEY = "lift_trolley"
+    TRACTOR_TRAILER = "tractor_trailer"
+    ROLLER_STATION = "roller_station"
+    ARM_WORKTOP = "arm_worktop"
 
 
 @dataclass(frozen=True)

@@ -17,16 +17,16 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import yaml
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 from google.protobuf.message import DecodeError
 
+from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, place, structure
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
 from woosh_robot_agent.robot.maps import MapError, map_files
-from woosh_robot_agent.simulator.yaml_fields import DataFileError, Node, parse
 
 
 class MapsError(Exception):
@@ -108,17 +108,16 @@ def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
         MapsError: The file cannot be used.
     """
     try:
-        root = parse(name, data, _MAX_MARKS_FILE).check_keys((_MARKS, _OTHERS))
-        nodes = list(root.required(_MARKS).items(_MAX_MARKS))
-        storages = _storages(nodes, old.storages)
-        others = root.get(_OTHERS)
-        same_others = (others.value if others else {}) == _others(old)
+        root = structure(_MarksFile, load_yaml(name, data, _MAX_MARKS_FILE), name)
+        storages = _storages(name, root.marks, old.storages)
+        same_others = (root.others or {}) == _others(old)
         if same_others and storages == list(old.storages):
             return old
         new = MarkInfo()
         new.CopyFrom(old)
-        if others and not same_others:
-            new = _parsed(others, MarkInfo(version=old.version))
+        if root.others and not same_others:
+            where = f"{name}: {_OTHERS}"
+            new = _parsed(where, root.others, MarkInfo(version=old.version))
         del new.storages[:]
         new.storages.extend(storages)
     except DataFileError as error:
@@ -126,24 +125,24 @@ def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
     return new
 
 
-def _storages(nodes: list[Node], old: Iterable[Storage]) -> list[Storage]:
+def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
     """Return the marks of a file. An unchanged one is the one of `old`."""
     unchanged = {storage.identity.no: storage for storage in old}
     storages: list[Storage] = []
     changed: list[Storage] = []
     numbers: set[str] = set()
     ids: set[int] = set()
-    for node in nodes:
-        number = node.required("number").text()
-        before = unchanged.get(number)
-        if before and _entry(before) == node.value:
+    for index, entry in enumerate(entries):
+        where = f"{name}: {_MARKS}[{index}]"
+        before = unchanged.get(entry.get("number", "")) if isinstance(entry, dict) else None
+        if before and _entry(before) == entry:
             storage = before
         else:
-            storage = _storage(node)
+            storage = _storage(structure(_MarkEntry, entry, where))
             changed.append(storage)
-        id_ = storage.identity.id
+        number, id_ = storage.identity.no, storage.identity.id
         if number in numbers or (id_ and id_ in ids):
-            raise node.error(f"number {number} or id {id_} is used twice")
+            raise DataFileError(f"{where}: number {number} or id {id_} is used twice")
         numbers.add(number)
         ids.add(id_)
         storages.append(storage)
@@ -177,27 +176,63 @@ def _entry(storage: Storage) -> dict[str, Any]:
     return entry
 
 
-def _storage(node: Node) -> Storage:
+class _Pose(NamedTuple):
+    x: float
+    y: float
+    theta: float
+
+
+def _check_type(name: str) -> None:
+    if name not in (_BASE, *_TYPES):
+        raise ValueError(f"{name!r} is not one of {', '.join((_BASE, *_TYPES))}")
+
+
+@dataclass(frozen=True)
+class _MarkEntry:
+    """A mark in the file."""
+
+    number: str
+    id: Annotated[int, Between(0, _UINT32)] = 0
+    type: Annotated[str, _check_type] = _BASE
+    pose: _Pose | None = None
+    real: _Pose | None = None
+    description: str = ""
+    details: Any = None
+    where: str = place()
+
+    def __post_init__(self) -> None:
+        if not self.pose and not self.real:
+            raise ValueError("pose is missing")
+
+
+@dataclass(frozen=True)
+class _MarksFile:
+    """The content of the file."""
+
+    marks: Annotated[tuple[Any, ...], Between(0, _MAX_MARKS)]
+    others: Any = None
+
+
+def _storage(entry: _MarkEntry) -> Storage:
     """Return the mark that an entry of the file describes."""
-    node.check_keys(("number", "id", "type", "pose", "real", "description", "details"))
-    details = node.get("details")
-    storage = _parsed(details, Storage()) if details else Storage()
-    id_, description, kind = node.get("id"), node.get("description"), node.get("type")
-    storage.identity.no = node.required("number").text()
-    storage.identity.id = id_.integer(0, _UINT32) if id_ else 0
-    storage.identity.desc = description.text() if description else ""
-    category = kind.choice((_BASE, *_TYPES)) if kind else _BASE
+    storage = Storage()
+    if entry.details:
+        _parsed(f"{entry.where}.details", entry.details, storage)
+    storage.identity.no = entry.number
+    storage.identity.id = entry.id
+    storage.identity.desc = entry.description
     given = storage.WhichOneof("category")
-    if given and given != category:
-        raise node.error(f"details are those of a {given}, but type is {category}")
-    if category != _BASE:
-        getattr(storage, category).SetInParent()
-    pose, real = node.get("pose"), node.get("real")
-    if not pose and not real:
-        raise node.error("pose is missing")
-    for target, source in ((storage.pose.dock, pose), (storage.pose.real, real or pose)):
+    if given and given != entry.type:
+        text = f"details are those of a {given}, but type is {entry.type}"
+        raise DataFileError(f"{entry.where}: {text}")
+    if entry.type != _BASE:
+        getattr(storage, entry.type).SetInParent()
+    for target, source in (
+        (storage.pose.dock, entry.pose),
+        (storage.pose.real, entry.real or entry.pose),
+    ):
         if source:
-            target.x, target.y, target.theta = source.numbers("x, y, theta")
+            target.x, target.y, target.theta = source
             target.SetInParent()
     return storage
 
@@ -208,12 +243,13 @@ def _others(info: MarkInfo) -> dict[str, Any]:
     return {key: value for key, value in fields.items() if key not in ("storages", "version")}
 
 
-def _parsed(node: Node, message: Any) -> Any:
+def _parsed(where: str, value: Any, message: Any) -> Any:
     """Add the fields in a part of the file to a message, and return it."""
     try:
-        return ParseDict(node.value, message)
+        return ParseDict(value, message)
     except (ParseError, TypeError, ValueError, AttributeError) as error:
-        raise node.error(f"does not fit {message.DESCRIPTOR.full_name}: {error}") from None
+        text = f"does not fit {message.DESCRIPTOR.full_name}: {error}"
+        raise DataFileError(f"{where}: {text}") from None
 
 
 def _numbers(pose: dict[str, float] | None) -> list[float] | None:
@@ -230,6 +266,23 @@ _MAX_ITEMS = 10_000
 """Maximum number of maps and of files of a scene."""
 _MAX_INDEX = 1024 * 1024
 """Maximum size of the list, in bytes."""
+
+
+@dataclass(frozen=True)
+class _IndexedMap:
+    name: str
+    mark_file: str | None = None
+    where: str = place()
+
+
+@dataclass(frozen=True)
+class _Index:
+    """The content of the list."""
+
+    format: Annotated[int, Between(_FORMAT, _FORMAT)]
+    scene: str
+    files: Annotated[tuple[str, ...], Between(0, _MAX_ITEMS)]
+    maps: Annotated[tuple[_IndexedMap, ...], Between(0, _MAX_ITEMS)]
 
 
 @dataclass(frozen=True)
@@ -327,27 +380,18 @@ def read_scene(folder: Path) -> SavedScene:
         if inside:
             raise MapsError(f"{folder} is not a saved scene: give a folder in it: {inside}")
     try:
-        root = parse(str(index), _read(index), _MAX_INDEX)
-        root.check_keys(("format", "scene", "maps", "files"))
-        root.required("format").integer(_FORMAT, _FORMAT)
-        scene = root.required("scene").text()
-        nodes = root.required("files").items(_MAX_ITEMS)
-        names = [node.text() for node in nodes]
-        files = {name: _read(folder / _FILES / to_file_name(name)) for name in names}
-        maps: list[str] = []
+        root = structure(_Index, load_yaml(str(index), _read(index), _MAX_INDEX), str(index))
+        files = {name: _read(folder / _FILES / to_file_name(name)) for name in root.files}
         loose_marks: dict[str, Path] = {}
-        for node in root.required("maps").items(_MAX_ITEMS):
-            name = node.check_keys(("name", "mark_file")).required("name").text()
-            maps.append(name)
-            path = folder / _MARKS_NAME / f"{to_file_name(name)}.yaml"
-            mark_file = node.get("mark_file")
-            if mark_file:
-                _update_marks(files, mark_file, path)
+        for each in root.maps:
+            path = folder / _MARKS_NAME / f"{to_file_name(each.name)}.yaml"
+            if each.mark_file:
+                _update_marks(files, each.mark_file, f"{each.where}.mark_file", path)
             else:
-                loose_marks[name] = path
+                loose_marks[each.name] = path
     except DataFileError as error:
         raise MapsError(str(error)) from None
-    return SavedScene(scene, maps, files, loose_marks)
+    return SavedScene(root.scene, [each.name for each in root.maps], files, loose_marks)
 
 
 def _scenes_in(folder: Path) -> str:
@@ -364,13 +408,22 @@ def edited_marks(path: Path, old: MarkInfo) -> MarkInfo:
     return read_marks(str(path), _read(path), old)
 
 
-def _update_marks(files: dict[str, bytes], mark_file: Node, path: Path) -> None:
-    """Put the marks in a YAML file into the scene's own file for them."""
-    name = mark_file.choice(files)
+def _update_marks(files: dict[str, bytes], name: str, where: str, path: Path) -> None:
+    """Put the marks in a YAML file into the scene's own file for them.
+
+    Args:
+        files: The scene's own files.
+        name: Name of its file for these marks.
+        where: Place of this name in the list, for errors.
+        path: The YAML file.
+    """
+    if name not in files:
+        raise DataFileError(f"{where}: {name!r} is not one of {', '.join(files)}")
     try:
         old = MarkInfo.FromString(files[name])
     except DecodeError as error:
-        raise mark_file.error(f"{name} has no marks: {error}: download the scene again") from None
+        text = f"{name} has no marks: {error}: download the scene again"
+        raise DataFileError(f"{where}: {text}") from None
     new = edited_marks(path, old)
     if new is not old:
         files[name] = new.SerializeToString()

@@ -1,0 +1,232 @@
+"""Data from files and messages as checked dataclasses, with errors that name place and remedy.
+
+A dataclass describes a mapping: its fields are the keys, and those without a default are required.
+The types of the fields are `str`, `int`, `float`, `bool`, `Any`, `Literal`, enums (by value),
+dataclasses, named tuples (lists of numbers), `tuple[X, ...]`, `Mapping[str, X]`, `X | None`, and
+each of these as `Annotated[X, check]`. A check is called with the value, and raises ValueError.
+"""
+
+from __future__ import annotations
+
+import math
+import reprlib
+import types
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from enum import Enum
+from typing import Annotated, Any, Literal, TypeVar
+
+import yaml
+
+try:  # ten times as fast, if PyYAML was built with it
+    from yaml import CSafeLoader as _SafeLoader
+except ImportError:
+    from yaml import SafeLoader as _SafeLoader  # type: ignore[assignment]
+
+T = TypeVar("T")
+
+_MAX_BYTES = 256 * 1024
+"""Default of the maximum size of a file, in bytes. Reading one takes some tenths of a second."""
+
+_MAX_DEPTH = 20
+"""Maximum nesting depth."""
+
+
+class DataFileError(ValueError):
+    """A file cannot be used. The text names file, place, problem and remedy."""
+
+
+class _Loader(_SafeLoader):
+    """YAML loader without merge keys, which could expand a few lines to any size."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        if any(key.tag == "tag:yaml.org,2002:merge" for key, _ in node.value):
+            raise yaml.constructor.ConstructorError(
+                problem="merge keys (<<) are not supported: repeat the merged keys instead",
+                problem_mark=node.start_mark,
+            )
+
+
+def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
+    """Return the content of a YAML file.
+
+    Args:
+        name: Name of the file, for errors.
+        data: Its bytes.
+        max_bytes: Maximum size of the file, in bytes.
+
+    Raises:
+        DataFileError: The file is not YAML, too large or too deeply nested.
+    """
+    if len(data) > max_bytes:
+        raise DataFileError(f"{name}: the file has {len(data)} bytes, more than {max_bytes}")
+    try:
+        depth = 0
+        for event in yaml.parse(data, _Loader):
+            depth += isinstance(event, yaml.events.CollectionStartEvent)
+            depth -= isinstance(event, yaml.events.CollectionEndEvent)
+            if depth > _MAX_DEPTH:  # the C loader crashes at a depth of some thousands
+                raise DataFileError(f"{name}: nested more than {_MAX_DEPTH} levels deep")
+        return yaml.load(data, _Loader)
+    except DataFileError:
+        raise
+    except (yaml.YAMLError, ValueError) as error:
+        # The loader raises ValueError for an invalid date.
+        reason = " ".join(str(error).split())
+        raise DataFileError(f"{name}: not readable as YAML: {reason[:300]}") from error
+
+
+def place() -> Any:
+    """Return a field for the place of an object in its file, which is not a key there."""
+    return field(default="", kw_only=True, compare=False, repr=False, metadata={_PLACE: True})
+
+
+_PLACE = "place"
+
+
+@dataclass(frozen=True)
+class Between:
+    """Check of the limits of a number, or of the number of entries of a list."""
+
+    least: float
+    most: float = math.inf
+
+    def __call__(self, value: Any) -> None:
+        if isinstance(value, tuple):
+            if not self.least <= len(value) <= self.most:
+                what = "less than" if len(value) < self.least else "more than"
+                limit = self.least if len(value) < self.least else self.most
+                raise ValueError(f"has {len(value)} entries, which is {what} {limit}")
+        elif not self.least <= value <= self.most:
+            whole = "whole " if isinstance(value, int) else ""
+            to = f"from {self.least} to" if self.most < math.inf else "of at least"
+            limit = self.most if self.most < math.inf else self.least
+            raise ValueError(f"must be a {whole}number {to} {limit}, not {reprlib.repr(value)}")
+
+
+NotNegative = Annotated[float, Between(0)]
+"""A number of at least 0."""
+
+
+def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True) -> T:
+    """Return plain data as an object of a type.
+
+    Args:
+        kind: The type, as described above.
+        value: The data, as YAML or JSON loads them.
+        where: Name of the file, and the path of the value in it, for errors.
+        known_only: Refuse keys that no field has, instead of ignoring them.
+
+    Raises:
+        DataFileError: The data do not fit the type.
+    """
+    return _Reader(known_only).read(kind, value, where)  # type: ignore[no-any-return]
+
+
+class _Reader:
+    """See `structure`."""
+
+    def __init__(self, known_only: bool) -> None:
+        self._known_only = known_only
+
+    def read(self, kind: Any, value: Any, where: str) -> Any:
+        origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+        if origin is Annotated:
+            found = self.read(arguments[0], value, where)
+            return _checked(lambda: [check(found) for check in arguments[1:]] and found, where)
+        if origin in (types.UnionType, typing.Union):
+            if value is None:
+                return None
+            kind = next(each for each in arguments if each is not types.NoneType)
+            return self.read(kind, value, where)
+        if origin is tuple:
+            values = enumerate(_of_type(value, list, "a list", where))
+            return tuple(self.read(arguments[0], each, f"{where}[{n}]") for n, each in values)
+        if origin is Mapping:
+            _of_type(value, dict, "a mapping of keys to values", where)
+            for key in value:
+                if not isinstance(key, str):
+                    raise DataFileError(f"{where}: the key {reprlib.repr(key)} must be a text")
+            return {k: self.read(arguments[1], v, _below(where, k)) for k, v in value.items()}
+        if is_dataclass(kind):
+            return self._record(kind, value, where)
+        if hasattr(kind, "_fields"):
+            return self._named_tuple(kind, value, where)
+        if origin is Literal or (isinstance(kind, type) and issubclass(kind, Enum)):
+            choices = arguments or [each.value for each in kind]
+            if value not in choices:
+                text = f"{reprlib.repr(value)} is not one of {', '.join(map(str, choices))}"
+                raise DataFileError(f"{where}: {text}")
+            return value if arguments else kind(value)
+        return value if kind is Any else _scalar(kind, value, where)
+
+    def _record(self, kind: Any, value: Any, where: str) -> Any:
+        """Return a mapping as an object of a dataclass."""
+        _of_type(value, dict, "a mapping of keys to values", where)
+        hints = typing.get_type_hints(kind, include_extras=True)
+        keys = [each for each in fields(kind) if _PLACE not in each.metadata]
+        names = [each.name for each in keys]
+        unknown = next((key for key in value if key not in names), None)
+        if unknown is not None and self._known_only:
+            text = f"unknown key {reprlib.repr(unknown)}; use one of {', '.join(names)}"
+            raise DataFileError(f"{where}: {text}")
+        given: dict[str, Any] = {
+            each.name: where for each in fields(kind) if _PLACE in each.metadata
+        }
+        for each in keys:
+            hint, path = hints[each.name], _below(where, each.name)
+            if value.get(each.name) is not None:
+                given[each.name] = self.read(hint, value[each.name], path)
+            elif each.default is not MISSING or each.default_factory is not MISSING:
+                continue
+            elif each.name in value and types.NoneType in typing.get_args(hint):
+                given[each.name] = None
+            else:
+                raise DataFileError(f"{where}: {each.name} is missing")
+        return _checked(lambda: kind(**given), where)
+
+    def _named_tuple(self, kind: Any, value: Any, where: str) -> Any:
+        names, hints = kind._fields, typing.get_type_hints(kind)
+        if not isinstance(value, list) or len(value) != len(names):
+            text = f"must be [{', '.join(names)}], not {reprlib.repr(value)}"
+            raise DataFileError(f"{where}: {text}")
+        items = enumerate(zip(names, value, strict=True))
+        return kind(*(self.read(hints[name], each, f"{where}[{n}]") for n, (name, each) in items))
+
+
+def _below(where: str, key: str) -> str:
+    return f"{where}{'.' if ': ' in where else ': '}{key}"
+
+
+def _checked(make: Callable[[], T], where: str) -> T:
+    """Return an object, and add the place to the error of one that is invalid."""
+    try:
+        return make()
+    except DataFileError:
+        raise
+    except ValueError as error:
+        raise DataFileError(f"{where}: {error}") from None
+
+
+def _of_type(value: Any, kind: type[T], name: str, where: str) -> T:
+    if not isinstance(value, kind):
+        raise DataFileError(f"{where}: must be {name}")
+    return value
+
+
+def _scalar(kind: type, value: Any, where: str) -> Any:
+    # In Python a bool is an int too. 1e400 is read as infinity.
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if kind is float and number and abs(value) < math.inf:
+        try:
+            return float(value)
+        except OverflowError:  # an integer of hundreds of digits
+            pass
+    if kind is str and isinstance(value, str) and value:
+        return value
+    if (kind is bool and isinstance(value, bool)) or (kind is int and type(value) is int):
+        return value
+    names = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
+    remedy = "; put numbers into quotes" if kind is str else ""
+    raise DataFileError(f"{where}: must be {names[kind]}, not {reprlib.repr(value)}{remedy}")
