@@ -127,8 +127,8 @@ def test_every_call_within_a_step_is_made_when_it_is_due(monkeypatch: pytest.Mon
             chassis, now = simulator.chassis, loop.time()
             for into_step in due:
                 # In a later step: calls for the current step are scheduled when they are added.
-                chassis.agenda.add(
-                    chassis.stepped + 2 * TIME_STEP + into_step,
+                chassis.after(
+                    chassis.stepped + 2 * TIME_STEP + into_step - chassis.elapsed,
                     lambda: made.append((loop.time(), chassis.elapsed)),
                 )
             with monkeypatch.context() as patch:

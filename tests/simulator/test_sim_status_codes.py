@@ -85,7 +85,7 @@ def test_language_in_a_profile(tmp_path: Path) -> None:
     changed.write_text(text.replace("language: zh", "language: none"))
     assert load_profile(changed).status_codes.language == "none"
     changed.write_text(text.replace("language: zh", "language: fr"))
-    with pytest.raises(ValueError, match="must be one of zh, en, none, not"):
+    with pytest.raises(ValueError, match="'fr' is not one of zh, en, none"):
         load_profile(changed)
 
 

@@ -346,12 +346,9 @@ TIME_SPAN_REVERSED = Refusal("the time span from {start} to {end} ends before it
 
 # Wi-Fi
 
-TOO_MANY_NETWORKS = Refusal("{limit} networks are already known: forget one first")
 NETWORK_NOT_KNOWN = Refusal("network {ssid} is not known: add it first")
-NO_NETWORK_TO_FORGET = Refusal("network {ssid} is not known: nothing to forget")
 NETWORK_OUT_OF_REACH = Refusal("network {ssid} is out of reach: choose one of the last scan")
 NO_SSID = Refusal("content is not a JSON object with an ssid")
-SSID_TOO_LONG = Refusal("the ssid is longer than {limit} bytes: give a shorter one")
 UNKNOWN_WIFI_ORDER = Refusal(
     "unknown Wi-Fi order {order}: 1 is list, 2 add, 3 reconnect, 4 forget, 5 hotspot"
 )

@@ -129,7 +129,7 @@ class SimulatedChassis:
         self._ticker: asyncio.Task[None] | None = None
         self._step_start = 0.0
         """Time of the event loop that corresponds to `Chassis.stepped`, in seconds."""
-        self.chassis.agenda.on_add = self._wake_for
+        self.chassis.on_schedule = self._wake_for
         self._exchange.before_request = self._catch_up
 
     async def __aenter__(self) -> SimulatedChassis:
@@ -400,7 +400,7 @@ class SimulatedChassis:
             duration = TIME_STEP / self.speed
             steps = 1 if self._runs_within_steps else max(1, int(_ROUND / duration))
             due = max(self._step_start + steps * duration, loop.time() - _MAX_LAG)
-            self._wake_for(self.chassis.agenda.next_time)
+            self._wake_for(self.chassis.next_call)
             await asyncio.sleep(max(0.0, due - loop.time()))
             for _ in range(steps):
                 self._step()
@@ -438,4 +438,4 @@ class SimulatedChassis:
             self.chassis.run_until(self.chassis.stepped + min(into_step, _END_OF_STEP))
         except Exception:  # the clock must not stop
             _LOG.exception("a scheduled call of the simulated robot failed")
-        self._wake_for(self.chassis.agenda.next_time)
+        self._wake_for(self.chassis.next_call)

@@ -28,7 +28,7 @@ from tests.node.link_loss.timeouts import short_timeouts
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.behaviour.robot import Wait
+from woosh_robot_agent.simulator.behaviour.jobs import Wait
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 
 pytestmark = pytest.mark.usefixtures("agent")

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.agenda import ROUNDING
+from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
-from woosh_robot_agent.simulator.behaviour.robot import Job, Robot
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.robot import Robot
+from woosh_robot_agent.simulator.timeline import ROUNDING
 
 REPORT_PERIOD = 1.0
 """Time between two progress reports of an action, in seconds."""

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.behaviour.jobs import (
+    Charge,
+    Job,
+    MoveLift,
+    Shift,
+    Steps,
+    Wait,
+    back_out,
+)
 from woosh_robot_agent.simulator.behaviour.navigation import PATH_MARGIN, Navigate
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
-from woosh_robot_agent.simulator.behaviour.robot import Job, Robot, Wait
-from woosh_robot_agent.simulator.behaviour.steps import Charge, MoveLift, Shift, Steps, back_out
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
+from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.world.geometry import outer_radius
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 

@@ -1,20 +1,19 @@
-"""Mapping: a map that the robot makes with its laser while a client drives it."""
+"""Mapping and deployment: maps and marks that the robot makes while a client drives it."""
 
 from __future__ import annotations
 
 import dataclasses
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from enum import Enum
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.agenda import ROUNDING
-from woosh_robot_agent.simulator.behaviour.robot import DelayedCalls, Robot
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.scenes.files import MAX_MAPS, MAX_SCENES
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
@@ -23,8 +22,9 @@ from woosh_robot_agent.simulator.scenes.scene import (
     with_map,
     with_map_changed,
 )
+from woosh_robot_agent.simulator.timeline import ROUNDING, DelayedCalls, copy_of
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.world.maps import Map, Mark
 
 if TYPE_CHECKING:  # numpy, scipy and Pillow load slowly, and only mapping needs them
     from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
@@ -323,3 +323,144 @@ class Mapping:
             readiness.located = readiness.located and self._located_before
         self._phase = Phase.NONE
         self._grid = None
+
+
+class PointKind(Enum):
+    """Kind of a collected point. The value is its list in `woosh.map.mark.MarkInfo`."""
+
+    BEACON = "beacons"
+    CODE = "artags"
+    REFLECTOR = "reflectors"
+    MARK = "storages"
+
+
+class CollectedPoint(NamedTuple):
+    """A collected point.
+
+    Attributes:
+        kind: Its kind.
+        id: Identifier, unique among the points of this kind in its map.
+        pose: Pose, in the map's frame.
+    """
+
+    kind: PointKind
+    id: int
+    pose: Pose
+
+
+class Deployment:
+    """Collects points for the current map, or for the new one that is being made.
+
+    Points can be cancelled until the session ends: until a mapping starts, or the robot leaves
+    deployment mode or the map.
+
+    Args:
+        robot: The robot.
+        mapping: Makes new maps.
+    """
+
+    def __init__(self, robot: Robot, mapping: Mapping) -> None:
+        self._robot = robot
+        self._mapping = mapping
+        self._collected: list[CollectedPoint] = []
+        """Points of this session, in order."""
+
+    def collect(self, kind: PointKind, pose: Pose | None) -> CollectedPoint:
+        """Add a point to the map and return it.
+
+        Args:
+            kind: Its kind.
+            pose: Its pose; None for that of the robot.
+
+        Raises:
+            RefusedError: The pose is outside the map.
+        """
+        area, others = self._area, copy_of(self._area.other_marks)
+        if pose is None:
+            pose = self._robot.base.pose
+        elif area is not self._mapping.draft and not area.contains(*pose.point):
+            raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=area.name)
+        marks = area.marks
+        if kind is PointKind.MARK:
+            id_ = max((mark.id for mark in marks.values()), default=0) + 1
+            while str(id_) in marks:
+                id_ += 1
+            # The answer has only the id: clients must know by it the number that tasks name.
+            marks = {**marks, str(id_): Mark(id_, str(id_), pose)}
+        else:
+            entries = getattr(others, kind.value)
+            id_ = max((each.id for each in entries), default=0) + 1
+            entry = entries.add(id=id_)
+            where = entry.point if kind is PointKind.BEACON else entry.pose
+            where.x, where.y = pose.point
+            if kind is not PointKind.BEACON:
+                where.theta = pose.theta
+        point = CollectedPoint(kind, id_, pose)
+        self._change(dataclasses.replace(area, marks=marks, other_marks=others))
+        self._collected.append(point)
+        return point
+
+    def cancel(self, kinds: Collection[PointKind] = tuple(PointKind)) -> None:
+        """Remove the points of some kinds that were collected in this session.
+
+        Marks that a client has renamed since then stay.
+        """
+        gone = {(each.kind, each.id) for each in self._collected if each.kind in kinds}
+        self._collected = [each for each in self._collected if each.kind not in kinds]
+        if not gone:
+            return
+        area, others = self._area, copy_of(self._area.other_marks)
+        kept = {
+            number: mark
+            for number, mark in area.marks.items()
+            if (PointKind.MARK, mark.id) not in gone or number != str(mark.id)
+        }
+        for kind in (PointKind.BEACON, PointKind.CODE, PointKind.REFLECTOR):
+            entries = getattr(others, kind.value)
+            left = [each for each in entries if (kind, each.id) not in gone]
+            del entries[:]
+            entries.extend(left)
+        self._change(dataclasses.replace(area, marks=kept, other_marks=others))
+
+    def calibrate(self) -> list[CollectedPoint]:
+        """Return the reflectors of the map. The robot finds all of them where they are.
+
+        Raises:
+            RefusedError: The map has no reflectors.
+        """
+        found = [
+            CollectedPoint(
+                PointKind.REFLECTOR, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
+            )
+            for each in self._area.other_marks.reflectors
+        ]
+        if not found:
+            raise RefusedError(refusals.NO_REFLECTORS, map=self._area.name)
+        return found
+
+    def end_session(self) -> None:
+        """Keep the points: they can no longer be cancelled."""
+        self._collected.clear()
+
+    def require_ready(self) -> None:
+        """Check that the robot can collect points.
+
+        Raises:
+            RefusedError: It cannot.
+        """
+        readiness = self._robot.readiness
+        if readiness.work != util_robot_pb2.kDeployMode:
+            raise RefusedError(refusals.COLLECTING_OUTSIDE_DEPLOYMENT)
+        self._mapping.require_settled()
+        if not readiness.located:
+            raise RefusedError(refusals.LOCALISATION_LOST)
+
+    @property
+    def _area(self) -> Map:
+        return self._mapping.draft or self._robot.map
+
+    def _change(self, area: Map) -> None:
+        if self._mapping.draft:
+            self._mapping.draft = area
+        else:
+            self._robot.change_map(dataclasses.replace(area, version=area.version + 1))

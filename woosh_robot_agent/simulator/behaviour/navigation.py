@@ -11,7 +11,7 @@ from itertools import pairwise
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.robot import Progress, Robot, failed, is_clear
+from woosh_robot_agent.simulator.behaviour.jobs import Job, Progress, failed, is_clear
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
     ANGULAR_ACCELERATION,
@@ -21,6 +21,7 @@ from woosh_robot_agent.simulator.body.base import (
 )
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.status_codes import (
     DRIVING_STRAIGHT,
     NEW_NAVIGATION,
@@ -124,7 +125,7 @@ _WAITING_MODES = (
 """Modes that never leave the path, and wait for an obstacle without a timeout."""
 
 
-class Navigate:
+class Navigate(Job):
     """Drives to a goal.
 
     The base turns on the spot towards each corner of its path, drives there and stops. At the goal

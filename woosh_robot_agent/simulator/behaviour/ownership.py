@@ -19,10 +19,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.behaviour.actions import Actions, short_name
+from woosh_robot_agent.simulator.behaviour.jobs import Job, is_clear
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
-from woosh_robot_agent.simulator.behaviour.robot import Job, Robot, is_clear
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
@@ -34,6 +33,8 @@ from woosh_robot_agent.simulator.body.base import (
 )
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+from woosh_robot_agent.simulator.robot import Robot
+from woosh_robot_agent.simulator.timeline import ROUNDING
 from woosh_robot_agent.simulator.world.geometry import Point
 
 _DISTANCE = 1.0

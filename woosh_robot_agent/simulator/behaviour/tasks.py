@@ -12,10 +12,12 @@ from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.robot import DelayedCalls, Job, Robot, Wait
+from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
+from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.status_codes import failure
+from woosh_robot_agent.simulator.timeline import DelayedCalls
 
 
 class TaskReports:

@@ -1,14 +1,17 @@
-"""The devices of the robot: what a job can own, the battery and the lifts."""
+"""The devices of the robot: what a job can own, battery, lifts and Wi-Fi; modes and conditions."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from enum import Enum, auto
+from typing import Any
 
 from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.profile import BatteryProfile
-from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 
 
 class Device(Enum):
@@ -91,3 +94,180 @@ class Lift:
                 refusals.LIFT_OUT_OF_RANGE, lift=self.name, height=height, limit=self.travel
             )
         return min(height, self.travel)
+
+
+_IN_REACH = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
+"""Signal strengths of the Wi-Fi networks within reach, in percent."""
+
+
+class WiFi:
+    """The Wi-Fi client. The same networks are always within reach.
+
+    Attributes:
+        name: SSID of the network it is connected to, empty if none.
+        hotspot: It is a hotspot instead of a client.
+        list_json: Networks found by the last scan, as JSON; empty before the first scan.
+    """
+
+    def __init__(self) -> None:
+        self.name = "woosh-factory"
+        self.hotspot = False
+        self.list_json = b""
+        self._known = {self.name}
+
+    def state(self) -> robot_pb2.Network.WiFi:
+        """Return the state as reported to clients."""
+        mode = robot_pb2.Network.WiFi
+        return mode(
+            name=self.name,
+            list_json=self.list_json,
+            strength=_IN_REACH.get(self.name, 0),
+            mode=mode.kAP if self.hotspot else mode.kClient,
+        )
+
+    def scan(self) -> bytes:
+        """Scan for networks and return them as JSON."""
+        found = [
+            {
+                "ssid": ssid,
+                "signal": signal,
+                "known": ssid in self._known,
+                "connected": ssid == self.name,
+            }
+            for ssid, signal in _IN_REACH.items()
+        ]
+        self.list_json = json.dumps({"wifi_list": found}).encode()
+        return self.list_json
+
+    def add(self, content: bytes, *, connect: bool) -> None:
+        """Add a network to the known ones, and connect to it if wanted.
+
+        Raises:
+            RefusedError: `content` is not a JSON object with the `ssid` of a network within reach.
+        """
+        ssid = _ssid(content)
+        if ssid not in _IN_REACH:
+            raise RefusedError(refusals.NETWORK_OUT_OF_REACH, ssid=ssid)
+        self._known.add(ssid)
+        if connect:
+            self.name, self.hotspot = ssid, False
+
+    def reconnect(self, content: bytes) -> None:
+        """Connect to a known network.
+
+        Raises:
+            RefusedError: `content` is not a JSON object with the `ssid` of a known network.
+        """
+        ssid = _ssid(content)
+        if ssid not in self._known:
+            raise RefusedError(refusals.NETWORK_NOT_KNOWN, ssid=ssid)
+        self.name, self.hotspot = ssid, False
+
+    def forget(self, content: bytes) -> None:
+        """Remove the network with this SSID from the known ones.
+
+        Raises:
+            RefusedError: The network is not known.
+        """
+        ssid = content.decode(errors="replace")
+        if ssid not in self._known:
+            raise RefusedError(refusals.NETWORK_NOT_KNOWN, ssid=ssid)
+        self._known.remove(ssid)
+        if self.name == ssid:
+            self.name = ""
+
+
+def _ssid(content: bytes) -> str:
+    try:
+        parsed: Any = json.loads(content)
+    except (ValueError, RecursionError):
+        raise RefusedError(refusals.NO_SSID) from None
+    ssid = parsed.get("ssid") if isinstance(parsed, dict) else None
+    if not isinstance(ssid, str) or not ssid:
+        raise RefusedError(refusals.NO_SSID)
+    return ssid
+
+
+@dataclass
+class Readiness:
+    """The modes and conditions that decide whether the robot may move by itself.
+
+    Attributes:
+        ctrl: Control mode that clients requested.
+        key_manual: The key switch is at manual, which overrides `ctrl` and switches the motors off.
+        key_accepts: Requests are accepted although the key switch is at manual.
+        work: Work mode.
+        initialised: A client has told the robot its pose since it was switched on.
+        located: The robot knows its pose.
+        emergency_stop: The emergency stop button is pressed.
+        battery_empty: The battery is empty.
+    """
+
+    ctrl: util_robot_pb2.ControlMode = util_robot_pb2.kAuto
+    key_manual: bool = False
+    key_accepts: bool = False
+    work: util_robot_pb2.WorkMode = util_robot_pb2.kTaskMode
+    initialised: bool = True
+    located: bool = True
+    emergency_stop: bool = False
+    battery_empty: bool = False
+
+    @property
+    def control(self) -> util_robot_pb2.ControlMode:
+        """The effective control mode."""
+        return util_robot_pb2.kManual if self.key_manual else self.ctrl
+
+    @property
+    def motors_on(self) -> bool:
+        """True unless the key switch has switched the motors off."""
+        return not self.key_manual
+
+    @property
+    def ready(self) -> bool:
+        """True if the robot may move by itself."""
+        return not self.objections()
+
+    @property
+    def obstruction(self) -> Refusal | None:
+        """The first reason to refuse tasks and actions, and to stop running ones; None if none."""
+        for objection in self.objections():
+            if not (objection is refusals.KEY_AT_MANUAL and self.key_accepts):
+                return objection
+        return None
+
+    def require_ready(self) -> None:
+        """Check that the robot accepts tasks and actions.
+
+        Raises:
+            RefusedError: It does not.
+        """
+        if self.obstruction:
+            raise RefusedError(self.obstruction)
+
+    def require_located(self) -> None:
+        """Check that the robot knows its pose.
+
+        Raises:
+            RefusedError: It does not.
+        """
+        if not self.initialised:
+            raise RefusedError(refusals.NOT_INITIALISED)
+        if not self.located:
+            raise RefusedError(refusals.LOCALISATION_LOST)
+
+    def objections(self) -> list[Refusal]:
+        """Return every reason why the robot may not move by itself."""
+        manual, maintenance = util_robot_pb2.kManual, util_robot_pb2.kMaintain
+        deployment, schedule = util_robot_pb2.kDeployMode, util_robot_pb2.kScheduleMode
+        reasons = (
+            (self.emergency_stop, refusals.EMERGENCY_STOP),
+            (self.key_manual, refusals.KEY_AT_MANUAL),
+            (self.ctrl == manual, refusals.MANUAL_MODE),
+            (self.ctrl == maintenance, refusals.MAINTENANCE_MODE),
+            (self.work == deployment, refusals.DEPLOYMENT_MODE),
+            (self.work == schedule, refusals.SCHEDULE_MODE),
+            (not self.initialised, refusals.NOT_INITIALISED),
+            (self.initialised and not self.located, refusals.LOCALISATION_LOST),
+            (self.battery_empty, refusals.BATTERY_EMPTY),
+        )
+        return [refusal for applies, refusal in reasons if applies]

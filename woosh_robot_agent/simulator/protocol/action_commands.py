@@ -12,16 +12,17 @@ from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.navigation import Navigate, NoRouteError, plan_route
-from woosh_robot_agent.simulator.behaviour.robot import Done, Job
-from woosh_robot_agent.simulator.behaviour.steps import (
+from woosh_robot_agent.simulator.behaviour.jobs import (
     Charge,
+    Done,
+    Job,
     LeaveCharger,
     MoveLift,
     Shift,
     Steps,
     Turn,
 )
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate, NoRouteError, plan_route
 from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE, STANDSTILL, Velocity
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.chassis import Chassis

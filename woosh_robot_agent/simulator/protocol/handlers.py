@@ -144,13 +144,6 @@ def usable_speed(speed: float, minimum: float) -> float:
     return abs(speed)
 
 
-def copy_of(message: Message) -> Message:
-    """Return a copy of a state, as an answer that later changes must not affect."""
-    copy = type(message)()
-    copy.CopyFrom(message)
-    return copy
-
-
 def non_finite(message: Message, path: str = "") -> str:
     """Return the path of the first NaN or infinite number in `message`, empty if there is none."""
     for field, value in message.ListFields():

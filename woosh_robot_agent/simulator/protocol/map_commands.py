@@ -12,7 +12,7 @@ from woosh_robot_agent.pb.map import map_pack_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.deployment import CollectedPoint, PointKind
+from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointKind
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
@@ -250,7 +250,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         if new:
             chassis.deployment.end_session()  # its points went with the map
         else:
-            chassis.deployment.cancel_all()
+            chassis.deployment.cancel()
     else:
         raise RefusedError(refusals.UNKNOWN_BUILD_TYPE, type=kind)
     # The answer comes when it is done.
@@ -264,6 +264,11 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
         raise RefusedError(refusals.OTHER_ROBOT, robot_id=request.robot_id, own_id=chassis.robot_id)
     if kind not in _KINDS and (kind or mode == pack.kDepCollect):
         raise RefusedError(refusals.UNKNOWN_DEPLOYMENT_TYPE, type=kind)
+    if mode not in (pack.kDepCollect, pack.kDepCancel, pack.kDepReflector):
+        raise RefusedError(refusals.UNKNOWN_DEPLOYMENT_MODE, mode=mode)
+    if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
+        raise RefusedError(refusals.ONLY_REFLECTORS)
+    chassis.deployment.require_ready()
     found: Sequence[CollectedPoint] = []
     if mode == pack.kDepCollect:
         where = pose(request.pose)
@@ -272,12 +277,8 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
         found = [chassis.deployment.collect(_KINDS[kind], where if given else None)]
     elif mode == pack.kDepCancel:
         chassis.deployment.cancel([_KINDS[kind]] if kind else list(PointKind))
-    elif mode == pack.kDepReflector:
-        if kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
-            raise RefusedError(refusals.ONLY_REFLECTORS)
-        found = chassis.deployment.calibrate()
     else:
-        raise RefusedError(refusals.UNKNOWN_DEPLOYMENT_MODE, mode=mode)
+        found = chassis.deployment.calibrate()
     markers = [pack.DeploymentResponse.Marker(id=each.id, pose=pose2d(each.pose)) for each in found]
     return pack.DeploymentResponse(
         type=kind, mode=mode, markers=markers, check_times=1 if markers else 0

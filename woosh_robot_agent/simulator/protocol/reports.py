@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import TypeVar
 
 from google.protobuf.message import Message
 
@@ -16,22 +15,14 @@ from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.simulator.agenda import ROUNDING
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.scenes.scene import Scene, mark_info_of, storages_of
+from woosh_robot_agent.simulator.timeline import ROUNDING, copy_of
 from woosh_robot_agent.simulator.world.geometry import Outline, Pose
 from woosh_robot_agent.simulator.world.maps import Map
 
 _Hardware = robot_pb2.HardwareState
 _Bit = robot_pb2.DeviceState
-_Report = TypeVar("_Report", bound=Message)
-
-
-def _copy_of(report: _Report) -> _Report:
-    """Return a copy, which the caller may change. Copying is cheaper than building the report."""
-    copy = type(report)()
-    copy.CopyFrom(report)
-    return copy
 
 
 def pose2d(pose: Pose) -> common_pb2.Pose2D:
@@ -63,7 +54,7 @@ def general(chassis: Chassis) -> robot_pb2.General:
 
 def setting(chassis: Chassis) -> robot_pb2.Setting:
     """Return the settings."""
-    return _copy_of(chassis.setting)
+    return copy_of(chassis.setting)
 
 
 def robot_state(chassis: Chassis) -> robot_pb2.RobotState:
@@ -151,7 +142,7 @@ def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
 
 def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
     """Return the health of the devices."""
-    return _copy_of(_hardware_state(chassis.robot_id, chassis.readiness.emergency_stop))
+    return copy_of(_hardware_state(chassis.robot_id, chassis.readiness.emergency_stop))
 
 
 @functools.lru_cache(maxsize=64)
@@ -181,7 +172,7 @@ def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
 
 def model(chassis: Chassis) -> robot_pb2.Model:
     """Return the current footprint."""
-    return _copy_of(_model(chassis.robot_id, chassis.footprint, chassis.outline))
+    return copy_of(_model(chassis.robot_id, chassis.footprint, chassis.outline))
 
 
 @functools.lru_cache(maxsize=64)
@@ -246,9 +237,9 @@ def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
         task_history=task_history(chassis),
         status_codes=status_codes(chassis),
         abnormal_codes=abnormal_codes(chassis),
-        count_operation=chassis.statistics.days.latest,
-        count_task=chassis.statistics.tasks.latest,
-        count_error=chassis.statistics.statuses.latest,
+        count_operation=chassis.statistics.days[-1],
+        count_task=chassis.statistics.tasks[-1] if chassis.statistics.tasks else None,
+        count_error=chassis.statistics.statuses[-1] if chassis.statistics.statuses else None,
     )
 
 

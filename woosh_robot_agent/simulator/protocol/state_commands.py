@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from google.protobuf.message import Message
@@ -15,22 +15,20 @@ from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting_pb2
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
-from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.body.statistics import Record
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import reports
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handler,
     Handlers,
     Result,
-    copy_of,
     named_scene,
     pose,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.timeline import copy_of
 
 _MAX_NAME = 100
 """Maximum length of the robot's name."""
@@ -214,7 +212,7 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
     elif order == pack.RobotWiFi.kForget:
         wifi.forget(request.content)
     elif order == pack.RobotWiFi.kHotspot:
-        wifi.switch_hotspot(on=request.enable)
+        wifi.hotspot = request.enable
         answer.enable = request.enable
     else:
         raise RefusedError(refusals.UNKNOWN_WIFI_ORDER, order=order)
@@ -298,18 +296,12 @@ _Count = pack.CountData
 
 
 def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
-    chassis.statistics.update()
-    if request.req_type == _Count.kGet:
-        return _page(chassis, request)
-    if request.req_type == _Count.kSync:
-        return _with_ids(chassis, request)
-    raise RefusedError(refusals.UNKNOWN_COUNT_REQUEST, type=request.req_type)
-
-
-def _page(chassis: Chassis, request: pack.CountData) -> pack.CountDataResponse:
-    """Return one page of the records of the wanted kinds, and the number of all of them."""
-    kinds = (_Count.kOperation, _Count.kTask, _Count.kStatus)
-    if request.count_type not in (_Count.kAll, *kinds):
+    """Return a page of the records of the wanted kinds and their number, or those with some ids."""
+    statistics = chassis.statistics
+    statistics.update()
+    if request.req_type not in (_Count.kGet, _Count.kSync):
+        raise RefusedError(refusals.UNKNOWN_COUNT_REQUEST, type=request.req_type)
+    if request.count_type not in _Count.CountType.values():
         raise RefusedError(refusals.UNKNOWN_COUNT_TYPE, type=request.count_type)
     pages = (request.operation_page, request.task_page, request.status_page)
     if min(pages) < 0:
@@ -317,79 +309,49 @@ def _page(chassis: Chassis, request: pack.CountData) -> pack.CountDataResponse:
     first, last = request.bucket.start, request.bucket.end or math.inf
     if last < first:
         raise RefusedError(refusals.TIME_SPAN_REVERSED, start=first, end=last)
-    statistics = chassis.statistics
-    wanted = [request.count_type in (_Count.kAll, kind) for kind in kinds]
-    days = _within(statistics.days, first, last) if wanted[0] else []
-    tasks = _within(statistics.tasks, first, last) if wanted[1] else []
-    statuses = _within(statistics.statuses, first, last) if wanted[2] else []
-    return pack.CountDataResponse(
-        operations=count_pb2.Operations(ops=_part(days, request.operation_page)),
-        tasks=count_pb2.Tasks(ts=_part(tasks, request.task_page)),
-        abnormals=count_pb2.Abnormals(ss=_part(statuses, request.status_page)),
-        operation_qty=len(days),
-        task_qty=len(tasks),
-        abnormal_qty=len(statuses),
+
+    def wanted(kind: int, record: Any, ids: Sequence[int]) -> bool:
+        if request.req_type == _Count.kSync:
+            return record.id in ids
+        span = record.buckets[0] if kind == _Count.kOperation else record.bucket
+        overlaps = span.start <= last and (span.end or math.inf) >= first
+        return overlaps and request.count_type in (_Count.kAll, kind)
+
+    kinds: tuple[tuple[int, Iterable[Any], Sequence[int]], ...] = (
+        (_Count.kOperation, statistics.days, request.operation_id),
+        (_Count.kTask, statistics.tasks, request.task_id),
+        (_Count.kStatus, statistics.statuses, request.status_id),
     )
-
-
-def _with_ids(chassis: Chassis, request: pack.CountData) -> pack.CountDataResponse:
-    """Return the records with the given ids. Ids without a record are left out."""
-    statistics = chassis.statistics
-    days = _chosen(statistics.days, request.operation_id)
-    tasks = _chosen(statistics.tasks, request.task_id)
-    statuses = _chosen(statistics.statuses, request.status_id)
+    found = [[each for each in records if wanted(kind, each, ids)] for kind, records, ids in kinds]
+    if request.req_type == _Count.kGet:
+        shown = [
+            each[page * _PAGE : (page + 1) * _PAGE] for each, page in zip(found, pages, strict=True)
+        ]
+    else:
+        shown = found
     return pack.CountDataResponse(
-        operations=count_pb2.Operations(ops=days),
-        tasks=count_pb2.Tasks(ts=tasks),
-        abnormals=count_pb2.Abnormals(ss=statuses),
-        operation_qty=len(days),
-        task_qty=len(tasks),
-        abnormal_qty=len(statuses),
+        operations=count_pb2.Operations(ops=shown[0]),
+        tasks=count_pb2.Tasks(ts=shown[1]),
+        abnormals=count_pb2.Abnormals(ss=shown[2]),
+        operation_qty=len(found[0]),
+        task_qty=len(found[1]),
+        abnormal_qty=len(found[2]),
     )
-
-
-def _within(records: Iterable[Record], first: float, last: float) -> list[Record]:
-    """Return the records of a time span: those that began before its end and ended after its start.
-
-    Args:
-        records: The records.
-        first: Start of the time span as Unix time, in seconds.
-        last: End of the time span as Unix time, in seconds.
-    """
-    found = []
-    for record in records:
-        span = _span(record)
-        if span.start <= last and (span.end or math.inf) >= first:
-            found.append(record)
-    return found
-
-
-def _span(
-    record: count_pb2.Operation | count_pb2.Task | count_pb2.Status,
-) -> common_pb2.TimeBucket:
-    return record.buckets[0] if isinstance(record, count_pb2.Operation) else record.bucket
-
-
-def _part(records: list[Record], page: int) -> list[Record]:
-    return records[page * _PAGE : (page + 1) * _PAGE]
-
-
-def _chosen(records: Iterable[Record], ids: Iterable[int]) -> list[Record]:
-    wanted = set(ids)
-    return [record for record in records if record.id in wanted]
 
 
 def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
     chassis.statistics.update()
-    return chassis.statistics.days.latest
+    return copy_of(chassis.statistics.days[-1])
 
 
 def _task(chassis: Chassis, request: count_pb2.Task) -> Result:
-    return chassis.statistics.tasks.latest or count_pb2.Task(robot_id=chassis.robot_id)
+    tasks = chassis.statistics.tasks
+    return copy_of(tasks[-1]) if tasks else count_pb2.Task(robot_id=chassis.robot_id)
 
 
 def _status(chassis: Chassis, request: count_pb2.Status) -> Result:
-    return chassis.statistics.statuses.latest or count_pb2.Status(robot_id=chassis.robot_id)
+    statuses = chassis.statistics.statuses
+    return copy_of(statuses[-1]) if statuses else count_pb2.Status(robot_id=chassis.robot_id)
 
 
 STATISTICS: Handlers = {

@@ -16,8 +16,8 @@ from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.auto_tasks import jobs_at_mark, leave_dock, work_jobs
+from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
-from woosh_robot_agent.simulator.behaviour.robot import Job, Wait
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (

@@ -1,16 +1,15 @@
-"""The jobs on the spot: straight moves and turns by odometry, lifting, charging."""
+"""What a job is, and the jobs on the spot: waits, steps by odometry, lifting, charging."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
-from woosh_robot_agent.simulator.agenda import ROUNDING
-from woosh_robot_agent.simulator.behaviour.robot import Job, Progress, Robot, failed, is_clear
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
     ANGULAR_ACCELERATION,
@@ -18,12 +17,127 @@ from woosh_robot_agent.simulator.body.base import (
     approach,
 )
 from woosh_robot_agent.simulator.body.devices import Device, Lift
+from woosh_robot_agent.simulator.robot import Robot
+from woosh_robot_agent.simulator.timeline import ROUNDING
 from woosh_robot_agent.simulator.world.geometry import Pose
+
+_STOP_GAP = 0.3
+"""Gap between the outline of a stopped robot and the obstacle, in metres."""
+
+_SIDE_GAP = 0.05
+"""Gap between the outline and obstacles beside the path, in metres."""
+
+_TOLERANCE = 5e-3
+"""Tolerance for obstacles that are already too close, in metres."""
+
+
+def is_clear(robot: Robot, direction: float, distance: float) -> bool:
+    """Return True if the base can go on without coming too close to an obstacle.
+
+    Args:
+        robot: The robot.
+        direction: Direction of the motion from straight ahead, in radians.
+        distance: Length of the motion, in metres. Obstacles further away are ignored.
+    """
+    obstacles = robot.obstacles.walls
+    if not obstacles:
+        return True
+    cos, sin = math.cos(direction), math.sin(direction)
+    outline = robot.outline
+    front = max(x * cos + y * sin for x, y in outline)
+    half_width = max(y * cos - x * sin for x, y in outline) + _SIDE_GAP
+    braking = robot.base.velocity.speed**2 / (2.0 * ACCELERATION)
+    # The checked area is a corridor with a round end of the same width.
+    length = min(distance, max(0.0, braking + front + _STOP_GAP - half_width))
+    here = robot.base.pose
+    there = here.moved(length * cos, length * sin, 0.0).point
+    for wall in obstacles:
+        # The robot may move away from an obstacle that is already too close.
+        limit = min(half_width, wall.distance(*here.point) - _TOLERANCE)
+        if wall.line_distance(here.point, there) < limit:
+            return False
+    return True
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """The progress of a job.
+
+    Attributes:
+        done: The job has ended, successfully or not.
+        failure: Reason of the failure; empty if the job did not fail.
+        text: Description of the progress, for reports.
+        impeded: An obstacle blocks the job at the moment; `text` describes it.
+    """
+
+    done: bool = False
+    failure: str = ""
+    text: str = ""
+    impeded: bool = False
+
+
+class Job(ABC):
+    """Something that the robot does over time.
+
+    Attributes:
+        device: Device that the job owns while it runs.
+        kind: The `woosh.action.Type` in reports about the job.
+    """
+
+    device: Device = Device.NONE
+    kind: util_action_pb2.Type = util_action_pb2.kTypeUndefined
+
+    @abstractmethod
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        """Work for `dt` seconds of simulated time."""
+
+    def suspend(self, robot: Robot) -> None:  # noqa: B027 - most jobs need nothing
+        """Prepare for a pause: the next tick may come later and at another place, or never."""
+
+
+def failed(reason: str) -> Progress:
+    """Return the progress of a job that failed."""
+    return Progress(done=True, failure=reason)
+
+
+class Done(Job):
+    """Ends at once, because everything was done before it started.
+
+    Args:
+        text: Text of its report.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        return Progress(done=True, text=self._text)
+
+
+class Wait(Job):
+    """Waits for a time in seconds, which may be infinite, or until `end` is called."""
+
+    kind = util_action_pb2.kWait
+
+    def __init__(self, seconds: float) -> None:
+        self._left = seconds
+        """Remaining time, in seconds."""
+
+    def tick(self, robot: Robot, dt: float) -> Progress:
+        self._left -= dt
+        if self._left == math.inf:
+            return Progress(text="waiting for the order to continue")
+        return Progress(done=self._left <= 0.0, text=f"{max(0.0, self._left):.0f} s left to wait")
+
+    def end(self) -> None:
+        """End the wait at the next tick."""
+        self._left = 0.0
+
 
 _OBSTACLE_TIMEOUT = 5.0
 """Time after which the job gives up if an obstacle stays in the way, in seconds."""
 
-_TOLERANCE = 1e-6
+_STEP_TOLERANCE = 1e-6
 """Distance or angle at which a step counts as done, in metres or radians."""
 
 
@@ -82,7 +196,7 @@ class Turn:
         return f"{self.angle - remaining:.2f} of {self.angle:.2f} rad"
 
 
-class Steps:
+class Steps(Job):
     """Makes steps one after the other.
 
     Args:
@@ -129,7 +243,7 @@ class Steps:
                 return failed(f"{obstacle}: remove it")
             if not free:
                 return Progress(text=obstacle, impeded=True)
-            if abs(remaining) > _TOLERANCE:
+            if abs(remaining) > _STEP_TOLERANCE:
                 base.drive(step.velocity(remaining, dt))
                 number = self._count - len(self._steps) + 1
                 text = f"step {number} of {self._count}: {how_far}"
@@ -152,7 +266,7 @@ class Steps:
         self._blocked_for = 0.0
 
 
-class MoveLift:
+class MoveLift(Job):
     """Moves a lift to one height after the other.
 
     Args:
@@ -179,11 +293,8 @@ class MoveLift:
             self._lift.height += math.copysign(self._speed * dt, distance)
         return Progress(done=not self._heights, text=f"at {self._lift.height:.3f} m")
 
-    def suspend(self, robot: Robot) -> None:
-        """Do nothing: the lift stays where it is."""
 
-
-class Charge:
+class Charge(Job):
     """Charges at a charger.
 
     Depending on the profile, the job ends when the battery is full as defined by the settings, or
@@ -221,7 +332,7 @@ class Charge:
             robot.battery.charging = robot_pb2.Battery.kNot
 
 
-class LeaveCharger:
+class LeaveCharger(Job):
     """Ends the charge, if there is one, and backs out of the charger, if the robot is in one."""
 
     device = Device.WHEELS

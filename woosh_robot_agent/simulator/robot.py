@@ -1,0 +1,228 @@
+"""The robot in its surroundings, without what it does by itself: what behaviours act on."""
+
+from __future__ import annotations
+
+import random
+
+from woosh_robot_agent.data_files import DataFileError
+from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
+from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
+from woosh_robot_agent.simulator import refusals
+from woosh_robot_agent.simulator.body.base import Base, displacement
+from woosh_robot_agent.simulator.body.devices import Battery, Device, Lift, Readiness, WiFi
+from woosh_robot_agent.simulator.body.statistics import Codes, Statistics
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.scenes import files
+from woosh_robot_agent.simulator.scenes.scene import Scene, with_map_changed
+from woosh_robot_agent.simulator.timeline import ROUNDING, Timeline
+from woosh_robot_agent.simulator.world.collision import CollisionDetector, Obstacles
+from woosh_robot_agent.simulator.world.geometry import Outline, Pose, Wall, footprints
+from woosh_robot_agent.simulator.world.laser import Laser
+from woosh_robot_agent.simulator.world.maps import Map, MarkKind
+
+_CHARGER_DISTANCE = 0.3
+"""Distance to a charger at which the robot can charge, in metres."""
+
+
+class Robot(Timeline):
+    """The robot in its surroundings.
+
+    Args:
+        config: The options.
+
+    Raises:
+        DataFileError: The file of the profile or of a scene cannot be used.
+
+    Attributes:
+        profile: How a robot of this model behaves.
+        omnidirectional: The base can move sideways.
+        chance: Random number generator for everything that varies.
+        answer_delay: Time until the current request is answered, in seconds. Its handler may
+            change it.
+        state_first: The changes that the current request causes are pushed before its answer.
+        scenes: Known scenes, by name.
+        scene: Current scene.
+        map: Current map.
+        obstacles: Obstacles that are not in the map.
+        base: The driven base.
+        laser: The laser.
+        battery: The battery.
+        jack: The lift of LiftControl, which carries goods.
+        column: The lift of LiftControl2 and LiftControl3.
+        wifi: The Wi-Fi.
+        readiness: Modes and conditions.
+        occupied: A client has reserved the robot.
+        scan_time: Simulated time of the last scan of the laser, in seconds.
+        scan_pose: Pose of the robot at this scan.
+        pushed_scan_time: Simulated time of the last scan that is pushed, in seconds.
+        footprint: The `woosh.robot.FootPrint` in use.
+        footprints: Outlines of the robot by `woosh.robot.FootPrint`.
+        setting: Settings, as reported to clients.
+        statistics: Records of what the robot did.
+        codes: Status codes.
+    """
+
+    def __init__(self, config: SimulatorConfig) -> None:
+        super().__init__(config.robot_id, config.start_time(), config.clock_offset)
+        self.profile = load_profile(config.profile)
+        self.omnidirectional = config.omnidirectional
+        self._seed = random.randrange(2**32) if config.seed is None else config.seed
+        self.chance = random.Random(f"{self._seed}:chance")
+        self.answer_delay = 0.0
+        self.state_first = False
+
+        self.scenes, self.scene = files.known_scenes(config.scenes)
+        self.map, start = files.start(self.scene)
+        self.obstacles = Obstacles()
+        self._collisions = CollisionDetector()
+
+        driving = self.profile.driving
+        self.base = Base(
+            start, odometer=1204.0, rolls_for=driving.rolls_for, stops_below=driving.stops_below
+        )
+        self.laser = Laser()
+        self.scan_pose = start
+        self.scan_time: float = 0.0
+        self.pushed_scan_time: float = 0.0
+        self._ranges: list[float] = []
+        """Ranges of the last scan in metres, empty until they are needed."""
+        self.battery = Battery(93.0, self.profile.battery)
+        self.jack = Lift("lift", Device.JACK, travel=0.06, default_speed=0.02)
+        self.column = Lift("lift column", Device.COLUMN, travel=1.0, default_speed=0.2)
+        self.wifi = WiFi()
+        self.readiness = Readiness(initialised=config.initialised, located=config.initialised)
+        self.occupied = False
+        self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
+        self.footprints = footprints(self.profile.model.outline)
+        self.setting = robot_pb2.Setting(
+            robot_id=self.robot_id,
+            identity=robot_setting_pb2.Identity(name=str(self.robot_id)),
+            server=robot_setting_pb2.Server(ip="172.20.8.85", port=5420),
+            power=robot_setting_pb2.Power(alarm=5, low=20, idle=80, full=98),
+            sound=robot_setting_pb2.Sound(mute=False, volume=50),
+            allow=robot_pb2.Setting.Allow(auto_charge=True, auto_park=True, goods_check=True),
+        )
+
+        language = config.code_language or self.profile.status_codes.language
+        self.statistics = Statistics(self, self.base.odometer, self.profile.rates.operation)
+        self.codes = Codes(language, self.publish_code, self.statistics)
+
+        if not self.can_stand(start):
+            raise DataFileError(
+                f"scene {self.scene.name}: the robot cannot start at {start} on map "
+                f"{self.map.name}, which is not free floor: name another pose under start"
+            )
+
+    @property
+    def outline(self) -> Outline:
+        """Outline of the robot with the footprint in use."""
+        return self.footprints[self.footprint]
+
+    @property
+    def ground_truth(self) -> Map:
+        """The hall in which the robot is, with its real walls."""
+        return self.map.ground_truth or self.map
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        """The walls of the hall and the sides of the obstacles."""
+        return self.ground_truth.walls + self.obstacles.walls
+
+    @property
+    def pose(self) -> Pose:
+        """Pose at this moment, also between two steps of the motion."""
+        base, dt = self.base, self.elapsed - self.stepped
+        return base.pose.moved(*displacement(base.velocity, dt)) if base.moving else base.pose
+
+    def publish_code(self, status: robot_count_pb2.StatusCode) -> None:
+        """Add to a new status code what is known of the robot, and send it to the clients."""
+        status.robot_id = self.robot_id
+        status.time = round(self.time * 1000)
+        self.emit(status)
+
+    def clearance(self, x: float, y: float) -> float:
+        """Return the distance from (x, y) to the nearest wall or obstacle, in metres."""
+        return min(self.ground_truth.clearance(x, y), self.obstacles.clearance(x, y))
+
+    def gap(self, pose: Pose) -> float:
+        """Return the gap in metres between the robot at `pose` and walls and obstacles.
+
+        It is negative if they overlap.
+        """
+        return self._collisions.gap(self.outline, pose, self.ground_truth, self.obstacles)
+
+    def can_stand(self, pose: Pose) -> bool:
+        """Return True if the robot can stand at a pose of the map."""
+        return self.map.contains(*pose.point) and self.gap(pose) >= 0.0
+
+    def require_room(self, pose: Pose) -> None:
+        """Check that the robot can stand at a pose of the map.
+
+        Raises:
+            RefusedError: The pose is outside the map, or the robot would overlap a wall.
+        """
+        if not self.map.contains(pose.x, pose.y):
+            raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
+        if self.gap(pose) < 0.0:
+            raise RefusedError(refusals.POSE_IN_WALL, pose=pose, map=self.map.name)
+
+    def enter(self, scene: Scene, area: Map) -> None:
+        """Switch to another scene or map while there is no task. The coordinates stay the same."""
+        self.scenes[scene.name] = scene
+        self.scene, self.map = scene, area
+        if not self.can_stand(self.base.pose):
+            self.readiness.located = False
+
+    def replace_scene(self, old: Scene | None, new: Scene, map_name: str = "") -> None:
+        """Store a scene, in place of another one or in addition.
+
+        Args:
+            old: The scene to replace, None for none.
+            new: The scene. It may have another name than the old one.
+            map_name: If `old` is the current scene: name of the current map in `new`; empty if it
+                has not changed.
+        """
+        if old is self.scene:
+            area = new.map(map_name or self.map.name)
+            assert area is not None
+            if area.same_ground(self.map):  # another name or other marks
+                self.scenes[new.name] = self.scene = new
+                self.map = area
+            else:
+                self.enter(new, area)
+        else:
+            self.scenes[new.name] = new
+        if old and old.name != new.name:
+            del self.scenes[old.name]
+
+    def change_map(self, area: Map) -> None:
+        """Replace the current map by a changed one of the same name."""
+        self.replace_scene(self.scene, with_map_changed(self.scene, self.map, area))
+
+    def at_charger(self) -> bool:
+        """Return True if the robot stands at a charger."""
+        pose = self.base.pose
+        return any(
+            mark.kind is MarkKind.CHARGER and pose.distance(mark.pose.point) <= _CHARGER_DISTANCE
+            for mark in self.map.marks.values()
+        )
+
+    def scan(self) -> list[float]:
+        """Return the ranges of one scan of the laser, in metres."""
+        self.look()
+        if not self._ranges:
+            # The noise depends on the time, not on the number of scans: equal seeds give equal
+            # scans.
+            rng = random.Random(f"{self._seed}:{self.scan_time:.3f}")
+            self._ranges = self.laser.scan(self.scan_pose, self.walls, rng, self.ground_truth.grid)
+        return self._ranges
+
+    def look(self) -> None:
+        """Begin a new scan of the laser if it is due."""
+        rates = self.profile.rates
+        if self.stepped - self.scan_time >= rates.scan - ROUNDING:
+            self.scan_time, self.scan_pose, self._ranges = self.stepped, self.base.pose, []
+            if self.scan_time - self.pushed_scan_time >= rates.scan_push - ROUNDING:
+                self.pushed_scan_time = self.scan_time

@@ -1,0 +1,117 @@
+"""Simulated time: the clock, calls that are due later, and the messages that arise meanwhile."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable
+from typing import TypeVar
+
+from google.protobuf.message import Message
+
+_M = TypeVar("_M", bound=Message)
+
+ROUNDING = 1e-9
+"""Tolerance of comparisons between sums of time steps, in seconds."""
+
+Call = Callable[[], object]
+"""A call that is due at some time."""
+
+
+def copy_of(message: _M) -> _M:
+    """Return a copy of a message, which later changes do not affect."""
+    copy = type(message)()
+    copy.CopyFrom(message)
+    return copy
+
+
+class Timeline:
+    """The clock of the robot, with everything that happens at a time.
+
+    Args:
+        robot_id: Number of the robot, which all its messages have.
+        start_time: Unix time at which the simulated clock starts, in seconds.
+        clock_offset: Difference between the clock of the robot and the real one, in seconds.
+
+    Attributes:
+        robot_id: Number of the robot.
+        clock_offset: Difference between the clock of the robot and the real one, in seconds.
+        elapsed: Simulated time since the start, in seconds.
+        stepped: The time up to which the motion is computed, in seconds.
+        on_schedule: Called with the time of each call that is scheduled.
+        on_change: Called after each scheduled call.
+    """
+
+    def __init__(self, robot_id: int, start_time: float, clock_offset: float) -> None:
+        self.robot_id = robot_id
+        self.clock_offset = clock_offset
+        self.elapsed = 0.0
+        self.stepped = 0.0
+        self.on_schedule: Callable[[float], object] = lambda time: None
+        self.on_change: Call = lambda: None
+        self._start_time = start_time
+        self._calls: list[tuple[float, int, Call]] = []
+        """Scheduled calls, as a heap: time, number of the call (for equal times), call."""
+        self._numbers = itertools.count()
+        self._events: list[Message] = []
+        """Messages that were emitted since the last call of `take_events`, in order."""
+
+    @property
+    def time(self) -> float:
+        """Clock of the robot: simulated Unix time, in seconds."""
+        return self._start_time + self.clock_offset + self.elapsed
+
+    @property
+    def next_call(self) -> float:
+        """Simulated time at which the next call is due, infinite if there is none."""
+        return self._calls[0][0] if self._calls else math.inf
+
+    def after(self, delay: float, call: Call) -> None:
+        """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""
+        if delay <= 0.0:
+            call()
+            return
+        time = self.elapsed + delay
+        heapq.heappush(self._calls, (time, next(self._numbers), call))
+        self.on_schedule(time)
+
+    def run_until(self, time: float) -> None:
+        """Advance the simulated time within a step, and make the scheduled calls that are due."""
+        while self.next_call <= time:
+            self.elapsed = max(self.elapsed, self.next_call)
+            heapq.heappop(self._calls)[2]()
+            self.on_change()
+        self.elapsed = max(self.elapsed, time)
+
+    def emit(self, event: Message) -> None:
+        """Send a message to all its subscribers. It must not be modified afterwards."""
+        self._events.append(event)
+
+    def take_events(self) -> list[Message]:
+        """Return the messages that were emitted since the last call, in order."""
+        events, self._events = self._events, []
+        return events
+
+
+class DelayedCalls:
+    """Calls that are due later and can be cancelled together."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline = timeline
+        self._cancellations = 0
+        """Number of calls of `cancel_all`."""
+
+    def add(self, delay: float, call: Call) -> None:
+        """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""
+        cancellations = self._cancellations
+
+        def call_unless_cancelled() -> None:
+            if self._cancellations == cancellations:
+                call()
+
+        self._timeline.after(delay, call_unless_cancelled)
+
+    def cancel_all(self) -> None:
+        """Cancel the calls that are not yet due."""
+        self._cancellations += 1
