@@ -149,7 +149,7 @@ def test_resumed_step_covers_its_full_distance(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
-    client.ask(CALL, step_request(1, 2.0))
+    client.ask(CALL, step_request(1, 2.0, speed=0.1))
     next_feedback(client)
     client.ask(CALL, {"stepControl": {"action": 2}})
     client.ask(CALL, {"stepControl": {"action": 3}})

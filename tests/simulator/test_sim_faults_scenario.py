@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -210,5 +209,3 @@ def test_list_faults_prints_the_table() -> None:
         [*PROGRAM, "--list-faults"], capture_output=True, text=True, check=True
     ).stdout
     assert out == markdown() + "\n"
-    module = [sys.executable, "-m", "woosh_robot_agent.simulator.faults"]
-    assert subprocess.run(module, capture_output=True, text=True, check=True).stdout == out

@@ -1,9 +1,8 @@
-"""The simulated chassis as a server: the robot, its clients, its ports, its faults, its clock."""
+"""The simulated chassis: the robot with its clients, its faults, and what tests want to know."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import random
 from collections import Counter
 from collections.abc import Callable
@@ -19,9 +18,8 @@ from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.faults.injector import Injector
 from woosh_robot_agent.simulator.protocol.reports import robot_info
-from woosh_robot_agent.simulator.serving.connections import Connections
-from woosh_robot_agent.simulator.serving.exchange import Exchange, Hooks, Interceptor, Received
-from woosh_robot_agent.simulator.serving.ports import Ports
+from woosh_robot_agent.simulator.serving.exchange import Interceptor, Received
+from woosh_robot_agent.simulator.serving.server import Server
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 
@@ -73,30 +71,7 @@ def snapshot(chassis: Chassis) -> Snapshot:
     )
 
 
-_LOG = logging.getLogger(__name__)
-
-_MIN_STEP = 0.005
-"""Minimum real duration of a step within which the simulated time advances, in seconds.
-
-At a higher speed, it advances only by whole steps.
-"""
-
-_ROUND = 0.02
-"""Real duration of a round of steps at a high speed, in seconds.
-
-Waking up costs more than a step, so each round has several steps.
-"""
-
-_END_OF_STEP = 0.999 * TIME_STEP
-"""Maximum simulated time within a step, in seconds. `Chassis.tick` completes the step."""
-
-_MAX_LAG = 10.0
-"""Maximum lag of the simulation that it catches up, in seconds of real time.
-
-The rest of a longer lag is skipped."""
-
-
-class SimulatedChassis:
+class SimulatedChassis(Server):
     """A chassis on a WebSocket and a TCP port, running in the current event loop.
 
     Usage:
@@ -105,32 +80,13 @@ class SimulatedChassis:
 
     Call all methods from the thread of the event loop. `SimulatorThread` offers them to
     other threads.
-
-    Attributes:
-        config: The options.
-        chassis: The model of the robot.
-        speed: Simulated seconds per real second. It can be changed at any time.
     """
 
     def __init__(self, config: SimulatorConfig | None = None) -> None:
-        self.config = config or SimulatorConfig()
-        self.chassis = Chassis(self.config)
-        self.speed = self.config.speed
-        self._exchange = Exchange(self.chassis, self.config.max_waiting)
+        super().__init__(config)
         seed = random.randrange(2**32) if self.config.seed is None else self.config.seed
         steps = self.config.scenario.steps if self.config.scenario else ()
         self._injector = Injector(self, seed, steps)
-        self._frozen = False
-        """True if the simulated time stands still and requests are queued."""
-        self._connections = Connections(
-            self._exchange, self.config.max_connections, self.config.max_outbox
-        )
-        self._ports = Ports(self.config, self._connections.serve, self._connections.readable)
-        self._ticker: asyncio.Task[None] | None = None
-        self._step_start = 0.0
-        """Time of the event loop that corresponds to `Chassis.stepped`, in seconds."""
-        self.chassis.on_schedule = self._wake_for
-        self._exchange.before_request = self._catch_up
 
     async def __aenter__(self) -> SimulatedChassis:
         await self.start()
@@ -151,16 +107,13 @@ class SimulatedChassis:
             OSError: A port is in use.
         """
         await self.listen()
-        self._connections.open()
         self._injector.advance(0.0)
         await self.settle()
-        self._step_start = asyncio.get_running_loop().time()
-        self._ticker = asyncio.ensure_future(self._tick())
+        self.start_clock()
 
     async def stop(self) -> None:
         """Close everything, within about a second."""
-        if self._ticker:
-            self._ticker.cancel()
+        self.stop_clock()
         self._injector.clear()  # paused connections could not close
         await self.settle()
         await self._connections.close()
@@ -170,39 +123,8 @@ class SimulatedChassis:
         """Wait until no client is connected."""
         await self._connections.wait_disconnected()
 
-    async def listen(self) -> None:
-        """Start listening. A second call uses the same ports as the first one.
-
-        Raises:
-            OSError: A port is in use.
-        """
-        await self._ports.listen()
-
-    async def stop_listening(self) -> None:
-        """Drop all clients and refuse new ones, as if the robot were switched off."""
-        self.drop()
-        await self._ports.close(reserve=True)
-
-    async def settle(self) -> None:
-        """Wait until the ports are open or closed as the fault `off` requires."""
-        await self._ports.settle()
-
-    @property
-    def port(self) -> int:
-        """WebSocket port, valid once started."""
-        return self._ports.port
-
-    @property
-    def tcp_port(self) -> int:
-        """TCP port, valid once started."""
-        return self._ports.tcp_port
-
-    # Faults
-
-    @property
-    def hooks(self) -> Hooks:
-        """Hooks for connections, requests and outgoing frames."""
-        return self._exchange.hooks
+    def on_step(self) -> None:
+        self._injector.advance(TIME_STEP)
 
     def inject(self, name: str, /, **arguments: object) -> Injection:
         """Start a fault. `woosh_robot_agent.simulator.faults.FAULTS` lists them all.
@@ -235,84 +157,6 @@ class SimulatedChassis:
     def injected(self) -> Counter[str]:
         """Number of faults since the start, by name."""
         return Counter(self._injector.counts)
-
-    # Effects of faults
-
-    def drop(self) -> None:
-        """Abort all connections, as a broken cable would."""
-        self._connections.drop()
-
-    def set_listening(self, on: bool) -> None:
-        """Listen again on the same ports, or drop all clients and refuse new ones."""
-        if not on:
-            self.drop()
-        self._ports.switch(on)
-
-    def pause_connections(self, paused: bool) -> None:
-        """Stop reading and writing without closing the connections, or continue."""
-        self._connections.pause(paused)
-
-    def freeze(self, frozen: bool) -> None:
-        """Stop the simulated time and queue all requests, or continue."""
-        self._frozen = frozen
-        self._connections.freeze(frozen)
-
-    def set_emergency_stop(self, pressed: bool) -> None:
-        """Press or release the emergency stop button."""
-        self.chassis.set_emergency_stop(pressed)
-        self.push_changes()
-
-    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
-        """Turn the key switch to manual, or to automatic.
-
-        At manual, it overrides the control mode and switches the motors off.
-
-        Args:
-            manual: True for manual, False for automatic.
-            accept: At manual, accept requests instead of refusing them. The motors stay off.
-        """
-        self.chassis.set_key_switch(manual, accept=accept)
-        self.push_changes()
-
-    def hold_remote_keys(self, keys: int, address: int = 1) -> None:
-        """Hold down keys of a radio remote controller, until the next call.
-
-        Args:
-            keys: One bit for each key; 0 releases all keys.
-            address: Address of the controller.
-        """
-        self.chassis.hold_remote_keys(keys, address)
-        self.push_changes()
-
-    def lose_localisation(self) -> None:
-        """Make the robot lose its localisation."""
-        self.chassis.lose_localisation()
-        self.push_changes()
-
-    def push(self, message: Message) -> None:
-        """Push a message to all subscribers of its type, without changing the state."""
-        self._exchange.push(message)
-
-    def push_changes(self) -> None:
-        """Push all events and changed states."""
-        self._exchange.report_changes(while_moving=True)
-
-    @property
-    def backlog(self) -> int:
-        """Number of frames that wait for the slowest client."""
-        return self._connections.backlog
-
-    @property
-    def max_backlog(self) -> int:
-        """Number of waiting frames at which a client is dropped."""
-        return self.config.max_outbox
-
-    # Observation by tests
-
-    @property
-    def connections(self) -> int:
-        """Number of connected clients."""
-        return self._connections.count
 
     @property
     def state(self) -> Snapshot:
@@ -354,8 +198,6 @@ class SimulatedChassis:
         await asyncio.wait_for(self._exchange.arrived(type_name, count), timeout)
         return self.last(type_name)
 
-    # Control by tests
-
     def refuse(self, type_name: str, text: str) -> None:
         """Refuse all requests of a type with `text`, without executing them."""
         self._replace_fault("refuse", type_name, text=text)
@@ -392,50 +234,3 @@ class SimulatedChassis:
             if injection.name == name and injection["type"] == type_name:
                 injection.clear()
         self.inject(name, type=type_name, **arguments)
-
-    async def _tick(self) -> None:
-        loop = asyncio.get_running_loop()
-        self._step_start = loop.time()
-        while True:
-            duration = TIME_STEP / self.speed
-            steps = 1 if self._runs_within_steps else max(1, int(_ROUND / duration))
-            due = max(self._step_start + steps * duration, loop.time() - _MAX_LAG)
-            self._wake_for(self.chassis.next_call)
-            await asyncio.sleep(max(0.0, due - loop.time()))
-            for _ in range(steps):
-                self._step()
-            self._step_start = due
-
-    def _step(self) -> None:
-        """Advance the simulated time by one step, and push what has changed."""
-        try:
-            if not self._frozen:
-                self.chassis.tick(TIME_STEP)
-            self._injector.advance(TIME_STEP)
-            if not self._frozen:
-                self.push_changes()
-        except Exception:  # the clock must not stop
-            _LOG.exception("cannot complete a step of the simulation")
-
-    @property
-    def _runs_within_steps(self) -> bool:
-        """True if the simulated time advances within steps too."""
-        return bool(self._ticker) and not self._frozen and TIME_STEP / self.speed >= _MIN_STEP
-
-    def _wake_for(self, time: float) -> None:
-        """Wake up for a call of the chassis that is due before the next step."""
-        into_step = time - self.chassis.stepped
-        if self._runs_within_steps and into_step < TIME_STEP:
-            loop = asyncio.get_running_loop()
-            loop.call_at(self._step_start + into_step / self.speed, self._catch_up)
-
-    def _catch_up(self) -> None:
-        """Advance the simulated time to this moment, within the current step."""
-        if not self._runs_within_steps:
-            return
-        into_step = (asyncio.get_running_loop().time() - self._step_start) * self.speed
-        try:
-            self.chassis.run_until(self.chassis.stepped + min(into_step, _END_OF_STEP))
-        except Exception:  # the clock must not stop
-            _LOG.exception("a scheduled call of the simulated robot failed")
-        self._wake_for(self.chassis.next_call)

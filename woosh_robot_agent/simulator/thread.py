@@ -4,60 +4,76 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import functools
 import threading
-from collections import Counter
 from collections.abc import Callable, Coroutine
 from types import TracebackType
-from typing import Any, TypeVar
-
-from google.protobuf.message import Message
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults.fault import Injection
-from woosh_robot_agent.simulator.server import SimulatedChassis, Snapshot
-from woosh_robot_agent.simulator.serving.exchange import Interceptor, Received
+from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator.serving.exchange import Interceptor
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 _CALL_TIMEOUT = 10.0
+"""Timeout of a call in the simulator's thread, in seconds."""
+
+
+def _called(
+    method: Callable[Concatenate[SimulatedChassis, P], T],
+) -> Callable[Concatenate[SimulatorThread, P], T]:
+    """Return a method that calls one of `SimulatedChassis` in its thread."""
+
+    @functools.wraps(method)
+    def call(thread: SimulatorThread, *args: P.args, **kwargs: P.kwargs) -> T:
+        return thread.call(lambda simulator: method(simulator, *args, **kwargs))
+
+    return call  # type: ignore[return-value] # wraps keeps the type of the wrapped one
+
+
+def _awaited(
+    method: Callable[Concatenate[SimulatedChassis, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate[SimulatorThread, P], T]:
+    """Return a method that runs a coroutine of `SimulatedChassis` in its thread."""
+
+    @functools.wraps(method)
+    def run(thread: SimulatorThread, *args: P.args, **kwargs: P.kwargs) -> T:
+        return thread._await(method(thread._simulator, *args, **kwargs))
+
+    return run  # type: ignore[return-value] # wraps keeps the type of the wrapped one
+
+
+class _Value(Generic[T]):
+    """A property that is read in the thread of the `SimulatedChassis`."""
+
+    def __init__(self, value: Callable[[SimulatedChassis], T]) -> None:
+        found: Any = value  # for mypy, a property of a class is the function that it calls
+        self._get: Callable[[SimulatedChassis], T] = found.fget
+        self.__doc__ = value.__doc__
+
+    def __get__(self, thread: SimulatorThread, owner: type[SimulatorThread]) -> T:
+        return thread.call(self._get)
 
 
 class ThreadInjection:
-    """A fault that was injected into a `SimulatorThread`."""
+    """A fault that was injected into a `SimulatorThread`, with the attributes of an `Injection`."""
 
-    def __init__(
-        self, injection: Injection, change: Callable[[Callable[[SimulatedChassis], Any]], Any]
-    ) -> None:
+    def __init__(self, injection: Injection, thread: SimulatorThread) -> None:
         self._injection = injection
-        self._change = change
+        self._thread = thread
 
     def __str__(self) -> str:
-        """Return the fault as on the command line, without arguments at their defaults."""
         return str(self._injection)
 
-    @property
-    def name(self) -> str:
-        """Name of the fault."""
-        return self._injection.name
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """All arguments, defaults included, by name."""
-        return self._injection.arguments
-
-    @property
-    def hits(self) -> int:
-        """Number of answers, frames or connections that the fault has affected."""
-        return self._injection.hits
-
-    @property
-    def active(self) -> bool:
-        """True until the fault ends."""
-        return self._injection.active
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._injection, name)
 
     def clear(self) -> None:
         """End the fault, if it has not ended."""
-        self._change(lambda simulator: self._injection.clear())
+        self._thread.call(lambda simulator: self._injection.clear())
 
 
 class SimulatorThread:
@@ -105,13 +121,18 @@ class SimulatorThread:
             self._thread.join(_CALL_TIMEOUT)
 
     def call(self, do: Callable[[SimulatedChassis], T]) -> T:
-        """Call `do` in the simulator's thread and return its result."""
+        """Call `do` in the simulator's thread and return its result.
+
+        If it begins or ends the fault `off`, the ports are closed or open when this returns.
+        """
         simulator = self._simulator
 
         async def run() -> T:
-            return do(simulator)
+            result = do(simulator)
+            await simulator.settle()
+            return result
 
-        return self._await(run())
+        return self._await(run(), _CALL_TIMEOUT)
 
     @property
     def port(self) -> int:
@@ -123,67 +144,29 @@ class SimulatorThread:
         """TCP port."""
         return self._simulator.tcp_port
 
-    @property
-    def connections(self) -> int:
-        """Number of connected clients."""
-        return self.call(lambda simulator: simulator.connections)
-
-    @property
-    def state(self) -> Snapshot:
-        """Current state of the robot."""
-        return self.call(lambda simulator: simulator.state)
-
-    @property
-    def received(self) -> list[Received]:
-        """The last 10,000 messages from clients, oldest first."""
-        return self.call(lambda simulator: simulator.received)
-
-    @property
-    def counts(self) -> Counter[str]:
-        """Number of messages from clients, subscriptions included, by type."""
-        return self.call(lambda simulator: simulator.counts)
-
-    @property
-    def bad_frames(self) -> int:
-        """Number of frames that could not be decoded."""
-        return self.call(lambda simulator: simulator.bad_frames)
-
-    def last(self, type_name: str) -> Message | None:
-        """Return the last message of a type from a client, None if there is none."""
-        return self.call(lambda simulator: simulator.last(type_name))
-
-    def wait_received(
-        self, type_name: str, count: int = 1, timeout: float = 60.0
-    ) -> Message | None:
-        """Wait until clients have sent `count` messages of a type since the start of the run.
-
-        Returns:
-            The last of them.
-
-        Raises:
-            asyncio.TimeoutError: It took longer than `timeout` seconds.
-        """
-        return self._await(self._simulator.wait_received(type_name, count, timeout), timeout)
-
-    def refuse(self, type_name: str, text: str) -> None:
-        """Refuse all requests of a type with `text`, without executing them."""
-        self.call(lambda simulator: simulator.refuse(type_name, text))
-
-    def delay(self, type_name: str, seconds: float) -> None:
-        """Delay all answers to requests of a type by `seconds` of real time."""
-        self.call(lambda simulator: simulator.delay(type_name, seconds))
-
-    def mute(self, type_name: str) -> None:
-        """Execute requests of a type without answering them."""
-        self.call(lambda simulator: simulator.mute(type_name))
-
-    def answer_as(self, type_name: str, other: str) -> None:
-        """Give all answers to requests of a type the wrong type `other`."""
-        self.call(lambda simulator: simulator.answer_as(type_name, other))
-
-    def accept(self, type_name: str) -> None:
-        """End all faults that apply only to requests of a type."""
-        self.call(lambda simulator: simulator.accept(type_name))
+    connections = _Value(SimulatedChassis.connections)
+    state = _Value(SimulatedChassis.state)
+    received = _Value(SimulatedChassis.received)
+    counts = _Value(SimulatedChassis.counts)
+    bad_frames = _Value(SimulatedChassis.bad_frames)
+    injected = _Value(SimulatedChassis.injected)
+    last = _called(SimulatedChassis.last)
+    wait_received = _awaited(SimulatedChassis.wait_received)
+    refuse = _called(SimulatedChassis.refuse)
+    delay = _called(SimulatedChassis.delay)
+    mute = _called(SimulatedChassis.mute)
+    answer_as = _called(SimulatedChassis.answer_as)
+    accept = _called(SimulatedChassis.accept)
+    push = _called(SimulatedChassis.push)
+    send_raw = _called(SimulatedChassis.send_raw)
+    drop = _called(SimulatedChassis.drop)
+    clear_faults = _called(SimulatedChassis.clear_faults)
+    set_emergency_stop = _called(SimulatedChassis.set_emergency_stop)
+    set_key_switch = _called(SimulatedChassis.set_key_switch)
+    hold_remote_keys = _called(SimulatedChassis.hold_remote_keys)
+    lose_localisation = _called(SimulatedChassis.lose_localisation)
+    listen = _awaited(SimulatedChassis.listen)
+    stop_listening = _awaited(SimulatedChassis.stop_listening)
 
     def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
         """Pass all outgoing frames through `interceptor`, which runs in the simulator's thread.
@@ -194,105 +177,21 @@ class SimulatorThread:
         remove = self.call(lambda simulator: simulator.intercept(interceptor))
         return lambda: self.call(lambda simulator: remove())
 
-    def push(self, message: Message) -> None:
-        """Push a message to all subscribers of its type, without changing the state."""
-        self.call(lambda simulator: simulator.push(message))
-
-    def send_raw(self, data: str | bytes) -> None:
-        """Send a frame to every client unchanged."""
-        self.call(lambda simulator: simulator.send_raw(data))
-
-    def drop(self) -> None:
-        """Abort all connections, as a broken cable would."""
-        self.call(lambda simulator: simulator.drop())
-
     def inject(self, name: str, /, **arguments: object) -> ThreadInjection:
-        """Start a fault. `woosh_robot_agent.simulator.faults.FAULTS` lists them all.
-
-        Args:
-            name: Name of the fault.
-            arguments: Arguments of the fault, and `for_`.
-
-        Returns:
-            The injected fault, which can be cleared.
-
-        Raises:
-            FaultError: There is no such fault, or an argument is invalid.
-        """
-        injection = self._change(lambda simulator: simulator.inject(name, **arguments))
-        return ThreadInjection(injection, self._change)
-
-    def clear_faults(self) -> None:
-        """End all faults, and send at once all frames that they delay."""
-        self._change(lambda simulator: simulator.clear_faults())
+        """Start a fault; see `SimulatedChassis.inject`."""
+        return ThreadInjection(self.call(lambda each: each.inject(name, **arguments)), self)
 
     @property
     def faults(self) -> list[ThreadInjection]:
         """Active faults, oldest first."""
-        return [
-            ThreadInjection(injection, self._change)
-            for injection in self.call(lambda simulator: simulator.faults)
-        ]
-
-    @property
-    def injected(self) -> Counter[str]:
-        """Number of faults since the start, by name."""
-        return self.call(lambda simulator: simulator.injected)
-
-    def set_emergency_stop(self, pressed: bool) -> None:
-        """Press or release the emergency stop button."""
-        self.call(lambda simulator: simulator.set_emergency_stop(pressed))
-
-    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
-        """Turn the key switch to manual, or to automatic.
-
-        At manual it overrides the control mode and switches the motors off.
-
-        Args:
-            manual: True for manual, False for automatic.
-            accept: At manual, accept requests instead of refusing them. The motors stay off.
-        """
-        self.call(lambda simulator: simulator.set_key_switch(manual, accept=accept))
-
-    def hold_remote_keys(self, keys: int, address: int = 1) -> None:
-        """Hold down keys of a radio remote controller, until the next call.
-
-        Args:
-            keys: One bit for each key; 0 releases all keys.
-            address: Address of the controller.
-        """
-        self.call(lambda simulator: simulator.hold_remote_keys(keys, address))
-
-    def lose_localisation(self) -> None:
-        """Make the robot lose its localisation."""
-        self.call(lambda simulator: simulator.lose_localisation())
-
-    def listen(self) -> None:
-        """Start listening again on the same ports."""
-        self._await(self._simulator.listen())
-
-    def stop_listening(self) -> None:
-        """Drop all clients and refuse new ones, as if the robot were switched off."""
-        self._await(self._simulator.stop_listening())
-
-    def _change(self, do: Callable[[SimulatedChassis], T]) -> T:
-        """Run `do` in the simulator's thread, and wait until the ports are open or closed."""
-        simulator = self._simulator
-
-        async def run() -> T:
-            result = do(simulator)
-            await simulator.settle()
-            return result
-
-        return self._await(run())
+        return [ThreadInjection(each, self) for each in self.call(lambda each: each.faults)]
 
     @property
     def _simulator(self) -> SimulatedChassis:
         return self._ready.result(_CALL_TIMEOUT)
 
-    def _await(self, coroutine: Coroutine[Any, Any, T], extra: float = 0.0) -> T:
-        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
-        return future.result(_CALL_TIMEOUT + extra)
+    def _await(self, coroutine: Coroutine[Any, Any, T], timeout: float | None = None) -> T:
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(timeout)
 
     def _run(self) -> None:
         try:

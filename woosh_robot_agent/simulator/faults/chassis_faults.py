@@ -19,9 +19,9 @@ from woosh_robot_agent.simulator.faults.fault import (
     Fault,
     FaultError,
     Injection,
-    Target,
 )
 from woosh_robot_agent.simulator.protocol.reports import PERIODIC, STATES, TOPICS
+from woosh_robot_agent.simulator.serving.server import Server
 
 _SLICE = 100
 """Number of pushes of a burst after which clients get time to read."""
@@ -46,39 +46,39 @@ _POLL_PERIOD = 0.002
 """Period of checking the backlog, in seconds of real time."""
 
 
-def _emergency_stop(target: Target, injection: Injection) -> End:
-    before = target.chassis.readiness.emergency_stop
-    target.set_emergency_stop(True)
-    return lambda: target.set_emergency_stop(before)
+def _emergency_stop(server: Server, injection: Injection) -> End:
+    before = server.chassis.readiness.emergency_stop
+    server.set_emergency_stop(True)
+    return lambda: server.set_emergency_stop(before)
 
 
-def _lost_localisation(target: Target, injection: Injection) -> End:
-    readiness = target.chassis.readiness
+def _lost_localisation(server: Server, injection: Injection) -> End:
+    readiness = server.chassis.readiness
     before = readiness.located
-    target.lose_localisation()
+    server.lose_localisation()
 
     def end() -> None:
         readiness.located = readiness.located or before
-        target.push_changes()
+        server.push_changes()
 
     return end
 
 
-def _key_switch(target: Target, injection: Injection) -> End:
-    readiness = target.chassis.readiness
+def _key_switch(server: Server, injection: Injection) -> End:
+    readiness = server.chassis.readiness
     before, accepted = readiness.key_manual, readiness.key_accepts
-    target.set_key_switch(True, accept=injection["requests"] == "accepted")
-    return lambda: target.set_key_switch(before, accept=accepted)
+    server.set_key_switch(True, accept=injection["requests"] == "accepted")
+    return lambda: server.set_key_switch(before, accept=accepted)
 
 
-def _remote_keys(target: Target, injection: Injection) -> End:
+def _remote_keys(server: Server, injection: Injection) -> End:
     keys, address = injection["keys"], injection["address"]
-    target.hold_remote_keys(keys, address)
-    return lambda: target.hold_remote_keys(0, address)
+    server.hold_remote_keys(keys, address)
+    return lambda: server.hold_remote_keys(0, address)
 
 
-def _clock_jump(target: Target, injection: Injection) -> End:
-    chassis = target.chassis
+def _clock_jump(server: Server, injection: Injection) -> End:
+    chassis = server.chassis
     before = chassis.clock_offset
     chassis.clock_offset = min(MAX_CLOCK_OFFSET, max(-MAX_CLOCK_OFFSET, before + injection["by"]))
     jump = chassis.clock_offset - before
@@ -89,20 +89,20 @@ def _clock_jump(target: Target, injection: Injection) -> End:
     return end
 
 
-def _obstacle(target: Target, injection: Injection) -> End:
-    chassis = target.chassis
+def _obstacle(server: Server, injection: Injection) -> End:
+    chassis = server.chassis
     x, y = injection["x"], injection["y"]
     if x is None:
         there = chassis.base.pose.moved(injection["ahead"], 0.0, 0.0)
         x, y = there.x, there.y
     name = f"fault {injection.number}"
     chassis.obstacles.put(name, x, y, injection["radius"])
-    target.push_changes()
+    server.push_changes()
 
     def end() -> None:
         if name in chassis.obstacles.names:
             chassis.obstacles.remove(name)
-        target.push_changes()
+        server.push_changes()
 
     return end
 
@@ -112,14 +112,14 @@ def _check_position(arguments: Mapping[str, Any]) -> None:
         raise FaultError("obstacle: give both x and y, or neither of them")
 
 
-def _burst(target: Target, injection: Injection) -> End:
+def _burst(server: Server, injection: Injection) -> End:
     def push() -> None:
-        target.push(_current(target.chassis, injection["type"]))
+        server.push(_current(server.chassis, injection["type"]))
 
-    return _repeat(target, injection, push)
+    return _repeat(server, injection, push)
 
 
-def _code_burst(target: Target, injection: Injection) -> End:
+def _code_burst(server: Server, injection: Injection) -> End:
     rng = injection.rng
     code = rng.choice(_BURST_CODES)
 
@@ -127,15 +127,15 @@ def _code_burst(target: Target, injection: Injection) -> End:
         nonlocal code
         if rng.random() > _REPEATED_SHARE:
             code = rng.choice(_BURST_CODES)
-        target.chassis.codes.report(code, util_action_pb2.kNav)
-        target.push_changes()
+        server.chassis.codes.report(code, util_action_pb2.kNav)
+        server.push_changes()
 
-    return _repeat(target, injection, report)
+    return _repeat(server, injection, report)
 
 
-def _repeat(target: Target, injection: Injection, push: Callable[[], None]) -> End:
+def _repeat(server: Server, injection: Injection, push: Callable[[], None]) -> End:
     """Call `push` repeatedly, as the arguments `count` and `rate` say."""
-    pushing = asyncio.ensure_future(_pushing(target, injection, push))
+    pushing = asyncio.ensure_future(_pushing(server, injection, push))
 
     def end() -> None:
         pushing.cancel()
@@ -143,7 +143,7 @@ def _repeat(target: Target, injection: Injection, push: Callable[[], None]) -> E
     return end
 
 
-async def _pushing(target: Target, injection: Injection, push: Callable[[], None]) -> None:
+async def _pushing(server: Server, injection: Injection, push: Callable[[], None]) -> None:
     loop = asyncio.get_running_loop()
     begun = loop.time()
     rate, count = injection["rate"], injection["count"]
@@ -151,7 +151,7 @@ async def _pushing(target: Target, injection: Injection, push: Callable[[], None
         if rate:
             await asyncio.sleep(max(0.0, begun + number / rate - loop.time()))
         elif number % _SLICE == 0:
-            await _wait_for_clients(target)
+            await _wait_for_clients(server)
         push()
         injection.hit()
 
@@ -163,12 +163,12 @@ def _current(chassis: Chassis, type_name: str) -> Message:
     return report(chassis) if report else cls()
 
 
-async def _wait_for_clients(target: Target) -> None:
+async def _wait_for_clients(server: Server) -> None:
     """Wait until clients have read enough, or until a timeout."""
     loop = asyncio.get_running_loop()
     until = loop.time() + _BACKLOG_TIMEOUT
     await asyncio.sleep(0)
-    while target.backlog > target.max_backlog // 2 and loop.time() < until:
+    while server.backlog > server.config.max_outbox // 2 and loop.time() < until:
         await asyncio.sleep(_POLL_PERIOD)
 
 

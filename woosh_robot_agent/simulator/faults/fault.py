@@ -7,13 +7,10 @@ import random
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
-
-from google.protobuf.message import Message
+from typing import Any
 
 from woosh_robot_agent.link.protos import message_types
-from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.serving.exchange import Hooks
+from woosh_robot_agent.simulator.serving.server import Server
 
 Value = int | float | str
 
@@ -141,60 +138,10 @@ def _article(text: str) -> str:
     return f"{'an' if text[0] in 'aeiou' else 'a'} {text}"
 
 
-class Target(Protocol):
-    """The interface of the simulated chassis that faults use."""
-
-    @property
-    def chassis(self) -> Chassis:
-        """The model of the robot."""
-
-    @property
-    def hooks(self) -> Hooks:
-        """Hooks for connections, requests and outgoing frames."""
-
-    def drop(self) -> None:
-        """Abort all connections, as a broken cable would."""
-
-    def pause_connections(self, paused: bool) -> None:
-        """Stop reading and writing without closing the connections, or continue."""
-
-    def freeze(self, frozen: bool) -> None:
-        """Stop the simulated time and queue all requests, or continue."""
-
-    def set_listening(self, on: bool) -> None:
-        """Listen again on the same ports, or drop all clients and refuse new ones."""
-
-    def set_emergency_stop(self, pressed: bool) -> None:
-        """Press or release the emergency stop button."""
-
-    def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
-        """Turn the key switch to manual or to automatic; accept requests at manual or not."""
-
-    def hold_remote_keys(self, keys: int, address: int = 1) -> None:
-        """Hold down keys of a radio remote controller, one bit each; 0 releases all."""
-
-    def lose_localisation(self) -> None:
-        """Make the robot lose its localisation."""
-
-    def push(self, message: Message) -> None:
-        """Push a message to all subscribers of its type."""
-
-    @property
-    def backlog(self) -> int:
-        """Number of frames that wait for the slowest client."""
-
-    @property
-    def max_backlog(self) -> int:
-        """Number of waiting frames at which a client is dropped."""
-
-    def push_changes(self) -> None:
-        """Push all events and changed states."""
-
-
 End = Callable[[], None]
 """Ends a fault."""
 
-Begin = Callable[[Target, "Injection"], "End | None"]
+Begin = Callable[[Server, "Injection"], "End | None"]
 """Begins a fault. Returns the function that ends it, or None for a momentary fault."""
 
 FOR = Argument(

@@ -17,8 +17,9 @@ from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.server import Encoded, ServerTransport, Write
 from woosh_robot_agent.link.transport import varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.simulator.faults.fault import Argument, Begin, End, Fault, Injection, Target
+from woosh_robot_agent.simulator.faults.fault import Argument, Begin, End, Fault, Injection
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
+from woosh_robot_agent.simulator.serving.server import Server
 
 _MAX_SN = 2**31 - 1
 
@@ -48,10 +49,10 @@ def applies_to(injection: Injection, frame: Outgoing) -> bool:
 
 def on_frames(
     alter: Callable[[Injection, Outgoing], Iterable[Outgoing]],
-) -> Callable[[Target, Injection], End]:
+) -> Callable[[Server, Injection], End]:
     """Return the `begin` function of a fault that replaces the frames that it affects."""
 
-    def begin(target: Target, injection: Injection) -> End:
+    def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
             if not applies_to(injection, frame):
                 return [frame]
@@ -59,12 +60,12 @@ def on_frames(
             injection.hit()
             return frames
 
-        return target.hooks.add_fault(intercept)
+        return server.hooks.add_fault(intercept)
 
     return begin
 
 
-def _refuse(target: Target, injection: Injection) -> End:
+def _refuse(server: Server, injection: Injection) -> End:
     def refusal(type_name: str) -> str | None:
         if injection["type"] not in ("", type_name):
             return None
@@ -72,7 +73,7 @@ def _refuse(target: Target, injection: Injection) -> End:
         text: str = injection["text"]
         return text
 
-    return target.hooks.add_refusal(refusal)
+    return server.hooks.add_refusal(refusal)
 
 
 def _delay(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
@@ -123,10 +124,10 @@ class _Shuffle:
             release()
 
 
-def _reorder(target: Target, injection: Injection) -> End:
+def _reorder(server: Server, injection: Injection) -> End:
     shuffle = _Shuffle(injection)
     keep = on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
-    stop = keep(target, injection)
+    stop = keep(server, injection)
 
     def end() -> None:
         stop()
@@ -443,31 +444,31 @@ FRAME_FAULTS = (
 )
 
 
-def _drop(target: Target, injection: Injection) -> None:
-    target.drop()
+def _drop(server: Server, injection: Injection) -> None:
+    server.drop()
 
 
-def _accept_then_drop(target: Target, injection: Injection) -> End:
+def _accept_then_drop(server: Server, injection: Injection) -> End:
     def refuse_connection() -> bool:
         injection.hit()
         return False
 
-    return target.hooks.add_admission(refuse_connection)
+    return server.hooks.add_admission(refuse_connection)
 
 
-def _off(target: Target, injection: Injection) -> End:
-    target.set_listening(False)
-    return lambda: target.set_listening(True)
+def _off(server: Server, injection: Injection) -> End:
+    server.set_listening(False)
+    return lambda: server.set_listening(True)
 
 
-def _half_open(target: Target, injection: Injection) -> End:
-    target.pause_connections(True)
-    return lambda: target.pause_connections(False)
+def _half_open(server: Server, injection: Injection) -> End:
+    server.pause_connections(True)
+    return lambda: server.pause_connections(False)
 
 
-def _freeze(target: Target, injection: Injection) -> End:
-    target.freeze(True)
-    return lambda: target.freeze(False)
+def _freeze(server: Server, injection: Injection) -> End:
+    server.freeze(True)
+    return lambda: server.freeze(False)
 
 
 LINK_FAULTS = (
