@@ -4,8 +4,8 @@
 """
 
 from woosh_robot_agent.simulator.config import Scenario, Step
-from woosh_robot_agent.simulator.faults.fault import Argument, Fault, FaultError, Injection
-from woosh_robot_agent.simulator.faults.injector import FAULTS, load_scenario, markdown, parse_fault
+from woosh_robot_agent.simulator.faults.fault import FAULTS, Argument, Fault, FaultError, Injection
+from woosh_robot_agent.simulator.faults.injector import load_scenario, markdown, parse_fault
 
 __all__ = [
     "FAULTS",

@@ -13,13 +13,7 @@ from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET
-from woosh_robot_agent.simulator.faults.fault import (
-    Argument,
-    End,
-    Fault,
-    FaultError,
-    Injection,
-)
+from woosh_robot_agent.simulator.faults.fault import Argument, End, FaultError, Injection, fault
 from woosh_robot_agent.simulator.protocol.reports import PERIODIC, STATES, TOPICS
 from woosh_robot_agent.simulator.serving.server import Server
 
@@ -46,12 +40,16 @@ _POLL_PERIOD = 0.002
 """Period of checking the backlog, in seconds of real time."""
 
 
+@fault("the emergency stop button is pressed; at the end it is released", shared=True)
 def _emergency_stop(server: Server, injection: Injection) -> End:
     before = server.chassis.readiness.emergency_stop
     server.set_emergency_stop(True)
     return lambda: server.set_emergency_stop(before)
 
 
+@fault(
+    "the robot does not know its pose, until a client sends the pose or the fault ends", shared=True
+)
 def _lost_localisation(server: Server, injection: Injection) -> End:
     readiness = server.chassis.readiness
     before = readiness.located
@@ -64,6 +62,16 @@ def _lost_localisation(server: Server, injection: Injection) -> End:
     return end
 
 
+@fault(
+    "the key switch is at manual: the motors are off; at the end it is back at automatic",
+    Argument(
+        "requests",
+        "refused",
+        "requests that move the robot are refused, or accepted although nothing moves",
+        choices=("refused", "accepted"),
+    ),
+    shared=True,
+)
 def _key_switch(server: Server, injection: Injection) -> End:
     readiness = server.chassis.readiness
     before, accepted = readiness.key_manual, readiness.key_accepts
@@ -71,12 +79,28 @@ def _key_switch(server: Server, injection: Injection) -> End:
     return lambda: server.set_key_switch(before, accept=accepted)
 
 
+@fault(
+    "keys of a radio remote controller are held down; at the end they are released",
+    Argument("keys", 1, "one bit for each key", 1, _MAX_UINT32),
+    Argument("address", 1, "address of the controller", 0, _MAX_UINT32),
+)
 def _remote_keys(server: Server, injection: Injection) -> End:
     keys, address = injection["keys"], injection["address"]
     server.hold_remote_keys(keys, address)
     return lambda: server.hold_remote_keys(0, address)
 
 
+@fault(
+    "the clock of the robot jumps; at the end it jumps back",
+    Argument(
+        "by",
+        3600.0,
+        "size of the jump, negative for a jump back",
+        -MAX_CLOCK_OFFSET,
+        MAX_CLOCK_OFFSET,
+        unit="s",
+    ),
+)
 def _clock_jump(server: Server, injection: Injection) -> End:
     chassis = server.chassis
     before = chassis.clock_offset
@@ -89,6 +113,24 @@ def _clock_jump(server: Server, injection: Injection) -> End:
     return end
 
 
+def _check_position(arguments: Mapping[str, Any]) -> None:
+    if (arguments["x"] is None) != (arguments["y"] is None):
+        raise FaultError("obstacle: give both x and y, or neither of them")
+
+
+@fault(
+    "a round obstacle appears; at the end it disappears",
+    Argument("x", None, "position in the map's frame", unit="m"),
+    Argument("y", None, "position in the map's frame", unit="m"),
+    Argument(
+        "ahead",
+        1.0,
+        "without x and y: distance in front of the current position of the robot",
+        unit="m",
+    ),
+    Argument("radius", 0.3, "radius of the obstacle", 0.01, 100, unit="m"),
+    check=_check_position,
+)
 def _obstacle(server: Server, injection: Injection) -> End:
     chassis = server.chassis
     x, y = injection["x"], injection["y"]
@@ -107,11 +149,21 @@ def _obstacle(server: Server, injection: Injection) -> End:
     return end
 
 
-def _check_position(arguments: Mapping[str, Any]) -> None:
-    if (arguments["x"] is None) != (arguments["y"] is None):
-        raise FaultError("obstacle: give both x and y, or neither of them")
+def _check_topic(arguments: Mapping[str, Any]) -> None:
+    if arguments["type"] not in TOPICS:
+        raise FaultError(f"burst: type: {arguments['type']!r} is not one of {sorted(TOPICS)}")
 
 
+@fault(
+    "many pushes are sent to all subscribers of their type",
+    Argument("count", 1000, "number of pushes", 1, 10_000_000),
+    Argument("type", "woosh.robot.PoseSpeed", "type of the pushes", is_message=True),
+    Argument(
+        "rate", 0.0, "rate of the pushes; 0: as fast as clients read", 0, unit="1/s of real time"
+    ),
+    lasting=False,
+    check=_check_topic,
+)
 def _burst(server: Server, injection: Injection) -> End:
     def push() -> None:
         server.push(_current(server.chassis, injection["type"]))
@@ -119,6 +171,18 @@ def _burst(server: Server, injection: Injection) -> End:
     return _repeat(server, injection, push)
 
 
+@fault(
+    "many status codes are sent, the same ones again and again",
+    Argument("count", 300, "number of status codes", 1, 10_000_000),
+    Argument(
+        "rate",
+        300.0,
+        "rate of the status codes; 0: as fast as clients read",
+        0,
+        unit="1/s of real time",
+    ),
+    lasting=False,
+)
 def _code_burst(server: Server, injection: Injection) -> End:
     rng = injection.rng
     code = rng.choice(_BURST_CODES)
@@ -170,120 +234,3 @@ async def _wait_for_clients(server: Server) -> None:
     await asyncio.sleep(0)
     while server.backlog > server.config.max_outbox // 2 and loop.time() < until:
         await asyncio.sleep(_POLL_PERIOD)
-
-
-def _check_topic(arguments: Mapping[str, Any]) -> None:
-    if arguments["type"] not in TOPICS:
-        raise FaultError(f"burst: type: {arguments['type']!r} is not one of {sorted(TOPICS)}")
-
-
-FAULTS = (
-    Fault(
-        "emergency_stop",
-        "the emergency stop button is pressed; at the end it is released",
-        _emergency_stop,
-        shared=True,
-    ),
-    Fault(
-        "lost_localisation",
-        "the robot does not know its pose, until a client sends the pose or the fault ends",
-        _lost_localisation,
-        shared=True,
-    ),
-    Fault(
-        "key_switch",
-        "the key switch is at manual: the motors are off; at the end it is back at automatic",
-        _key_switch,
-        (
-            Argument(
-                "requests",
-                str,
-                "refused",
-                "requests that move the robot are refused, or accepted although nothing moves",
-                choices=("refused", "accepted"),
-            ),
-        ),
-        shared=True,
-    ),
-    Fault(
-        "clock_jump",
-        "the clock of the robot jumps; at the end it jumps back",
-        _clock_jump,
-        (
-            Argument(
-                "by",
-                float,
-                3600.0,
-                "size of the jump, negative for a jump back",
-                unit="s",
-                low=-MAX_CLOCK_OFFSET,
-                high=MAX_CLOCK_OFFSET,
-            ),
-        ),
-    ),
-    Fault(
-        "remote_keys",
-        "keys of a radio remote controller are held down; at the end they are released",
-        _remote_keys,
-        (
-            Argument("keys", int, 1, "one bit for each key", low=1, high=_MAX_UINT32),
-            Argument("address", int, 1, "address of the controller", low=0, high=_MAX_UINT32),
-        ),
-    ),
-    Fault(
-        "obstacle",
-        "a round obstacle appears; at the end it disappears",
-        _obstacle,
-        (
-            Argument("x", float, None, "position in the map's frame", unit="m"),
-            Argument("y", float, None, "position in the map's frame", unit="m"),
-            Argument(
-                "ahead",
-                float,
-                1.0,
-                "without x and y: distance in front of the current position of the robot",
-                unit="m",
-            ),
-            Argument(
-                "radius", float, 0.3, "radius of the obstacle", unit="m", low=0.01, high=100.0
-            ),
-        ),
-        check=_check_position,
-    ),
-    Fault(
-        "burst",
-        "many pushes are sent to all subscribers of their type",
-        _burst,
-        (
-            Argument("count", int, 1000, "number of pushes", low=1, high=10_000_000),
-            Argument("type", str, "woosh.robot.PoseSpeed", "type of the pushes", is_message=True),
-            Argument(
-                "rate",
-                float,
-                0.0,
-                "rate of the pushes; 0: as fast as clients read",
-                unit="1/s of real time",
-                low=0.0,
-            ),
-        ),
-        lasting=False,
-        check=_check_topic,
-    ),
-    Fault(
-        "code_burst",
-        "many status codes are sent, the same ones again and again",
-        _code_burst,
-        (
-            Argument("count", int, 300, "number of status codes", low=1, high=10_000_000),
-            Argument(
-                "rate",
-                float,
-                300.0,
-                "rate of the status codes; 0: as fast as clients read",
-                unit="1/s of real time",
-                low=0.0,
-            ),
-        ),
-        lasting=False,
-    ),
-)

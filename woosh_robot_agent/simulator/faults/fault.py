@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,25 +28,28 @@ class Argument:
 
     Attributes:
         name: Name of the argument.
-        kind: Type of the value.
-        default: Default value; None for an optional argument without a default.
+        default: Default value, which also gives the type; None for an optional number.
         description: Meaning of the argument, for the documentation.
-        unit: Unit of a number.
         low: Minimum of a number.
         high: Maximum of a number.
+        unit: Unit of a number.
         choices: Valid texts; empty if all texts are valid.
         is_message: The text must be empty or the full name of a protobuf message.
     """
 
     name: str
-    kind: type[int] | type[float] | type[str]
     default: Value | None
     description: str
-    unit: str = ""
     low: float = -math.inf
     high: float = math.inf
+    unit: str = ""
     choices: tuple[str, ...] = ()
     is_message: bool = False
+
+    @property
+    def kind(self) -> type[int] | type[float] | type[str]:
+        """Type of the value."""
+        return float if self.default is None else type(self.default)
 
     def parse(self, text: str) -> Value:
         """Convert a text of the command line, without checking the value.
@@ -99,35 +102,6 @@ class Argument:
         return FaultError(f"{self.name}: {value!r} is not {_article(self.allowed)}")
 
 
-def resolve(
-    fault: str, declared: Sequence[Argument], given: Mapping[str, object]
-) -> dict[str, Any]:
-    """Return the checked arguments, with all defaults filled in.
-
-    Args:
-        fault: Name of the fault, for errors.
-        declared: All arguments that it takes.
-        given: The given arguments. A trailing underscore, as in `for_`, is ignored.
-
-    Raises:
-        FaultError: An argument is unknown or invalid.
-    """
-    known = {argument.name: argument for argument in declared}
-    arguments: dict[str, Any] = {name: known[name].default for name in known}
-    for key, value in given.items():
-        name = key.removesuffix("_")
-        if name not in known:
-            names = ", ".join(known) or "none"
-            raise FaultError(f"{fault} has no argument {name!r}; its arguments are: {names}")
-        if value is None and known[name].default is None:
-            continue
-        try:
-            arguments[name] = known[name].check(value)
-        except FaultError as error:
-            raise FaultError(f"{fault}: {error}") from None
-    return arguments
-
-
 def _number(value: float) -> str:
     return f"{int(value)}" if value == int(value) else f"{value:g}"
 
@@ -145,12 +119,7 @@ Begin = Callable[[Server, "Injection"], "End | None"]
 """Begins a fault. Returns the function that ends it, or None for a momentary fault."""
 
 FOR = Argument(
-    "for",
-    float,
-    0.0,
-    "time after which the fault ends; 0: no limit",
-    unit="s of simulated time",
-    low=0.0,
+    "for", 0.0, "time after which the fault ends; 0: no limit", 0, unit="s of simulated time"
 )
 
 
@@ -187,7 +156,7 @@ class Fault:
         """Return the checked arguments, with all defaults filled in.
 
         Args:
-            arguments: The given arguments.
+            arguments: The given arguments. A trailing underscore, as in `for_`, is ignored.
             extra: Additional arguments that are allowed here, such as `at`.
 
         Raises:
@@ -195,10 +164,45 @@ class Fault:
         """
         if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
             raise FaultError(f"{self.name} is momentary: leave out `for`")
-        resolved = resolve(self.name, (*self.takes, *extra), arguments)
+        known = {each.name: each for each in (*self.takes, *extra)}
+        resolved: dict[str, Any] = {name: each.default for name, each in known.items()}
+        for key, value in arguments.items():
+            name = key.removesuffix("_")
+            if name not in known:
+                names = ", ".join(known) or "none"
+                raise FaultError(
+                    f"{self.name} has no argument {name!r}; its arguments are: {names}"
+                )
+            if value is None and known[name].default is None:
+                continue
+            try:
+                resolved[name] = known[name].check(value)
+            except FaultError as error:
+                raise FaultError(f"{self.name}: {error}") from None
         if self.check:
             self.check(resolved)
         return resolved
+
+
+FAULTS: dict[str, Fault] = {}
+"""All faults, by name, once `faults.injector` is imported."""
+
+
+def fault(
+    description: str,
+    *own: Argument,
+    lasting: bool = True,
+    shared: bool = False,
+    check: Callable[[Mapping[str, Any]], None] | None = None,
+) -> Callable[[Begin], Begin]:
+    """Add a fault to `FAULTS`: the decorated function begins it, and gives it its name."""
+
+    def add(begin: Begin) -> Begin:
+        name = begin.__name__.strip("_")
+        FAULTS[name] = Fault(name, description, begin, own, lasting, shared, check)
+        return begin
+
+    return add
 
 
 class Injection:

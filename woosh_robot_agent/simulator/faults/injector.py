@@ -12,22 +12,21 @@ from pathlib import Path
 import yaml
 
 from woosh_robot_agent.simulator.config import Scenario, Step
-from woosh_robot_agent.simulator.faults import chassis_faults, link_faults
-from woosh_robot_agent.simulator.faults.fault import Argument, End, Fault, FaultError, Injection
+from woosh_robot_agent.simulator.faults import (
+    chassis_faults,  # noqa: F401 - adds its faults
+    link_faults,  # noqa: F401 - adds its faults
+)
+from woosh_robot_agent.simulator.faults.fault import (
+    FAULTS,
+    Argument,
+    End,
+    Fault,
+    FaultError,
+    Injection,
+)
 from woosh_robot_agent.simulator.serving.server import Server
 
 _LOG = logging.getLogger(__name__)
-
-FAULTS: dict[str, Fault] = {
-    fault.name: fault
-    for fault in (
-        *link_faults.LINK_FAULTS,
-        *link_faults.ANSWER_FAULTS,
-        *link_faults.FRAME_FAULTS,
-        *chassis_faults.FAULTS,
-    )
-}
-"""All faults, by name."""
 
 
 def find(name: str) -> Fault:
@@ -63,7 +62,7 @@ def _argument(argument: Argument) -> str:
     return f"`{argument.name}` ({argument.allowed}, default {text}): {argument.description}"
 
 
-_AT = Argument("at", float, 0.0, "when it begins", unit="s of simulated time", low=0.0)
+_AT = Argument("at", 0.0, "when it begins", 0.0, unit="s of simulated time")
 
 
 def make_step(name: str, **arguments: object) -> Step:

@@ -17,54 +17,103 @@ from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.server import Encoded, ServerTransport, Write
 from woosh_robot_agent.link.transport import varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.simulator.faults.fault import Argument, Begin, End, Fault, Injection
+from woosh_robot_agent.simulator.faults.fault import Argument, Begin, End, Injection, fault
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 from woosh_robot_agent.simulator.serving.server import Server
 
+
+@fault("every connection ends, as with a broken cable", lasting=False)
+def _drop(server: Server, injection: Injection) -> None:
+    server.drop()
+
+
+@fault(
+    "each new connection is accepted and closed at once, a WebSocket after its handshake",
+    Argument("count", 0, "number of connections; 0: all", 0),
+)
+def _accept_then_drop(server: Server, injection: Injection) -> End:
+    def refuse_connection() -> bool:
+        injection.hit()
+        return False
+
+    return server.hooks.add_admission(refuse_connection)
+
+
+@fault(
+    "every connection ends and new ones are refused, as if the robot were switched off; at "
+    "the end it listens on the same ports again",
+    shared=True,
+)
+def _off(server: Server, injection: Injection) -> End:
+    server.set_listening(False)
+    return lambda: server.set_listening(True)
+
+
+@fault(
+    "nothing is read or written, but the sockets stay open, and new connections are accepted; "
+    "at the end everything pending is read and written",
+    shared=True,
+)
+def _half_open(server: Server, injection: Injection) -> End:
+    server.pause_connections(True)
+    return lambda: server.pause_connections(False)
+
+
+@fault(
+    "the program of the robot hangs: simulated time stands still, requests are read but not "
+    "executed, WebSocket pings are answered; at the end all pending requests are executed",
+    shared=True,
+)
+def _freeze(server: Server, injection: Injection) -> End:
+    server.freeze(True)
+    return lambda: server.freeze(False)
+
+
 _MAX_SN = 2**31 - 1
 
-TYPE = Argument(
-    "type", str, "", "affects only answers to requests of this type; empty: all", is_message=True
+_TYPE = Argument(
+    "type", "", "affects only answers to requests of this type; empty: all", is_message=True
 )
-COUNT = Argument("count", int, 0, "number of times that the fault takes effect; 0: no limit", low=0)
-FRAMES = Argument(
+_COUNT = Argument("count", 0, "number of times that the fault takes effect; 0: no limit", 0)
+_FRAMES = Argument(
     "frames",
-    str,
     "answers",
     "frames that the fault affects; for pushes, `type` is the type of the push",
     choices=("answers", "pushes", "all"),
 )
 
 
-def applies_to(injection: Injection, frame: Outgoing) -> bool:
-    """Return True if a fault affects a frame, by its arguments `type` and `frames`."""
-    frames = injection.arguments.get("frames", "answers")
-    name = frame.request if frame.is_answer else frame.type
-    return (
-        injection.active
-        and frames in ("all", "answers" if frame.is_answer else "pushes")
-        and injection["type"] in ("", name)
-    )
-
-
-def on_frames(
+def _on_frames(
     alter: Callable[[Injection, Outgoing], Iterable[Outgoing]],
 ) -> Callable[[Server, Injection], End]:
-    """Return the `begin` function of a fault that replaces the frames that it affects."""
+    """Return the function that begins a fault which replaces the frames that it affects."""
 
     def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
-            if not applies_to(injection, frame):
+            frames = injection.arguments.get("frames", "answers")
+            name = frame.request if frame.is_answer else frame.type
+            if (
+                not injection.active
+                or frames not in ("all", "answers" if frame.is_answer else "pushes")
+                or injection["type"] not in ("", name)
+            ):
                 return [frame]
-            frames = alter(injection, frame)
+            altered = alter(injection, frame)
             injection.hit()
-            return frames
+            return altered
 
         return server.hooks.add_fault(intercept)
 
+    begin.__name__ = alter.__name__
     return begin
 
 
+@fault(
+    "requests are not executed, and answered with `ok` false and a text",
+    Argument("text", "refused by the simulator", "text of the answers"),
+    dataclasses.replace(_TYPE, description="affects only requests of this type; empty: all"),
+    _COUNT,
+)
 def _refuse(server: Server, injection: Injection) -> End:
     def refusal(type_name: str) -> str | None:
         if injection["type"] not in ("", type_name):
@@ -76,17 +125,20 @@ def _refuse(server: Server, injection: Injection) -> End:
     return server.hooks.add_refusal(refusal)
 
 
+@fault(
+    "answers are delayed; later ones may overtake them",
+    Argument("seconds", 1.0, "minimum delay", 0, 86400, unit="s of real time"),
+    Argument(
+        "jitter", 0.0, "maximum of a random additional delay", 0, 86400, unit="s of real time"
+    ),
+    _TYPE,
+    _COUNT,
+    _FRAMES,
+)
+@_on_frames
 def _delay(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
     seconds = injection["seconds"] + injection.rng.uniform(0.0, injection["jitter"])
     return [dataclasses.replace(frame, delay=frame.delay + seconds)]
-
-
-def _wrong_sn(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
-    return [dataclasses.replace(frame, sn=(frame.sn + injection["by"] - 1) % _MAX_SN + 1)]
-
-
-def _wrong_type(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
-    return [dataclasses.replace(frame, type=injection["other"])]
 
 
 class _Shuffle:
@@ -124,9 +176,16 @@ class _Shuffle:
             release()
 
 
+@fault(
+    "answers are collected and sent in another order",
+    Argument("window", 4, "number of answers to collect", 2, 1000),
+    Argument("seconds", 0.2, "maximum time to hold an answer back", 0, 3600, unit="s of real time"),
+    _TYPE,
+    _COUNT,
+)
 def _reorder(server: Server, injection: Injection) -> End:
     shuffle = _Shuffle(injection)
-    keep = on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
+    keep = _on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
     stop = keep(server, injection)
 
     def end() -> None:
@@ -136,98 +195,38 @@ def _reorder(server: Server, injection: Injection) -> End:
     return end
 
 
-ANSWER_FAULTS = (
-    Fault(
-        "refuse",
-        "requests are not executed, and answered with `ok` false and a text",
-        _refuse,
-        (
-            Argument("text", str, "refused by the simulator", "text of the answers"),
-            dataclasses.replace(TYPE, description="affects only requests of this type; empty: all"),
-            COUNT,
-        ),
-    ),
-    Fault(
-        "delay",
-        "answers are delayed; later ones may overtake them",
-        on_frames(_delay),
-        (
-            Argument(
-                "seconds", float, 1.0, "minimum delay", unit="s of real time", low=0.0, high=86400.0
-            ),
-            Argument(
-                "jitter",
-                float,
-                0.0,
-                "maximum of a random additional delay",
-                unit="s of real time",
-                low=0.0,
-                high=86400.0,
-            ),
-            TYPE,
-            COUNT,
-            FRAMES,
-        ),
-    ),
-    Fault(
-        "reorder",
-        "answers are collected and sent in another order",
-        _reorder,
-        (
-            Argument("window", int, 4, "number of answers to collect", low=2, high=1000),
-            Argument(
-                "seconds",
-                float,
-                0.2,
-                "maximum time to hold an answer back",
-                unit="s of real time",
-                low=0.0,
-                high=3600.0,
-            ),
-            TYPE,
-            COUNT,
-        ),
-    ),
-    Fault(
-        "lose_answer",
-        "requests are executed, but their answers are not sent",
-        on_frames(lambda injection, frame: []),
-        (TYPE, COUNT),
-    ),
-    Fault(
-        "answer_twice",
-        "each answer is sent twice",
-        on_frames(lambda injection, frame: [frame, frame]),
-        (TYPE, COUNT),
-    ),
-    Fault(
-        "wrong_sn",
-        "the `sn` of an answer differs from that of its request",
-        on_frames(_wrong_sn),
-        (
-            Argument(
-                "by",
-                int,
-                1_000_000,
-                "difference between the two serial numbers",
-                low=1,
-                high=_MAX_SN - 1,
-            ),
-            TYPE,
-            COUNT,
-        ),
-    ),
-    Fault(
-        "wrong_type",
-        "the `type` of an answer differs from that of its body",
-        on_frames(_wrong_type),
-        (
-            Argument("other", str, "woosh.robot.Network", "wrong type of the answers"),
-            TYPE,
-            COUNT,
-        ),
-    ),
+@fault("requests are executed, but their answers are not sent", _TYPE, _COUNT)
+@_on_frames
+def _lose_answer(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+    return []
+
+
+@fault("each answer is sent twice", _TYPE, _COUNT)
+@_on_frames
+def _answer_twice(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+    return [frame, frame]
+
+
+@fault(
+    "the `sn` of an answer differs from that of its request",
+    Argument("by", 1_000_000, "difference between the two serial numbers", 1, _MAX_SN - 1),
+    _TYPE,
+    _COUNT,
 )
+@_on_frames
+def _wrong_sn(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+    return [dataclasses.replace(frame, sn=(frame.sn + injection["by"] - 1) % _MAX_SN + 1)]
+
+
+@fault(
+    "the `type` of an answer differs from that of its body",
+    Argument("other", "woosh.robot.Network", "wrong type of the answers"),
+    _TYPE,
+    _COUNT,
+)
+@_on_frames
+def _wrong_type(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+    return [dataclasses.replace(frame, type=injection["other"])]
 
 
 _MIB = 1024 * 1024
@@ -245,6 +244,9 @@ _WIDE = (
 Json = dict[str, Any]
 
 
+_SELECTION = (_TYPE, _COUNT, _FRAMES)
+
+
 def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Begin:
     def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
         before = frame.damage
@@ -258,9 +260,16 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
 
         return [dataclasses.replace(frame, damage=damage_further)]
 
-    return on_frames(alter)
+    alter.__name__ = damage.__name__
+    return _on_frames(alter)
 
 
+@fault(
+    "frames are replaced by noise: text instead of JSON, bytes instead of protobuf",
+    Argument("length", 64, "length of the noise", 1, _MIB, unit="bytes"),
+    *_SELECTION,
+)
+@_damaging
 def _garbage(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     length = injection["length"]
     if isinstance(data, str):
@@ -270,6 +279,18 @@ def _garbage(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     return (b"\xff" * 10 + injection.rng.randbytes(length))[:length]
 
 
+@fault(
+    "frames are cut in the middle",
+    Argument(
+        "where",
+        "payload",
+        "payload: a valid frame with half the data; wire: half the frame, then the connection is "
+        "aborted",
+        choices=("payload", "wire"),
+    ),
+    *_SELECTION,
+)
+@_damaging
 def _truncated(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     if injection["where"] == "wire":
         return _truncated_on_wire(data)
@@ -290,6 +311,12 @@ def _truncated_on_wire(data: str | bytes) -> Write:
     return write
 
 
+@fault(
+    "frames are padded to a size that clients refuse, with blanks or an unknown field",
+    Argument("mib", 65, "size of the frames", 1, 4096, unit="MiB"),
+    *_SELECTION,
+)
+@_damaging
 def _oversize(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     """Pad a valid frame: JSON with blanks, protobuf with an unknown field of zeros."""
     raw = _bytes(data)
@@ -310,6 +337,8 @@ def _oversize(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     return write
 
 
+@fault("the type name in frames is invalid UTF-8", *_SELECTION)
+@_damaging
 def _invalid_utf8(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     raw = bytearray(_bytes(data))
     raw[raw.find(b"woosh") if b"woosh" in raw else len(raw) // 2] = 0xFF
@@ -323,6 +352,8 @@ def _invalid_utf8(injection: Injection, codec: Codec, data: str | bytes) -> Enco
     return write
 
 
+@fault("frames and their bodies have additional fields that clients do not know", *_SELECTION)
+@_damaging
 def _unknown_fields(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     if isinstance(data, str):
         frame: Json = json.loads(data)
@@ -334,6 +365,12 @@ def _unknown_fields(injection: Injection, codec: Codec, data: str | bytes) -> En
     return unknown + pack.SerializeToString()
 
 
+@fault(
+    "a random field of the body has a value of another type; protobuf readers treat it as an "
+    "unknown field",
+    *_SELECTION,
+)
+@_damaging
 def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     if isinstance(data, str):
         frame: Json = json.loads(data)
@@ -383,121 +420,3 @@ def _json(frame: Json) -> str:
 
 def _tag(number: int, wire_type: int) -> bytes:
     return varint(number << 3 | wire_type)
-
-
-_SELECTION = (TYPE, COUNT, FRAMES)
-
-FRAME_FAULTS = (
-    Fault(
-        "garbage",
-        "frames are replaced by noise: text instead of JSON, bytes instead of protobuf",
-        _damaging(_garbage),
-        (
-            Argument("length", int, 64, "length of the noise", unit="bytes", low=1, high=_MIB),
-            *_SELECTION,
-        ),
-    ),
-    Fault(
-        "truncated",
-        "frames are cut in the middle",
-        _damaging(_truncated),
-        (
-            Argument(
-                "where",
-                str,
-                "payload",
-                "payload: a valid frame with half the data; wire: half the frame, then the "
-                "connection is aborted",
-                choices=("payload", "wire"),
-            ),
-            *_SELECTION,
-        ),
-    ),
-    Fault(
-        "oversize",
-        "frames are padded to a size that clients refuse, with blanks or an unknown field",
-        _damaging(_oversize),
-        (
-            Argument("mib", int, 65, "size of the frames", unit="MiB", low=1, high=4096),
-            *_SELECTION,
-        ),
-    ),
-    Fault(
-        "invalid_utf8",
-        "the type name in frames is invalid UTF-8",
-        _damaging(_invalid_utf8),
-        _SELECTION,
-    ),
-    Fault(
-        "unknown_fields",
-        "frames and their bodies have additional fields that clients do not know",
-        _damaging(_unknown_fields),
-        _SELECTION,
-    ),
-    Fault(
-        "wrong_field_type",
-        "a random field of the body has a value of another type; protobuf readers treat it as an "
-        "unknown field",
-        _damaging(_wrong_field_type),
-        _SELECTION,
-    ),
-)
-
-
-def _drop(server: Server, injection: Injection) -> None:
-    server.drop()
-
-
-def _accept_then_drop(server: Server, injection: Injection) -> End:
-    def refuse_connection() -> bool:
-        injection.hit()
-        return False
-
-    return server.hooks.add_admission(refuse_connection)
-
-
-def _off(server: Server, injection: Injection) -> End:
-    server.set_listening(False)
-    return lambda: server.set_listening(True)
-
-
-def _half_open(server: Server, injection: Injection) -> End:
-    server.pause_connections(True)
-    return lambda: server.pause_connections(False)
-
-
-def _freeze(server: Server, injection: Injection) -> End:
-    server.freeze(True)
-    return lambda: server.freeze(False)
-
-
-LINK_FAULTS = (
-    Fault("drop", "every connection ends, as with a broken cable", _drop, lasting=False),
-    Fault(
-        "accept_then_drop",
-        "each new connection is accepted and closed at once, a WebSocket after its handshake",
-        _accept_then_drop,
-        (Argument("count", int, 0, "number of connections; 0: all", low=0),),
-    ),
-    Fault(
-        "off",
-        "every connection ends and new ones are refused, as if the robot were switched off; at "
-        "the end it listens on the same ports again",
-        _off,
-        shared=True,
-    ),
-    Fault(
-        "half_open",
-        "nothing is read or written, but the sockets stay open, and new connections are accepted; "
-        "at the end everything pending is read and written",
-        _half_open,
-        shared=True,
-    ),
-    Fault(
-        "freeze",
-        "the program of the robot hangs: simulated time stands still, requests are read but not "
-        "executed, WebSocket pings are answered; at the end all pending requests are executed",
-        _freeze,
-        shared=True,
-    ),
-)
