@@ -203,7 +203,7 @@ def test_clearing_an_ended_fault_does_nothing(simulator: SimulatorThread) -> Non
 @pytest.mark.parametrize(
     ("name", "arguments", "complaint"),
     [
-        ("dorp", {}, "unknown fault 'dorp': use one of drop, "),
+        ("dorp", {}, "unknown fault 'dorp': use one of emergency_stop, "),
         ("delay", {"second": 1}, "delay has no argument 'second'; its arguments are: seconds, "),
         (
             "delay",

@@ -68,7 +68,7 @@ def test_scenario_file_is_read(scenario: Path) -> None:
             "entry 1: drop: at: -1 is not a number of at least 0, in s of",
         ),
         ("- {at: soon, do: drop}", "entry 1: drop: at: 'soon' is not a number"),
-        ("- {at: 1, do: dorp}", "entry 1: unknown fault 'dorp': use one of drop, "),
+        ("- {at: 1, do: dorp}", "entry 1: unknown fault 'dorp': use one of emergency_stop, "),
         ("- {at: 1, do: delay, secs: 3}", "entry 1: delay has no argument 'secs'"),
         ("- {at: 1, do: drop, for: 3}", "entry 1: drop is momentary"),
         ("- {at: 1, do: off, for: }", "entry 1: off: for: None is not a number"),

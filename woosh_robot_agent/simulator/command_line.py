@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import functools
 import importlib
 import logging
 import os
 import sys
 from collections.abc import Coroutine, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,7 @@ from woosh_robot_agent.link.reports import log_to_stderr
 from woosh_robot_agent.program import StopSignals
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
-from woosh_robot_agent.simulator.profile import SHIPPED
 from woosh_robot_agent.simulator.server import SimulatedChassis
-from woosh_robot_agent.simulator.status_codes import LANGUAGES
 
 _DISCONNECT_TIMEOUT = 1.0
 """Maximum time for which clients are still served after a signal, in seconds.
@@ -101,27 +99,18 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     return 0
 
 
+_OPTIONS = [each for each in fields(SimulatorConfig) if each.metadata]
+"""Options of the chassis that are options of the command line, under the same names."""
+
+
 def _config(options: argparse.Namespace) -> SimulatorConfig:
     scenario = load_scenario(options.scenario) if options.scenario else Scenario()
-    scenario += Scenario(tuple(parse_fault(text) for text in options.fault))
     return SimulatorConfig(
-        host=options.host,
-        port=options.port,
-        tcp_port=options.tcp_port,
-        speed=options.speed,
-        seed=options.seed,
-        profile=options.profile,
+        **{each.name: getattr(options, each.name) for each in _OPTIONS},
         scenes=tuple(options.scene),
-        clock_offset=options.clock_offset,
-        code_language=options.code_language,
-        robot_id=options.robot_id,
         omnidirectional=options.base == "omnidirectional",
         initialised=not options.uninitialised,
-        max_frame=options.max_frame,
-        max_connections=options.max_connections,
-        max_waiting=options.max_waiting,
-        max_outbox=options.max_outbox,
-        scenario=scenario,
+        scenario=scenario + Scenario(tuple(parse_fault(text) for text in options.fault)),
     )
 
 
@@ -208,52 +197,15 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    default = SimulatorConfig()
     parser = argparse.ArgumentParser(
         prog="simulator",
         description="A simulated Woosh chassis that speaks the chassis link.",
         formatter_class=_HelpFormatter,
     )
-    parser.add_argument("--host", default=default.host, help="address to listen on")
-    parser.add_argument(
-        "--port", type=int, default=default.port, help="WebSocket port; 0: any free port"
-    )
-    parser.add_argument(
-        "--tcp-port",
-        type=int,
-        default=default.tcp_port,
-        help="port for delimited protobuf over TCP; 0: any free port",
-    )
-    parser.add_argument(
-        "--speed",
-        type=float,
-        default=default.speed,
-        help="simulated seconds per real second, 1 to 100",
-    )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=default.seed,
-        help="seed of laser noise, simulated clock and random faults, for repeatable runs",
-    )
-    parser.add_argument(
-        "--profile",
-        default=default.profile,
-        metavar="NAME_OR_FILE",
-        help=f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file",
-    )
-    parser.add_argument(
-        "--clock-offset",
-        type=float,
-        default=default.clock_offset,
-        metavar="SECONDS",
-        help="how far the clock of the robot is ahead of the real one, in s; negative: behind",
-    )
-    parser.add_argument(
-        "--code-language",
-        choices=LANGUAGES,
-        help="language of the texts of status codes; none: no texts; default: that of the profile",
-    )
+    for option in _OPTIONS:
+        kind = {} if option.default is None else {"type": type(option.default)}
+        name = option.name.replace("_", "-")
+        parser.add_argument(f"--{name}", default=option.default, **kind, **option.metadata)
     parser.add_argument(
         "--scene",
         type=Path,
@@ -273,9 +225,6 @@ def make_parser() -> argparse.ArgumentParser:
         f"this port; 0: any free one; without a port: {_DASHBOARD_PORT}",
     )
     parser.add_argument(
-        "--robot-id", type=int, default=default.robot_id, help="number of the robot"
-    )
-    parser.add_argument(
         "--base",
         choices=("omnidirectional", "differential"),
         default="omnidirectional",
@@ -286,8 +235,21 @@ def make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="start without a known pose, until a client sends InitRobot",
     )
-    _add_faults(parser)
-    _add_limits(parser, default)
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar='"NAME KEY=VALUE ... at=S for=S"',
+        help="begin a fault at a simulated time, for a simulated duration; can be repeated",
+    )
+    parser.add_argument(
+        "--scenario",
+        metavar="FILE",
+        help="read faults from a YAML file: a list of {at: S, do: NAME}",
+    )
+    parser.add_argument(
+        "--list-faults", action="store_true", help="print all faults with their arguments and exit"
+    )
     parser.add_argument(
         "-v",
         "--verbose",
@@ -296,43 +258,3 @@ def make_parser() -> argparse.ArgumentParser:
         help="log clients and faults; twice: also bad frames",
     )
     return parser
-
-
-def _add_faults(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("faults")
-    group.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar='"NAME KEY=VALUE ... at=S for=S"',
-        help="begin a fault at a simulated time, for a simulated duration; can be repeated",
-    )
-    group.add_argument(
-        "--scenario",
-        metavar="FILE",
-        help="read faults from a YAML file: a list of {at: S, do: NAME}",
-    )
-    group.add_argument(
-        "--list-faults", action="store_true", help="print all faults with their arguments and exit"
-    )
-
-
-def _add_limits(parser: argparse.ArgumentParser, default: SimulatorConfig) -> None:
-    group = parser.add_argument_group("limits")
-    add = functools.partial(group.add_argument, type=int, metavar="N")
-    add(
-        "--max-frame",
-        default=default.max_frame,
-        help="maximum size of a frame from a client, in bytes",
-    )
-    add("--max-connections", default=default.max_connections, help="maximum number of clients")
-    add(
-        "--max-waiting",
-        default=default.max_waiting,
-        help="maximum number of waiting requests per client; further ones are refused",
-    )
-    add(
-        "--max-outbox",
-        default=default.max_outbox,
-        help="maximum number of frames waiting for a client; a slower client is dropped",
-    )

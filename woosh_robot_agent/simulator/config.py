@@ -5,12 +5,12 @@ from __future__ import annotations
 import ipaddress
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from woosh_robot_agent.simulator.profile import Profile
-from woosh_robot_agent.simulator.status_codes import Language
+from woosh_robot_agent.simulator.profile import SHIPPED, Profile
+from woosh_robot_agent.simulator.status_codes import LANGUAGES, Language
 
 
 @dataclass(frozen=True)
@@ -50,60 +50,65 @@ MAX_CLOCK_OFFSET = 3650 * 86400.0
 """Maximum difference between the simulated clock and the real one, in seconds."""
 
 
+def _option(default: Any, help_: str, **arguments: Any) -> Any:
+    """Return a field with its description, and the arguments of its command-line option."""
+    return field(default=default, metadata={"help": help_, **arguments})
+
+
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """Options of a simulated chassis. The command line has the most useful ones.
+    """Options of a simulated chassis. Most of them are options of the command line, too."""
 
-    Attributes:
-        host: Address to listen on.
-        port: WebSocket port; 0 takes a free one.
-        tcp_port: Port for length-delimited protobuf over TCP; 0 takes a free one.
-        speed: Simulated seconds per real second, 1 to 100.
-        seed: Makes runs repeatable: laser noise, random choices of faults, and the start of the
-            simulated clock. Without a seed the clock starts at the current time.
-        profile: How the robot behaves: the name of a shipped profile (`tr200`, `instant`), the path
-            of a file, or a loaded profile.
-        scenes: Paths of further scenes, as for `scenes.files.load_scene`. The robot starts in the
-            first of them, or in the first shipped scene if there is none.
-        robot_id: Number of the robot.
-        omnidirectional: True for a base that can move sideways, False for a differential one.
-        clock_offset: Difference between the simulated clock and the real one, in seconds. The times
-            of all messages have it.
-        code_language: Language of the texts of status codes: `zh`, `en`, or `none` for no texts.
-            Without it the profile decides.
-        initialised: The robot knows its pose at the start. Otherwise a client must send InitRobot.
-        charge_after: Simulated time without a command before a robot with a low battery drives to
-            a charger by itself, in seconds.
-        park_after: Simulated time without a command before it drives to a parking place by itself,
-            in seconds.
-        max_frame: Largest frame accepted from a client, in bytes.
-        max_connections: Maximum number of connected clients.
-        max_waiting: Maximum number of requests of one client that wait to be executed or answered.
-            Further ones are refused.
-        max_outbox: Maximum number of frames that wait to be sent to one client. A client that
-            exceeds it is disconnected.
-        scenario: Faults that begin at given times.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 5480
-    tcp_port: int = 5481
-    speed: float = 1.0
-    seed: int | None = None
-    profile: str | Path | Profile = "tr200"
+    host: str = _option("127.0.0.1", "address to listen on")
+    port: int = _option(5480, "WebSocket port; 0: any free port")
+    tcp_port: int = _option(5481, "port for delimited protobuf over TCP; 0: any free port")
+    speed: float = _option(1.0, "simulated seconds per real second, 1 to 100")
+    seed: int | None = _option(
+        None,
+        "seed of laser noise, simulated clock and random faults, for repeatable runs",
+        type=int,
+    )
+    profile: str | Path | Profile = _option(  # noqa: RUF009 - a field
+        "tr200",
+        f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file",
+        metavar="NAME_OR_FILE",
+    )
+    clock_offset: float = _option(
+        0.0,
+        "how far the clock of the robot is ahead of the real one, in s; negative: behind",
+        metavar="SECONDS",
+    )
+    code_language: Language | None = _option(  # noqa: RUF009 - a field
+        None,
+        "language of the texts of status codes; none: no texts; default: that of the profile",
+        choices=LANGUAGES,
+    )
+    robot_id: int = _option(30001, "number of the robot")
+    max_frame: int = _option(
+        64 * 1024 * 1024, "maximum size of a frame from a client, in bytes", metavar="N"
+    )
+    max_connections: int = _option(64, "maximum number of clients", metavar="N")
+    max_waiting: int = _option(
+        256, "maximum number of waiting requests per client; further ones are refused", metavar="N"
+    )
+    max_outbox: int = _option(
+        10_000,
+        "maximum number of frames waiting for a client; a slower client is dropped",
+        metavar="N",
+    )
     scenes: tuple[Path, ...] = ()
-    robot_id: int = 30001
+    """Paths of further scenes, as for `load_scene`. The robot starts in the first of them, or in
+    the first shipped scene if there is none."""
     omnidirectional: bool = True
-    clock_offset: float = 0.0
-    code_language: Language | None = None
+    """True for a base that can move sideways, False for a differential one."""
     initialised: bool = True
+    """The robot knows its pose at the start. Otherwise a client must send InitRobot."""
     charge_after: float = 600.0
+    """Simulated time without a command before a robot with a low battery charges, in seconds."""
     park_after: float = 1800.0
-    max_frame: int = 64 * 1024 * 1024
-    max_connections: int = 64
-    max_waiting: int = 256
-    max_outbox: int = 10_000
-    scenario: Scenario | None = None
+    """Simulated time without a command before the robot parks by itself, in seconds."""
+    scenario: Scenario = Scenario()
+    """Faults that begin at given times."""
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.speed <= 100.0:

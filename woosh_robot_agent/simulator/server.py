@@ -85,8 +85,7 @@ class SimulatedChassis(Server):
     def __init__(self, config: SimulatorConfig | None = None) -> None:
         super().__init__(config)
         seed = random.randrange(2**32) if self.config.seed is None else self.config.seed
-        steps = self.config.scenario.steps if self.config.scenario else ()
-        self._injector = Injector(self, seed, steps)
+        self._injector = Injector(self, seed, self.config.scenario.steps)
 
     async def __aenter__(self) -> SimulatedChassis:
         await self.start()
