@@ -203,7 +203,7 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=_HelpFormatter,
     )
     for option in _OPTIONS:
-        kind = {} if option.default is None else {"type": type(option.default)}
+        kind: dict[str, Any] = {} if option.default is None else {"type": type(option.default)}
         name = option.name.replace("_", "-")
         parser.add_argument(f"--{name}", default=option.default, **kind, **option.metadata)
     parser.add_argument(

@@ -166,7 +166,9 @@ class Robot(Timeline):
         if not self.map.contains(pose.x, pose.y):
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
         if self.gap(pose) < 0.0:
-            raise RefusedError(refusals.POSE_IN_WALL, pose=pose, map=self.map.name)
+            raise RefusedError(
+                f"pose {pose} is inside a wall of map {self.map.name}: choose one on free floor"
+            )
 
     def enter(self, scene: Scene, area: Map) -> None:
         """Switch to another scene or map while there is no task. The coordinates stay the same."""

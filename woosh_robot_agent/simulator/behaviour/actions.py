@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from woosh_robot_agent.pb.ros import ros_pack_pb2
-from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.body.devices import Device
@@ -158,7 +157,7 @@ class Actions:
     def _running(self, name: str) -> _Run:
         run = self._runs.get(name)
         if run is None:
-            raise RefusedError(refusals.ACTION_NOT_RUNNING, action=short_name(name))
+            raise RefusedError(f"{short_name(name)} is not running: execute it first")
         return run
 
     def _pause(self, run: _Run, reason: str) -> None:

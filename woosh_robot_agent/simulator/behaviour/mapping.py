@@ -227,7 +227,9 @@ class Mapping:
 
     def _require_running(self) -> None:
         if self._phase is Phase.NONE:
-            raise RefusedError(refusals.NOT_MAPPING)
+            raise RefusedError(
+                "no map is being made: send BuildMap with type 1 (add) or 2 (update) first"
+            )
         self.require_settled()
 
     def _require_modes(self, refusal: Refusal) -> None:
@@ -435,7 +437,7 @@ class Deployment:
             for each in self._area.other_marks.reflectors
         ]
         if not found:
-            raise RefusedError(refusals.NO_REFLECTORS, map=self._area.name)
+            raise RefusedError(f"map {self._area.name} has no reflectors: collect them first")
         return found
 
     def end_session(self) -> None:

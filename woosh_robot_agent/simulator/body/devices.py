@@ -90,9 +90,7 @@ class Lift:
             RefusedError: The height is out of range.
         """
         if not 0.0 <= height <= self.travel + 1e-6:
-            raise RefusedError(
-                refusals.LIFT_OUT_OF_RANGE, lift=self.name, height=height, limit=self.travel
-            )
+            raise RefusedError(f"{self.name}: {height:.3f} m is not within 0 to {self.travel:g} m")
         return min(height, self.travel)
 
 
@@ -147,7 +145,7 @@ class WiFi:
         """
         ssid = _ssid(content)
         if ssid not in _IN_REACH:
-            raise RefusedError(refusals.NETWORK_OUT_OF_REACH, ssid=ssid)
+            raise RefusedError(f"network {ssid} is out of reach: choose one of the last scan")
         self._known.add(ssid)
         if connect:
             self.name, self.hotspot = ssid, False

@@ -54,7 +54,7 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     if readiness.control == util_robot_pb2.kMaintain:
         raise RefusedError(refusals.TWIST_IN_MAINTENANCE_MODE)
     if velocity.left and not chassis.omnidirectional:
-        raise RefusedError(refusals.TWIST_SIDEWAYS)
+        raise RefusedError("a differential base cannot move sideways: linear_y must be 0")
     chassis.ownership.drive(velocity)
     return None
 
@@ -90,7 +90,7 @@ _Lift3 = action_pb2.LiftControl3
 def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     which = request.WhichOneof("action")
     if which is None:
-        raise RefusedError(refusals.NO_ACTION)
+        raise RefusedError("CallAction names no action: set one of its fields")
     command: Any = getattr(request, which)
     name = command.DESCRIPTOR.full_name
     if which == "nav_mode":
@@ -98,7 +98,11 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         chassis.actions.start(name, Done("navigation mode set"))
         return None
     if which not in _JOBS:
-        raise RefusedError(refusals.UNKNOWN_ACTION, action=command.type, actions=", ".join(_JOBS))
+        raise RefusedError(
+            "unknown action {action}: this chassis has {actions}",
+            action=command.type,
+            actions=", ".join(_JOBS),
+        )
     if command.action == action_pb2.kExecute:
         chassis.readiness.require_ready()
         ends = Device.CHARGER if which == "charge_control" else Device.NONE
@@ -111,7 +115,9 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         chassis.readiness.require_ready()
         chassis.ownership.resume_action(name)
     else:
-        raise RefusedError(refusals.UNKNOWN_CONTROL, control=command.action)
+        raise RefusedError(
+            f"unknown control action {command.action}: 0 is cancel, 1 execute, 2 pause, 3 resume"
+        )
     return None
 
 
@@ -123,7 +129,7 @@ def _set_navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -
         action_pb2.NavigationMode.kWaitAvoid: (navigation_pb2.kAccurate, navigation_pb2.kTimeout),
     }
     if command.mode not in modes:
-        raise RefusedError(refusals.UNKNOWN_NAVIGATION_MODE, mode=command.mode, modes=list(modes))
+        raise RefusedError(f"unknown navigation mode {command.mode}: use one of {list(modes)}")
     arrival, mode = modes[command.mode]
     setting = navigation_pb2.ModeSetting(
         type=arrival,
@@ -140,9 +146,12 @@ def _set_navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -
 
 def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
     if not command.steps:
-        raise RefusedError(refusals.NO_STEPS)
+        raise RefusedError("StepControl has no steps: give at least one")
     if len(command.steps) > _MAX_STEPS:
-        raise RefusedError(refusals.TOO_MANY_STEPS, count=len(command.steps), limit=_MAX_STEPS)
+        raise RefusedError(
+            f"StepControl has {len(command.steps)} steps, more than {_MAX_STEPS}: split it "
+            "into several requests"
+        )
     steps = [_step(chassis, step) for step in command.steps]
     return Steps(steps, avoid=command.avoid == 0)
 
@@ -157,9 +166,13 @@ def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
         _StepMode.kDiagonalize: step.angle,
     }
     if step.mode not in directions:
-        raise RefusedError(refusals.UNKNOWN_STEP_MODE, mode=step.mode)
+        raise RefusedError(
+            f"unknown step mode {step.mode}: 1 is straight, 2 rotate, 3 lateral, 4 diagonal"
+        )
     if step.mode != _StepMode.kStraight and not chassis.omnidirectional:
-        raise RefusedError(refusals.STEP_SIDEWAYS)
+        raise RefusedError(
+            "a differential base cannot move sideways: use step modes 1 (straight) and 2 (rotate)"
+        )
     return Shift(directions[step.mode], step.value, min(speed or _STEP_SPEED, MAX_SPEED))
 
 
@@ -168,7 +181,7 @@ def _lift_control(chassis: Chassis, command: action_pb2.LiftControl) -> Job:
         return MoveLift(chassis.jack, chassis.jack.travel)
     if command.execute_mode == action_pb2.LiftControl.kDown:
         return MoveLift(chassis.jack, 0.0)
-    raise RefusedError(refusals.UNKNOWN_LIFT_MODE, mode=command.execute_mode)
+    raise RefusedError(f"unknown lift mode {command.execute_mode}: 1 is up, 2 is down")
 
 
 def _lift_control2(chassis: Chassis, command: action_pb2.LiftControl2) -> Job:
@@ -189,17 +202,19 @@ def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
         return MoveLift(column, 0.0, speed=speed)
     if mode == _Lift3.kTsetMode:
         return MoveLift(column, 0.0, column.travel, 0.0, speed=speed)
-    raise RefusedError(refusals.UNKNOWN_LIFT3_MODE, mode=mode)
+    raise RefusedError(
+        f"unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration"
+    )
 
 
 def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
     if command.execute_mode == action_pb2.ChargeControl.kAuto:
         if not chassis.at_charger():
-            raise RefusedError(refusals.NOT_AT_CHARGER)
+            raise RefusedError("robot is not at a charger: start a charge task instead")
         return Charge()
     if command.execute_mode == action_pb2.ChargeControl.kExit:
         return LeaveCharger()
-    raise RefusedError(refusals.UNKNOWN_CHARGE_MODE, mode=command.execute_mode)
+    raise RefusedError(f"unknown charge mode {command.execute_mode}: 1 is automatic, 2 is exit")
 
 
 def _move_base(chassis: Chassis, command: action_pb2.MoveBase) -> Job:
@@ -212,7 +227,7 @@ def _move_base(chassis: Chassis, command: action_pb2.MoveBase) -> Job:
     elif way:
         target = way.pop()
     else:
-        raise RefusedError(refusals.NO_GOAL)
+        raise RefusedError("MoveBase has no target: give target_pose or poses")
     one_by_one = command.execution_mode == action_pb2.MoveBase.kOneByOne
     return Navigate(target, way, one_by_one=one_by_one)
 
@@ -232,9 +247,9 @@ ACTION_COMMANDS: Handlers = {ros_pack_pb2.CallAction: _call_action}
 
 def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
     if not request.HasField("end"):
-        raise RefusedError(refusals.NO_END)
+        raise RefusedError("PlanNavPath has no end: give the pose to plan a path to")
     if request.tolerance < 0.0:
-        raise RefusedError(refusals.NEGATIVE_TOLERANCE, tolerance=request.tolerance)
+        raise RefusedError(f"tolerance {request.tolerance:g} is negative: use 0 for any detour")
     start, end = pose(request.start), pose(request.end)
     if not request.HasField("start"):
         chassis.readiness.require_located()
@@ -247,7 +262,10 @@ def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
         raise RefusedError(refusals.NO_PATH, failure=error) from None
     detour = route.length - start.distance(end.point)
     if request.tolerance and detour > request.tolerance:
-        raise RefusedError(refusals.DETOUR_TOO_LONG, detour=detour, limit=request.tolerance)
+        raise RefusedError(
+            f"the path has a detour of {detour:.2f} m, more than the tolerance of "
+            f"{request.tolerance:g} m: raise it"
+        )
     path = navigation_pb2.Path(poses=map(pose2d, route.poses))
     return robot_pb2.NavPath(robot_id=chassis.robot_id, path=path)
 

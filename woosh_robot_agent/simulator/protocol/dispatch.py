@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import (
     action_commands,
@@ -82,7 +81,7 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
     try:
         number = non_finite(request)
         if number:
-            raise RefusedError(refusals.NOT_FINITE, field=number)
+            raise RefusedError(f"{number} is not a finite number")
         if name in _COMMANDS:
             chassis.auto_tasks.postpone()
         result = HANDLERS[name](chassis, request)
@@ -100,7 +99,7 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
 def _refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
     refusal, profile = error.refusal, chassis.profile.refusals
     _LOG.info("%s is refused: %s", name, error)
-    if refusal.words is None or profile.explained:
+    if profile.explained:
         return Answer(name, None, refusal.harmless, str(error))
     return Answer(name, None, False, refusal.words, refusal.code if profile.codes else None)
 

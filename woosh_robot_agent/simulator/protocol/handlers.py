@@ -43,7 +43,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     """
     found = [pose(message) for message in messages]
     if len(found) > MAX_POSES:
-        raise RefusedError(refusals.TOO_MANY_POSES, count=len(found), limit=MAX_POSES)
+        raise RefusedError(f"{len(found)} poses are more than {MAX_POSES}: send fewer")
     return found
 
 
@@ -55,7 +55,11 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
     """
     scene = chassis.scenes.get(name) if name else chassis.scene
     if scene is None:
-        raise RefusedError(refusals.UNKNOWN_SCENE, scene=name, scenes=", ".join(chassis.scenes))
+        raise RefusedError(
+            "unknown scene {scene}: use one of {scenes}, or upload it by SwitchMap with file_datas",
+            scene=name,
+            scenes=", ".join(chassis.scenes),
+        )
     return scene
 
 
@@ -68,7 +72,7 @@ def named_map(scene: Scene, name: str) -> Map:
     area = scene.map(name)
     if area is None:
         maps = ", ".join(each.name for each in scene.maps)
-        raise RefusedError(refusals.UNKNOWN_MAP, map=name, scene=scene.name, maps=maps)
+        raise RefusedError(f"unknown map {name} of scene {scene.name}, which has {maps}")
     return area
 
 
@@ -81,7 +85,9 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
     mark = chassis.map.marks.get(number)
     if mark is None:
         known = ", ".join(chassis.map.marks) or "none"
-        raise RefusedError(refusals.UNKNOWN_MARK, mark=number, map=chassis.map.name, marks=known)
+        raise RefusedError(
+            f"unknown mark {number} in map {chassis.map.name}: its marks are {known}"
+        )
     return mark
 
 
@@ -103,7 +109,7 @@ def require_inside(mark: Mark, area: Map) -> None:
         RefusedError: It is outside.
     """
     if not area.contains(*mark.pose.point):
-        raise RefusedError(refusals.MARK_OUTSIDE_MAP, mark=mark.number, map=area.name)
+        raise RefusedError(f"mark {mark.number} is outside map {area.name}: choose a pose inside")
 
 
 def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
@@ -113,7 +119,7 @@ def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
         RefusedError: It cannot.
     """
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
-        raise RefusedError(refusals.NOT_A_CHARGER, mark=mark.number)
+        raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
 
 
 def require_map_change(chassis: Chassis) -> None:
@@ -140,7 +146,9 @@ def usable_speed(speed: float, minimum: float) -> float:
         RefusedError: The speed is less than `minimum`.
     """
     if 0.0 < abs(speed) < minimum:
-        raise RefusedError(refusals.SPEED_TOO_LOW, speed=speed, limit=minimum)
+        raise RefusedError(
+            f"speed {speed:g} is too slow: use at least {minimum:g}, or 0 for the default"
+        )
     return abs(speed)
 
 

@@ -63,7 +63,7 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
 
 def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
     if not request.file_datas:
-        raise RefusedError(refusals.NO_FILES)
+        raise RefusedError("the upload has no files: give at least one")
     name = request.scene_name or chassis.scene.name
     old = _old_scene(chassis, name)
     if old is None:
@@ -74,9 +74,15 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
     full = request.method == map_pack_pb2.Upload.kFull
     scene = scene_files.updated_scene(name, old, request.file_datas, replace=full)
     if scene is None:
-        raise RefusedError(refusals.NO_MAP_IN_UPLOAD, scene=name)
+        raise RefusedError(
+            f"no file describes a map of scene {name}: add scene.yaml, or the YAML file and "
+            "the picture of a map of map_server"
+        )
     if old is chassis.scene and scene.map(chassis.map.name) is None:
-        raise RefusedError(refusals.CURRENT_MAP_MISSING, map=chassis.map.name)
+        raise RefusedError(
+            f"the upload has no map {chassis.map.name}, which the robot is on: add it, or "
+            "switch to another scene first"
+        )
     chassis.replace_scene(old, scene)
     return None
 
@@ -99,7 +105,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
         name = request.new_scene_name
         _check_name("new_scene_name", name)
         if name != old.name and name in chassis.scenes:
-            raise RefusedError(refusals.SCENE_EXISTS, scene=name)
+            raise RefusedError(f"scene {name} exists already: choose another name")
         new = dataclasses.replace(new, name=name)
     chassis.replace_scene(old, new, map_name)
     return None
@@ -111,14 +117,16 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
     scene = named_scene(chassis, request.scene_name)
     if not request.map_name:
         if scene is chassis.scene:
-            raise RefusedError(refusals.CURRENT_SCENE, scene=scene.name)
+            raise RefusedError(f"the robot is in scene {scene.name}: switch to another one first")
         del chassis.scenes[scene.name]
         return None
     area = named_map(scene, request.map_name)
     if area is chassis.map:
-        raise RefusedError(refusals.CURRENT_MAP, map=area.name)
+        raise RefusedError(f"the robot is on map {area.name}: switch to another one first")
     if len(scene.maps) == 1:
-        raise RefusedError(refusals.LAST_MAP, map=area.name, scene=scene.name)
+        raise RefusedError(
+            f"map {area.name} is the only one of scene {scene.name}: delete the scene instead"
+        )
     chassis.replace_scene(scene, without_map(scene, area))
     return None
 
@@ -192,7 +200,9 @@ def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
         sums = [*wanted.scenes_md5s, *(each for area in wanted.maps for each in area.map_md5s)]
         for name in dict.fromkeys(each.name for each in sums):
             if name not in files:
-                raise RefusedError(refusals.UNKNOWN_FILE, file=name, scene=scene.name)
+                raise RefusedError(
+                    f"unknown file {name} of scene {scene.name}: SceneMd5 lists its files"
+                )
             found[scene.name, name] = files[name]
     files_found = [(name, data) for (_, name), data in found.items()]
     return map_pack_pb2.SceneSyncResponse(file_datas=_file_datas(files_found))
@@ -252,7 +262,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         else:
             chassis.deployment.cancel()
     else:
-        raise RefusedError(refusals.UNKNOWN_BUILD_TYPE, type=kind)
+        raise RefusedError(f"unknown type {kind} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save")
     # The answer comes when it is done.
     chassis.answer_delay = duration
     return None
@@ -261,13 +271,19 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
 def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
     kind, mode = request.type, request.mode
     if request.robot_id not in (0, chassis.robot_id):
-        raise RefusedError(refusals.OTHER_ROBOT, robot_id=request.robot_id, own_id=chassis.robot_id)
+        raise RefusedError(
+            f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
+        )
     if kind not in _KINDS and (kind or mode == pack.kDepCollect):
-        raise RefusedError(refusals.UNKNOWN_DEPLOYMENT_TYPE, type=kind)
+        raise RefusedError(
+            f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
+        )
     if mode not in (pack.kDepCollect, pack.kDepCancel, pack.kDepReflector):
-        raise RefusedError(refusals.UNKNOWN_DEPLOYMENT_MODE, mode=mode)
+        raise RefusedError(
+            f"unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
+        )
     if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
-        raise RefusedError(refusals.ONLY_REFLECTORS)
+        raise RefusedError("only reflectors can be calibrated: use type 3")
     chassis.deployment.require_ready()
     found: Sequence[CollectedPoint] = []
     if mode == pack.kDepCollect:

@@ -88,7 +88,7 @@ def updated_scene(
             for area in read_maps(new.keys() - used, read):
                 scene = with_map(scene, area)
     except DataFileError as error:
-        raise RefusedError(refusals.SCENE_INVALID, scene=name, error=error) from error
+        raise RefusedError(f"scene {name} is not changed: {error}") from error
     if scene is None:
         return None
     if len(scene.maps) > MAX_MAPS:
@@ -143,7 +143,7 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
             try:
                 check_picture(file.name, file.data)
             except DataFileError as error:
-                raise RefusedError(refusals.FILE_INVALID, error=error) from error
+                raise RefusedError(f"{error}") from error
 
 
 def merge_files(
@@ -159,19 +159,19 @@ def merge_files(
         # Nothing is written to disk, but a name must not be a path on any system.
         if not is_plain(file.name):
             name = file.name[:MAX_NAME]
-            raise RefusedError(refusals.FILE_NAME_INVALID, file=name, limit=MAX_NAME)
+            raise RefusedError(
+                f"file {name!r}: the name must be a plain file name of at most {MAX_NAME} "
+                "characters"
+            )
         if file.name in new:
-            raise RefusedError(refusals.FILE_TWICE, file=file.name)
+            raise RefusedError(f"file {file.name} is uploaded twice")
         new[file.name] = file.data
     files = {**old, **new}
     size = sum(map(len, files.values()))
     if len(files) > _MAX_FILES or size > _MAX_SCENE:
         raise RefusedError(
-            refusals.SCENE_TOO_LARGE,
-            count=len(files),
-            size=size,
-            max_count=_MAX_FILES,
-            max_size=_MAX_SCENE,
+            f"{len(files)} files of {size} bytes are more than the limit of a scene: "
+            f"{_MAX_FILES} files, {_MAX_SCENE} bytes"
         )
     return files
 
@@ -201,9 +201,12 @@ def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
     area, storage = chassis.map, mark_pb2.Storage()
     storage.CopyFrom(request.storage)  # the request is kept as it came
     if len(area.marks) >= MAX_MARKS:
-        raise RefusedError(refusals.TOO_MANY_MARKS, map=area.name, limit=MAX_MARKS)
+        raise RefusedError(f"map {area.name} has {MAX_MARKS} marks already: delete one first")
     if storage.identity.no in area.marks:
-        raise RefusedError(refusals.MARK_EXISTS, mark=storage.identity.no, map=area.name)
+        raise RefusedError(
+            f"mark {storage.identity.no} of map {area.name} exists already: choose another "
+            "number, or update it"
+        )
     if not storage.identity.id:
         storage.identity.id = free_mark_id(area)
     mark = _checked(chassis, storage)
@@ -249,19 +252,21 @@ def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = Non
     """
     area, number = chassis.map, storage.identity.no
     if not number:
-        raise RefusedError(refusals.NO_MARK_NUMBER)
+        raise RefusedError("the mark has no number: set identity.no")
     if len(number) > _MAX_NUMBER:
         raise RefusedError(refusals.TEXT_TOO_LONG, field="identity.no", limit=_MAX_NUMBER)
     if storage.ByteSize() > _MAX_MARK:
         raise RefusedError(
-            refusals.MARK_TOO_LARGE, mark=number, size=storage.ByteSize(), limit=_MAX_MARK
+            f"the data of mark {number} have {storage.ByteSize()} bytes, more than "
+            f"{_MAX_MARK}: send fewer"
         )
     if not has_pose(storage):
-        raise RefusedError(refusals.MARK_WITHOUT_POSE, mark=number)
+        raise RefusedError(f"mark {number} has no pose: set pose.dock")
     for other in area.marks.values():
         if other is not old and other.id == storage.identity.id:
             raise RefusedError(
-                refusals.MARK_ID_EXISTS, mark=other.number, map=area.name, id=other.id
+                f"mark {other.number} of map {area.name} has the id {other.id} already: use 0 "
+                "for a free one"
             )
     mark = mark_of(storage)
     require_inside(mark, area)

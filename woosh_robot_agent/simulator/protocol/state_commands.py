@@ -50,7 +50,7 @@ def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
 
 def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
     if request.port > 65535:
-        raise RefusedError(refusals.PORT_OUT_OF_RANGE, port=request.port)
+        raise RefusedError(f"port {request.port} is not within 0 to 65535")
     _check_length("ip", request.ip, _MAX_HOST)
     chassis.setting.server.ip = request.ip
     chassis.setting.server.port = request.port
@@ -75,7 +75,9 @@ def _goods_check(chassis: Chassis, request: setting_pb2.GoodsCheck) -> Result:
 def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
-        raise RefusedError(refusals.POWER_LEVELS_INVALID, levels=levels)
+        raise RefusedError(
+            f"power levels {levels} must rise from alarm to full, which must be at most 100"
+        )
     power = chassis.setting.power
     power.alarm, power.low, power.idle, power.full = levels
     return copy_of(power)
@@ -83,7 +85,7 @@ def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
 
 def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
     if request.volume > 100:
-        raise RefusedError(refusals.VOLUME_OUT_OF_RANGE, volume=request.volume)
+        raise RefusedError(f"volume {request.volume} is not within 0 to 100")
     chassis.setting.sound.mute = request.mute
     chassis.setting.sound.volume = request.volume
     return copy_of(chassis.setting.sound)
@@ -152,7 +154,9 @@ def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> Result:
 def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Result:
     known = (util_robot_pb2.kAuto, util_robot_pb2.kManual, util_robot_pb2.kMaintain)
     if request.mode not in known:
-        raise RefusedError(refusals.UNKNOWN_CONTROL_MODE, mode=request.mode)
+        raise RefusedError(
+            f"unknown control mode {request.mode}: 1 is automatic, 2 manual, 3 maintenance"
+        )
     if chassis.readiness.key_manual and request.mode != util_robot_pb2.kManual:
         raise RefusedError(refusals.KEY_AT_MANUAL)
     chassis.readiness.ctrl = request.mode
@@ -166,7 +170,7 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
         util_robot_pb2.kScheduleMode,
     )
     if request.mode not in known:
-        raise RefusedError(refusals.UNKNOWN_WORK_MODE, mode=request.mode)
+        raise RefusedError(f"unknown work mode {request.mode}: 1 is deployment, 2 task, 3 schedule")
     if request.mode != chassis.readiness.work:
         chassis.mapping.require_none(refusals.WORK_MODE_WHILE_MAPPING)
         chassis.deployment.end_session()
@@ -177,7 +181,7 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
 def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
     if request.type not in chassis.footprints:
         raise RefusedError(
-            refusals.UNKNOWN_FOOTPRINT, footprint=request.type, footprints=list(chassis.footprints)
+            f"unknown footprint {request.type}: use one of {list(chassis.footprints)}"
         )
     chassis.footprint = request.type
     if chassis.ownership.navigation:
@@ -192,7 +196,9 @@ def _speak(chassis: Chassis, request: pack.Speak) -> Result:
 
 def _led(chassis: Chassis, request: pack.LED) -> Result:
     if request.submodule > _MAX_LIGHT:
-        raise RefusedError(refusals.UNKNOWN_LIGHT, submodule=request.submodule, limit=_MAX_LIGHT)
+        raise RefusedError(
+            f"unknown submodule {request.submodule} of the lights: use 0 to {_MAX_LIGHT}"
+        )
     chassis.lights[request.submodule] = request
     return request
 
@@ -215,7 +221,9 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
         wifi.hotspot = request.enable
         answer.enable = request.enable
     else:
-        raise RefusedError(refusals.UNKNOWN_WIFI_ORDER, order=order)
+        raise RefusedError(
+            f"unknown Wi-Fi order {order}: 1 is list, 2 add, 3 reconnect, 4 forget, 5 hotspot"
+        )
     return answer
 
 
@@ -300,15 +308,18 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
     statistics = chassis.statistics
     statistics.update()
     if request.req_type not in (_Count.kGet, _Count.kSync):
-        raise RefusedError(refusals.UNKNOWN_COUNT_REQUEST, type=request.req_type)
+        raise RefusedError(f"unknown request type {request.req_type}: 0 is get, 1 synchronise")
     if request.count_type not in _Count.CountType.values():
-        raise RefusedError(refusals.UNKNOWN_COUNT_TYPE, type=request.count_type)
+        raise RefusedError(
+            f"unknown kind of statistics {request.count_type}: 0 is all, 1 operation, 2 task, "
+            "3 status"
+        )
     pages = (request.operation_page, request.task_page, request.status_page)
     if min(pages) < 0:
-        raise RefusedError(refusals.NEGATIVE_PAGE, page=min(pages))
+        raise RefusedError(f"page {min(pages)} is negative: count pages from 0")
     first, last = request.bucket.start, request.bucket.end or math.inf
     if last < first:
-        raise RefusedError(refusals.TIME_SPAN_REVERSED, start=first, end=last)
+        raise RefusedError(f"the time span from {first} to {last} ends before it starts")
 
     def wanted(kind: int, record: Any, ids: Sequence[int]) -> bool:
         if request.req_type == _Count.kSync:

@@ -55,7 +55,7 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
         drive = Navigate(pose(request.pose))
         jobs = [*leave_dock(chassis), drive, *work_jobs(chassis, kind, direction)]
     else:
-        raise RefusedError(refusals.NO_TARGET)
+        raise RefusedError("the task has no target: give mark_no, plan_path or pose")
     number = request.task_id or chassis.tasks.new_id()
     own_id = not request.task_id
     order = TaskOrder(number, kind, request.mark_no, lambda: jobs, own_id=own_id)
@@ -72,7 +72,7 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
         if not segment.path.poses and segment.HasField("target"):
             route.append(pose(segment.target))
         if len(route) > MAX_POSES:
-            raise RefusedError(refusals.PATH_TOO_LONG, limit=MAX_POSES)
+            raise RefusedError(f"the path has more than {MAX_POSES} poses: send fewer")
     if not route:
         raise RefusedError(refusals.PATH_EMPTY)
     return route, strict
@@ -93,9 +93,9 @@ def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
     elif order == util_action_pb2.kTmCtrl:
         tasks.pause("held by traffic control", util_action_pb2.kTraffiCtrl, ordered=True)
     elif order == util_action_pb2.kStart:
-        raise RefusedError(refusals.START_ORDER)
+        raise RefusedError("order 1 (start) is not supported: a task starts by itself")
     else:
-        raise RefusedError(refusals.UNKNOWN_ORDER, order=order)
+        raise RefusedError(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
     return None
 
 
@@ -114,7 +114,9 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
     if chassis.ownership.navigation is None:
         raise RefusedError(refusals.NAVIGATION_MODE_UNUSED)
     if request.nav_mode.max_speed < 0.0:
-        raise RefusedError(refusals.NEGATIVE_SPEED, speed=request.nav_mode.max_speed)
+        raise RefusedError(
+            f"max_speed {request.nav_mode.max_speed:g} is negative: use 0 for the default"
+        )
     usable_speed(request.nav_mode.max_speed, _MIN_SPEED)
     chassis.ownership.navigation.change_mode(request.nav_mode)
     return None
@@ -149,12 +151,15 @@ def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
 
 
 def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> Result:
-    raise RefusedError(refusals.NO_TASK_SET)
+    raise RefusedError(
+        "ExecTaskSet names no task set, and real chassis do not implement it: send "
+        "ExecPreTask, or RepeatTask with order 3"
+    )
 
 
 def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
     if request.ByteSize() > _MAX_BYTES:
-        raise RefusedError(refusals.TASK_SET_TOO_LARGE, limit=_MAX_BYTES)
+        raise RefusedError(f"the task set has more than {_MAX_BYTES} bytes: give a smaller one")
     if request.order == RepeatTask.kPut:
         return _put(chassis, request)
     if request.order == RepeatTask.kDel:
@@ -162,7 +167,7 @@ def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
     # Older clients know no order: for them, the request runs a task set.
     if request.order in (RepeatTask.kExec, RepeatTask.kOrderUndefined):
         return _exec(chassis, request)
-    raise RefusedError(refusals.UNKNOWN_REPEAT_ORDER, order=request.order)
+    raise RefusedError(f"unknown order {request.order}: 1 is put, 2 delete, 3 execute")
 
 
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
@@ -175,7 +180,7 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
     if not base.id:
         base.id = next(each for each in count(int(chassis.time)) if each not in sets)
     if base.id not in sets and len(sets) >= _MAX_SETS:
-        raise RefusedError(refusals.TOO_MANY_TASK_SETS, limit=_MAX_SETS)
+        raise RefusedError(f"there are already {_MAX_SETS} task sets: delete one of them first")
     _check_tasks(chassis, kept.task_set)
     kept.times = _checked_times(kept.times)
     base.no = base.no or str(base.id)
@@ -234,21 +239,23 @@ def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
     """
     tasks = task_set.tasks
     if task_set.base.id < 0:
-        raise RefusedError(refusals.TASK_SET_ID_INVALID, task_set=task_set.base.id)
+        raise RefusedError(f"task set id {task_set.base.id} is negative: give a positive one, or 0")
     if not 0 < len(tasks) <= _MAX_TASKS:
-        raise RefusedError(refusals.TASK_SET_SIZE, count=len(tasks), limit=_MAX_TASKS)
+        raise RefusedError(f"the task set has {len(tasks)} tasks: give 1 to {_MAX_TASKS}")
     if not any(task.base.id for task in tasks):
         for number, task in enumerate(tasks, start=1):
             task.base.id = number
     ids = [task.base.id for task in tasks]
     if len(set(ids)) < len(ids) or not all(0 < each <= _MAX_TASKS for each in ids):
-        raise RefusedError(refusals.TASK_IDS_INVALID, ids=ids, limit=_MAX_TASKS)
+        raise RefusedError(
+            f"task ids {ids} must be different numbers from 1 to {_MAX_TASKS}, or all 0"
+        )
     marks = {number: mark for area in chassis.scene.maps for number, mark in area.marks.items()}
     for task in tasks:
         mark = marks.get(task.base.mark_no)
         if mark is None:
             raise RefusedError(
-                refusals.UNKNOWN_MARK_OF_SCENE, mark=task.base.mark_no, scene=chassis.scene.name
+                f"unknown mark {task.base.mark_no}: no map of scene {chassis.scene.name} has it"
             )
         require_suitable(mark, task.base.type)
 
@@ -260,7 +267,7 @@ def _checked_times(times: int) -> int:
         RefusedError: It is negative or too large.
     """
     if not 0 <= times <= _MAX_REPEATS:
-        raise RefusedError(refusals.TIMES_OUT_OF_RANGE, times=times, limit=_MAX_REPEATS)
+        raise RefusedError(f"{times} repetitions are not within 0 to {_MAX_REPEATS}")
     return times or 1
 
 

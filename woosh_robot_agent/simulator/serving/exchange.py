@@ -17,7 +17,6 @@ from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, Frame
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.server import ConnectedClient, Encoded, ServerTransport
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.dispatch import (
@@ -28,7 +27,6 @@ from woosh_robot_agent.simulator.protocol.dispatch import (
     refusal,
 )
 from woosh_robot_agent.simulator.protocol.reports import TOPICS, StateWatch
-from woosh_robot_agent.simulator.refusals import RefusedError
 
 Damage = Callable[[Codec, str | bytes], Encoded]
 """Returns the damaged form of an encoded frame."""
@@ -372,11 +370,11 @@ class Exchange:
             pass  # refused below: there is no handler for an unknown type
         except FrameError as error:
             self.bad_frames += 1
-            refusal_reason = str(RefusedError(refusals.UNREADABLE_BODY, error=error))
+            refusal_reason = f"unreadable body: {error}"
         if not name:
-            refusal_reason = str(RefusedError(refusals.NO_TYPE))
+            refusal_reason = "the request has no type"
         elif name not in HANDLERS and not refusal_reason:
-            refusal_reason = str(RefusedError(refusals.UNKNOWN_TYPE, type=name))
+            refusal_reason = f"unknown message type {name}"
         return _Request(client, codec, name, envelope.sn, message, refusal_reason)
 
     def _execute(self, request: _Request) -> None:
@@ -433,11 +431,14 @@ class Exchange:
             return dispatch(self._chassis, request.message)
         except Exception:  # a bug in a handler must not end the client's connection
             _LOG.exception("cannot execute %s", name)
-            return refusal(name, str(RefusedError(refusals.INTERNAL_ERROR)))
+            return refusal(name, "internal error of the simulator: see its log")
 
     def _refuse_excess(self, request: _Request) -> None:
         """Refuse a request beyond the limit at once. Faults do not affect this answer."""
-        text = str(RefusedError(refusals.TOO_MANY_REQUESTS, limit=self._max_waiting))
+        text = (
+            f"{self._max_waiting} requests of this connection are waiting: "
+            "wait for their answers first"
+        )
         if request.type == SUBSCRIPTION_TYPE:  # subscriptions have no answer
             _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
             request.client.drop()
