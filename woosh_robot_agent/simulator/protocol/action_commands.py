@@ -27,10 +27,11 @@ from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE, STAN
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
-    Handlers,
     Result,
+    command,
     pose,
     poses,
+    query,
     usable_speed,
 )
 from woosh_robot_agent.simulator.protocol.reports import pose2d
@@ -38,6 +39,7 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 
+@command(pack.Twist)
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
@@ -59,6 +61,7 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     return None
 
 
+@command(pack.Follow)
 def _follow(chassis: Chassis, request: pack.Follow) -> Result:
     if request.type:
         chassis.readiness.require_ready()
@@ -66,9 +69,6 @@ def _follow(chassis: Chassis, request: pack.Follow) -> Result:
     else:
         chassis.follower.stop()
     return None
-
-
-DRIVE_COMMANDS: Handlers = {pack.Twist: _twist, pack.Follow: _follow}
 
 
 _MAX_STEPS = 1000
@@ -87,6 +87,7 @@ _StepMode = action_pb2.StepControl.Step
 _Lift3 = action_pb2.LiftControl3
 
 
+@command(ros_pack_pb2.CallAction)
 def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     which = request.WhichOneof("action")
     if which is None:
@@ -242,9 +243,8 @@ _JOBS: dict[str, Callable[[Chassis, Any], Job]] = {
 }
 """Functions that make the job of an action, by the name of its field in CallAction."""
 
-ACTION_COMMANDS: Handlers = {ros_pack_pb2.CallAction: _call_action}
 
-
+@query(pack.PlanNavPath)
 def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
     if not request.HasField("end"):
         raise RefusedError("PlanNavPath has no end: give the pose to plan a path to")
@@ -268,6 +268,3 @@ def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
         )
     path = navigation_pb2.Path(poses=map(pose2d, route.poses))
     return robot_pb2.NavPath(robot_id=chassis.robot_id, path=path)
-
-
-PLANNING: Handlers = {pack.PlanNavPath: _plan_nav_path}

@@ -9,13 +9,13 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import (
-    action_commands,
-    map_commands,
-    scene_files,
-    state_commands,
-    task_commands,
+    action_commands,  # noqa: F401 - adds its handlers
+    map_commands,  # noqa: F401 - adds its handlers
+    scene_files,  # noqa: F401 - adds its handlers
+    state_commands,  # noqa: F401 - adds its handlers
+    task_commands,  # noqa: F401 - adds its handlers
 )
-from woosh_robot_agent.simulator.protocol.handlers import Handler, non_finite
+from woosh_robot_agent.simulator.protocol.handlers import COMMANDS, QUERIES, Handler, non_finite
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.status_codes import Code
 
@@ -44,35 +44,13 @@ class Answer:
     code: Code | None = None
 
 
-def _by_name(*tables: dict[type[Message], Handler]) -> dict[str, Handler]:
-    return {cls.DESCRIPTOR.full_name: do for table in tables for cls, do in table.items()}
-
-
-_QUERIES = _by_name(
-    state_commands.QUERIES,
-    map_commands.MAP_QUERIES,
-    action_commands.PLANNING,
-    state_commands.STATISTICS,
-)
-_COMMANDS = _by_name(
-    state_commands.STATE_COMMANDS,
-    map_commands.MAP_COMMANDS,
-    map_commands.MAPPING_COMMANDS,
-    scene_files.MARK_COMMANDS,
-    action_commands.DRIVE_COMMANDS,
-    task_commands.TASK_COMMANDS,
-    task_commands.TASK_SETS,
-    action_commands.ACTION_COMMANDS,
-    state_commands.SETTINGS,
-)
-
-HANDLERS: dict[str, Handler] = {**_QUERIES, **_COMMANDS}
+HANDLERS: dict[str, Handler] = {**QUERIES, **COMMANDS}
 """Handlers by the full protobuf name of the request."""
 
 
 def is_query(name: str) -> bool:
     """Return True if a request, given its full name, only reads values."""
-    return name in _QUERIES
+    return name in QUERIES
 
 
 def dispatch(chassis: Chassis, request: Message) -> Answer:
@@ -82,7 +60,7 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
         number = non_finite(request)
         if number:
             raise RefusedError(f"{number} is not a finite number")
-        if name in _COMMANDS:
+        if name in COMMANDS:
             chassis.auto_tasks.postpone()
         result = HANDLERS[name](chassis, request)
     except RefusedError as refusal:
@@ -90,7 +68,7 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
     if isinstance(result, str):
         explained = chassis.profile.refusals.explained
         return Answer(name, None, True, result if explained else SUCCESS)
-    msg = "" if name in _QUERIES else SUCCESS
+    msg = "" if name in QUERIES else SUCCESS
     if result is None:
         return Answer(name, None, True, msg)
     return Answer(result.DESCRIPTOR.full_name, result, True, msg)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 from google.protobuf.message import Message
 
@@ -23,8 +23,32 @@ Result = Message | str | None
 Handler = Callable[[Chassis, Any], Result]
 """Executes a request of the type for which it is registered. Raises `RefusedError` to refuse."""
 
-Handlers = dict[type[Message], Handler]
-"""Handlers by the message class of the request."""
+QUERIES: dict[str, Handler] = {}
+"""Handlers of requests that only read values, by full protobuf name; see `query`."""
+
+COMMANDS: dict[str, Handler] = {}
+"""Handlers of all other requests, by full protobuf name; see `command`."""
+
+H = TypeVar("H", bound=Handler)
+
+
+def query(request: type[Message]) -> Callable[[H], H]:
+    """Make the decorated function the handler of a request that only reads values."""
+    return _adding(QUERIES, request)
+
+
+def command(request: type[Message]) -> Callable[[H], H]:
+    """Make the decorated function the handler of a request that may change something."""
+    return _adding(COMMANDS, request)
+
+
+def _adding(handlers: dict[str, Handler], request: type[Message]) -> Callable[[H], H]:
+    def add(handler: H) -> H:
+        handlers[request.DESCRIPTOR.full_name] = handler
+        return handler
+
+    return add
+
 
 MAX_POSES = 200
 """Maximum number of poses in a request. Each may need a search of the whole map."""

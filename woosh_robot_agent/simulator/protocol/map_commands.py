@@ -16,12 +16,13 @@ from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointK
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
-    Handlers,
     Result,
+    command,
     named_map,
     named_mark,
     named_scene,
     pose,
+    query,
     require_map_change,
 )
 from woosh_robot_agent.simulator.protocol.reports import pose2d
@@ -40,6 +41,7 @@ from woosh_robot_agent.simulator.scenes.scene import (
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 
+@command(pack.SwitchMap)
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     _require_idle(chassis)
     name = request.scene_name or chassis.scene.name
@@ -61,6 +63,7 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     return None
 
 
+@command(map_pack_pb2.Upload)
 def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
     if not request.file_datas:
         raise RefusedError("the upload has no files: give at least one")
@@ -87,6 +90,7 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
     return None
 
 
+@command(map_pack_pb2.Rename)
 def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
     old = named_scene(chassis, request.old_scene_name)
     new, map_name = old, ""
@@ -111,6 +115,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
     return None
 
 
+@command(map_pack_pb2.Delete)
 def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
     if not (request.scene_name or request.map_name):
         raise RefusedError(refusals.NO_NAME, field="scene_name")
@@ -157,19 +162,13 @@ def _check_name(field: str, name: str) -> None:
         raise RefusedError(refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME)
 
 
-MAP_COMMANDS: Handlers = {
-    pack.SwitchMap: _switch_map,
-    map_pack_pb2.Upload: _upload,
-    map_pack_pb2.Rename: _rename,
-    map_pack_pb2.Delete: _delete,
-}
-
-
+@query(map_pack_pb2.Download)
 def _download(chassis: Chassis, request: map_pack_pb2.Download) -> Message:
     files = files_of(named_scene(chassis, request.scene_name)).all
     return map_pack_pb2.DownloadResponse(file_datas=_file_datas(files.items()))
 
 
+@query(map_pack_pb2.SceneMd5)
 def _scene_md5(chassis: Chassis, request: map_pack_pb2.SceneMd5) -> Message:
     name = request.scene_name
     scenes = [named_scene(chassis, name)] if name else chassis.scenes.values()
@@ -192,6 +191,7 @@ def _sums(scene: Scene) -> map_pack_pb2.SceneFileMD5:
     )
 
 
+@query(map_pack_pb2.SceneSync)
 def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
     found: dict[tuple[str, str], bytes] = {}
     for wanted in request.scenes:
@@ -208,10 +208,12 @@ def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
     return map_pack_pb2.SceneSyncResponse(file_datas=_file_datas(files_found))
 
 
+@query(storage_edit_pb2.Find)
 def _find(chassis: Chassis, request: storage_edit_pb2.Find) -> Message:
     return storage_of(named_mark(chassis, request.no))
 
 
+@query(storage_edit_pb2.Storages)
 def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Message:
     return storages_of(chassis.map.marks.values())
 
@@ -227,15 +229,6 @@ def _file_sums(files: Mapping[str, bytes]) -> list[common_pb2.FileMD5]:
     ]
 
 
-MAP_QUERIES: Handlers = {
-    map_pack_pb2.Download: _download,
-    map_pack_pb2.SceneMd5: _scene_md5,
-    map_pack_pb2.SceneSync: _scene_sync,
-    storage_edit_pb2.Find: _find,
-    storage_edit_pb2.Storages: _storages,
-}
-
-
 _KINDS: dict[int, PointKind] = {
     pack.kBeacons: PointKind.BEACON,
     pack.kArTags: PointKind.CODE,
@@ -245,6 +238,7 @@ _KINDS: dict[int, PointKind] = {
 """Kinds of points by `woosh.robot.DeploymentType`."""
 
 
+@command(pack.BuildMap)
 def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
     mapping, kind = chassis.mapping, request.type
     if kind in (pack.BuildMap.kAdd, pack.BuildMap.kUpdate):
@@ -268,6 +262,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
     return None
 
 
+@command(pack.Deployment)
 def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
     kind, mode = request.type, request.mode
     if request.robot_id not in (0, chassis.robot_id):
@@ -299,6 +294,3 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
     return pack.DeploymentResponse(
         type=kind, mode=mode, markers=markers, check_times=1 if markers else 0
     )
-
-
-MAPPING_COMMANDS: Handlers = {pack.BuildMap: _build_map, pack.Deployment: _deployment}

@@ -16,8 +16,8 @@ from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
-    Handlers,
     Result,
+    command,
     named_mark,
     require_inside,
 )
@@ -197,6 +197,7 @@ _MAX_MARK = 4096
 """Maximum size of the data of a mark, in bytes."""
 
 
+@command(storage_edit_pb2.Create)
 def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
     area, storage = chassis.map, mark_pb2.Storage()
     storage.CopyFrom(request.storage)  # the request is kept as it came
@@ -214,6 +215,7 @@ def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
     return storage_of(mark)
 
 
+@command(storage_edit_pb2.Update)
 def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
     """Change the mark with the given number, or else give the mark with that id a new number."""
     area, changes = chassis.map, request.storage
@@ -233,6 +235,7 @@ def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
     return None
 
 
+@command(storage_edit_pb2.Delete)
 def _delete(chassis: Chassis, request: storage_edit_pb2.Delete) -> Result:
     old = named_mark(chassis, request.no)
     _store(chassis, [each for each in chassis.map.marks.values() if each is not old])
@@ -275,10 +278,3 @@ def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = Non
 
 def _store(chassis: Chassis, marks: list[Mark]) -> None:
     chassis.replace_scene(chassis.scene, with_marks(chassis.scene, chassis.map, marks))
-
-
-MARK_COMMANDS: Handlers = {
-    storage_edit_pb2.Create: _create,
-    storage_edit_pb2.Update: _update,
-    storage_edit_pb2.Delete: _delete,
-}

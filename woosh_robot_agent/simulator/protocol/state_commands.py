@@ -9,9 +9,9 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.map import map_pack_pb2
-from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
 from woosh_robot_agent.pb.robot import robot_count_pb2 as count_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.robot import robot_setting_pb2 as setting_pb2
 from woosh_robot_agent.pb.ros import ros_pack_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
@@ -21,13 +21,13 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import reports
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handler,
-    Handlers,
     Result,
+    command,
     named_scene,
     pose,
+    query,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.timeline import copy_of
 
 _MAX_NAME = 100
@@ -42,12 +42,14 @@ def _check_length(field: str, text: str, most: int) -> None:
         raise RefusedError(refusals.TEXT_TOO_LONG, field=field, limit=most)
 
 
+@command(setting_pb2.Identity)
 def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
     _check_length("name", request.name, _MAX_NAME)
     chassis.setting.identity.name = request.name
     return copy_of(chassis.setting.identity)
 
 
+@command(setting_pb2.Server)
 def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
     if request.port > 65535:
         raise RefusedError(f"port {request.port} is not within 0 to 65535")
@@ -57,21 +59,25 @@ def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
     return copy_of(chassis.setting.server)
 
 
+@command(setting_pb2.AutoCharge)
 def _auto_charge(chassis: Chassis, request: setting_pb2.AutoCharge) -> Result:
     chassis.setting.allow.auto_charge = request.allow
     return setting_pb2.AutoCharge(allow=request.allow)
 
 
+@command(setting_pb2.AutoPark)
 def _auto_park(chassis: Chassis, request: setting_pb2.AutoPark) -> Result:
     chassis.setting.allow.auto_park = request.allow
     return setting_pb2.AutoPark(allow=request.allow)
 
 
+@command(setting_pb2.GoodsCheck)
 def _goods_check(chassis: Chassis, request: setting_pb2.GoodsCheck) -> Result:
     chassis.setting.allow.goods_check = request.allow
     return setting_pb2.GoodsCheck(allow=request.allow)
 
 
+@command(setting_pb2.Power)
 def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
@@ -83,23 +89,13 @@ def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
     return copy_of(power)
 
 
+@command(setting_pb2.Sound)
 def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
     if request.volume > 100:
         raise RefusedError(f"volume {request.volume} is not within 0 to 100")
     chassis.setting.sound.mute = request.mute
     chassis.setting.sound.volume = request.volume
     return copy_of(chassis.setting.sound)
-
-
-SETTINGS: Handlers = {
-    setting_pb2.Identity: _identity,
-    setting_pb2.Server: _server,
-    setting_pb2.AutoCharge: _auto_charge,
-    setting_pb2.AutoPark: _auto_park,
-    setting_pb2.GoodsCheck: _goods_check,
-    setting_pb2.Power: _power,
-    setting_pb2.Sound: _sound,
-}
 
 
 _MAX_SPEECH = 1000
@@ -109,6 +105,7 @@ _MAX_LIGHT = 15
 """Maximum number of a submodule of the lights. The schema does not say which ones there are."""
 
 
+@command(pack.InitRobot)
 def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
     if chassis.profile.refusals.while_busy and chassis.tasks.active:
         task = chassis.tasks.proc.robot_task_id
@@ -127,6 +124,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
     return None
 
 
+@command(pack.SetRobotPose)
 def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
     if not (chassis.readiness.initialised or chassis.mapping.active):
         raise RefusedError(refusals.NOT_INITIALISED)
@@ -136,21 +134,25 @@ def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
     return None
 
 
+@command(pack.SetOccupancy)
 def _set_occupancy(chassis: Chassis, request: pack.SetOccupancy) -> Result:
     chassis.occupied = request.occupy
     return None
 
 
+@command(pack.SetMuteCall)
 def _set_mute_call(chassis: Chassis, request: pack.SetMuteCall) -> Result:
     chassis.call_muted = request.mute
     return None
 
 
+@command(pack.SetProgramMute)
 def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> Result:
     chassis.program_muted = request.mute
     return None
 
 
+@command(pack.SwitchControlMode)
 def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Result:
     known = (util_robot_pb2.kAuto, util_robot_pb2.kManual, util_robot_pb2.kMaintain)
     if request.mode not in known:
@@ -163,6 +165,7 @@ def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> R
     return reports.mode(chassis)
 
 
+@command(pack.SwitchWorkMode)
 def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
     known = (
         util_robot_pb2.kDeployMode,
@@ -178,6 +181,7 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
     return reports.mode(chassis)
 
 
+@command(pack.SwitchFootPrint)
 def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
     if request.type not in chassis.footprints:
         raise RefusedError(
@@ -189,11 +193,13 @@ def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Resul
     return pack.SwitchFootPrint(type=chassis.footprint)
 
 
+@command(pack.Speak)
 def _speak(chassis: Chassis, request: pack.Speak) -> Result:
     chassis.spoken.append(request.text[:_MAX_SPEECH])
     return None
 
 
+@command(pack.LED)
 def _led(chassis: Chassis, request: pack.LED) -> Result:
     if request.submodule > _MAX_LIGHT:
         raise RefusedError(
@@ -203,6 +209,7 @@ def _led(chassis: Chassis, request: pack.LED) -> Result:
     return request
 
 
+@command(pack.RobotWiFi)
 def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
     wifi, order = chassis.wifi, request.order
     answer = pack.RobotWiFi(order=order)
@@ -227,74 +234,52 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
     return answer
 
 
-STATE_COMMANDS: Handlers = {
-    pack.InitRobot: _init_robot,
-    pack.SetRobotPose: _set_robot_pose,
-    pack.SetOccupancy: _set_occupancy,
-    pack.SetMuteCall: _set_mute_call,
-    pack.SetProgramMute: _set_program_mute,
-    pack.SwitchControlMode: _switch_control_mode,
-    pack.SwitchWorkMode: _switch_work_mode,
-    pack.SwitchFootPrint: _switch_foot_print,
-    pack.Speak: _speak,
-    pack.LED: _led,
-    pack.RobotWiFi: _wifi,
-}
-
-
-def _answering(report: Callable[[Chassis], Message]) -> Handler:
-    def handle(chassis: Chassis, request: Any) -> Result:
-        return report(chassis)
-
-    return handle
-
-
-def _of_scene(report: Callable[[Scene], Message]) -> Handler:
-    """Return the handler of a request that names a scene; the current one if its name is empty."""
-
-    def handle(chassis: Chassis, request: Any) -> Result:
-        return report(named_scene(chassis, request.name))
-
-    return handle
-
-
-def _repeat_tasks(chassis: Chassis) -> Message:
+@query(woosh_task_pb2.RepeatTasks)
+def _repeat_tasks(chassis: Chassis, request: woosh_task_pb2.RepeatTasks) -> Result:
     return copy_of(chassis.scene.predefined)
 
 
-def _call_tasks(chassis: Chassis) -> Message:
+@query(woosh_task_pb2.CallTasks)
+def _call_tasks(chassis: Chassis, request: woosh_task_pb2.CallTasks) -> Result:
     return copy_of(chassis.scene.calls)
 
 
-def _feedbacks(chassis: Chassis) -> Message:
+@query(ros_pack_pb2.Feedbacks)
+def _feedbacks(chassis: Chassis, request: ros_pack_pb2.Feedbacks) -> Result:
     return ros_pack_pb2.Feedbacks(fbs=chassis.actions.last.values())
 
 
-def _status_code(chassis: Chassis) -> Message:
+@query(count_pb2.StatusCode)
+def _status_code(chassis: Chassis, request: count_pb2.StatusCode) -> Result:
     recent = chassis.codes.recent
-    return copy_of(recent[-1]) if recent else robot_count_pb2.StatusCode(robot_id=chassis.robot_id)
+    return copy_of(recent[-1]) if recent else count_pb2.StatusCode(robot_id=chassis.robot_id)
 
 
-QUERIES: Handlers = {
-    cls: _answering(report)
-    for cls, report in {
-        **reports.STATES,
-        **reports.PERIODIC,
-        robot_pb2.RobotInfo: reports.robot_info,
-        robot_pb2.General: reports.general,
-        robot_pb2.TaskProc: reports.task_proc,
-        robot_pb2.TaskHistory: reports.task_history,
-        robot_count_pb2.StatusCodes: reports.status_codes,
-        robot_count_pb2.StatusCode: _status_code,
-        map_pack_pb2.SceneList: reports.scene_list,
-        woosh_task_pb2.RepeatTasks: _repeat_tasks,
-        woosh_task_pb2.CallTasks: _call_tasks,
-        ros_pack_pb2.Feedbacks: _feedbacks,
-    }.items()
-} | {
-    map_pack_pb2.SceneDataEasy: _of_scene(reports.scene_data_easy),
-    map_pack_pb2.SceneData: _of_scene(reports.scene_data),
-}
+@query(map_pack_pb2.SceneDataEasy)
+def _scene_data_easy(chassis: Chassis, request: map_pack_pb2.SceneDataEasy) -> Result:
+    return reports.scene_data_easy(named_scene(chassis, request.name))
+
+
+@query(map_pack_pb2.SceneData)
+def _scene_data(chassis: Chassis, request: map_pack_pb2.SceneData) -> Result:
+    return reports.scene_data(named_scene(chassis, request.name))
+
+
+def _answer_with(report: Callable[[Chassis], Message]) -> Handler:
+    return lambda chassis, request: report(chassis)
+
+
+for _request, _report in {
+    **reports.STATES,
+    **reports.PERIODIC,
+    robot_pb2.RobotInfo: reports.robot_info,
+    robot_pb2.General: reports.general,
+    robot_pb2.TaskProc: reports.task_proc,
+    robot_pb2.TaskHistory: reports.task_history,
+    count_pb2.StatusCodes: reports.status_codes,
+    map_pack_pb2.SceneList: reports.scene_list,
+}.items():
+    query(_request)(_answer_with(_report))
 
 
 _PAGE = 100
@@ -303,6 +288,7 @@ _PAGE = 100
 _Count = pack.CountData
 
 
+@query(pack.CountData)
 def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
     """Return a page of the records of the wanted kinds and their number, or those with some ids."""
     statistics = chassis.statistics
@@ -350,24 +336,19 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
     )
 
 
+@query(count_pb2.Operation)
 def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
     chassis.statistics.update()
     return copy_of(chassis.statistics.days[-1])
 
 
+@query(count_pb2.Task)
 def _task(chassis: Chassis, request: count_pb2.Task) -> Result:
     tasks = chassis.statistics.tasks
     return copy_of(tasks[-1]) if tasks else count_pb2.Task(robot_id=chassis.robot_id)
 
 
+@query(count_pb2.Status)
 def _status(chassis: Chassis, request: count_pb2.Status) -> Result:
     statuses = chassis.statistics.statuses
     return copy_of(statuses[-1]) if statuses else count_pb2.Status(robot_id=chassis.robot_id)
-
-
-STATISTICS: Handlers = {
-    pack.CountData: _count_data,
-    count_pb2.Operation: _operation,
-    count_pb2.Task: _task,
-    count_pb2.Status: _status,
-}

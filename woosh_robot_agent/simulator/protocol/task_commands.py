@@ -22,8 +22,8 @@ from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
     MAX_POSES,
-    Handlers,
     Result,
+    command,
     pose,
     poses,
     require_suitable,
@@ -38,6 +38,7 @@ _MIN_SPEED = 0.01
 """Minimum speed limit of a navigation, in m/s."""
 
 
+@command(pack.ExecTask)
 def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
     # Clients may send all three targets, with the unused ones empty: a mark takes precedence over
     # a path, and a path over a pose.
@@ -78,6 +79,7 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
     return route, strict
 
 
+@command(pack.ActionOrder)
 def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
     tasks, order = chassis.tasks, request.order
     if order == util_action_pb2.kPause:
@@ -99,6 +101,7 @@ def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
     return None
 
 
+@command(pack.ChangeNavPath)
 def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
     navigation = chassis.ownership.navigation
     if navigation is None:
@@ -110,6 +113,7 @@ def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
     return None
 
 
+@command(pack.ChangeNavMode)
 def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
     if chassis.ownership.navigation is None:
         raise RefusedError(refusals.NAVIGATION_MODE_UNUSED)
@@ -120,14 +124,6 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
     usable_speed(request.nav_mode.max_speed, _MIN_SPEED)
     chassis.ownership.navigation.change_mode(request.nav_mode)
     return None
-
-
-TASK_COMMANDS: Handlers = {
-    pack.ExecTask: _exec_task,
-    pack.ActionOrder: _action_order,
-    pack.ChangeNavPath: _change_nav_path,
-    pack.ChangeNavMode: _change_nav_mode,
-}
 
 
 _MAX_REPEATS = 100
@@ -143,6 +139,7 @@ _MAX_BYTES = 64 * 1024
 """Maximum size of a predefined task set."""
 
 
+@command(pack.ExecPreTask)
 def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
     chassis.readiness.require_ready()
     repeat = _predefined(chassis, request.task_set_id)
@@ -150,6 +147,7 @@ def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
     return None
 
 
+@command(pack.ExecTaskSet)
 def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> Result:
     raise RefusedError(
         "ExecTaskSet names no task set, and real chassis do not implement it: send "
@@ -157,6 +155,7 @@ def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> Result:
     )
 
 
+@command(RepeatTask)
 def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
     if request.ByteSize() > _MAX_BYTES:
         raise RefusedError(f"the task set has more than {_MAX_BYTES} bytes: give a smaller one")
@@ -289,10 +288,3 @@ def _jobs(chassis: Chassis, mark: Mark, base: task_pb2.TaskBase) -> list[Job]:
     if base.wait_time:
         jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
     return jobs
-
-
-TASK_SETS: Handlers = {
-    pack.ExecPreTask: _exec_pre_task,
-    pack.ExecTaskSet: _exec_task_set,
-    RepeatTask: _repeat_task,
-}
