@@ -28,9 +28,8 @@ from tests.simulator.real_tasks import exec_task, watch
 from tests.simulator.recorded_chassis import SteppedChassis, ask
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.grid import Grid
-from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
+from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED, UNKNOWN, GrowingGrid
 from woosh_robot_agent.simulator.world.maps import Map
-from woosh_robot_agent.simulator.world.raster import FREE, OCCUPIED, UNKNOWN
 
 TOUR = (
     (2.0, -7.0),

@@ -14,9 +14,9 @@ from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
 from woosh_robot_agent.simulator.world.grid import Grid
+from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED
 from woosh_robot_agent.simulator.world.maps import Map
 from woosh_robot_agent.simulator.world.planner import Planner, SearchBudget, SearchBudgetError
-from woosh_robot_agent.simulator.world.raster import FREE, OCCUPIED
 
 RADIUS = 0.5
 

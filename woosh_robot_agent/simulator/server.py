@@ -18,7 +18,7 @@ from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.faults.injector import Injector
 from woosh_robot_agent.simulator.protocol.reports import robot_info
-from woosh_robot_agent.simulator.serving.exchange import Interceptor, Received
+from woosh_robot_agent.simulator.serving.exchange import Interceptor, Received, added
 from woosh_robot_agent.simulator.serving.server import Server
 from woosh_robot_agent.simulator.world.geometry import Pose
 
@@ -221,7 +221,7 @@ class SimulatedChassis(Server):
 
     def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
         """Pass all outgoing frames through `interceptor`, and return a function that removes it."""
-        return self.hooks.intercept(interceptor)
+        return added(self.hooks.interceptors, interceptor)
 
     def send_raw(self, data: str | bytes) -> None:
         """Send a frame to every client unchanged."""

@@ -27,8 +27,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark
 
 if TYPE_CHECKING:  # numpy, scipy and Pillow load slowly, and only mapping needs them
-    from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
-    from woosh_robot_agent.simulator.world.raster import Raster
+    from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid, Raster
 
 _LOG = logging.getLogger(__name__)
 

@@ -59,22 +59,22 @@ def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
     return copy_of(chassis.setting.server)
 
 
-@command(setting_pb2.AutoCharge)
-def _auto_charge(chassis: Chassis, request: setting_pb2.AutoCharge) -> Result:
-    chassis.setting.allow.auto_charge = request.allow
-    return setting_pb2.AutoCharge(allow=request.allow)
+def _set_permission(field: str) -> Handler:
+    """Return the handler of a request that sets one of the permissions in the settings."""
+
+    def handle(chassis: Chassis, request: setting_pb2.AutoCharge) -> Result:
+        setattr(chassis.setting.allow, field, request.allow)
+        return copy_of(request)
+
+    return handle
 
 
-@command(setting_pb2.AutoPark)
-def _auto_park(chassis: Chassis, request: setting_pb2.AutoPark) -> Result:
-    chassis.setting.allow.auto_park = request.allow
-    return setting_pb2.AutoPark(allow=request.allow)
-
-
-@command(setting_pb2.GoodsCheck)
-def _goods_check(chassis: Chassis, request: setting_pb2.GoodsCheck) -> Result:
-    chassis.setting.allow.goods_check = request.allow
-    return setting_pb2.GoodsCheck(allow=request.allow)
+for _cls, _field in (
+    (setting_pb2.AutoCharge, "auto_charge"),
+    (setting_pb2.AutoPark, "auto_park"),
+    (setting_pb2.GoodsCheck, "goods_check"),
+):
+    command(_cls)(_set_permission(_field))
 
 
 @command(setting_pb2.Power)

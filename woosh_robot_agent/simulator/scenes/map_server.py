@@ -16,7 +16,7 @@ from PIL import Image, UnidentifiedImageError
 
 from woosh_robot_agent.data_files import Between, DataFileError, structure
 from woosh_robot_agent.simulator.world.grid import Grid
-from woosh_robot_agent.simulator.world.raster import FREE, OCCUPIED, UNKNOWN
+from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED, UNKNOWN
 
 _MAX_PIXELS = 4096 * 4096
 """Cells of 5 cm for 200 x 200 m. Computing the distance fields then takes some seconds."""

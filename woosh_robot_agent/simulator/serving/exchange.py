@@ -84,48 +84,40 @@ _T = TypeVar("_T")
 
 
 class Hooks:
-    """The registered hooks. Each method that adds one returns a function that removes it."""
+    """Functions by which faults and tests intervene; `added` adds one.
+
+    Attributes:
+        admissions: Called for each new connection.
+        refusals: Called for each request before it is executed. The latest one wins.
+        faults: All outgoing frames pass through them.
+        interceptors: All outgoing frames pass through them, after the faults.
+    """
 
     def __init__(self) -> None:
-        self._admissions: list[Admit] = []
-        self._refusals: list[Refuse] = []
-        self._faults: list[Interceptor] = []
-        self._interceptors: list[Interceptor] = []
-
-    def add_admission(self, admit: Admit) -> Remove:
-        """Call `admit` for each new connection."""
-        return _add(self._admissions, admit)
-
-    def add_refusal(self, refuse: Refuse) -> Remove:
-        """Call `refuse` for each request before it is executed."""
-        return _add(self._refusals, refuse)
-
-    def add_fault(self, interceptor: Interceptor) -> Remove:
-        """Pass all outgoing frames through `interceptor`, before those of `intercept`."""
-        return _add(self._faults, interceptor)
-
-    def intercept(self, interceptor: Interceptor) -> Remove:
-        """Pass all outgoing frames through `interceptor`."""
-        return _add(self._interceptors, interceptor)
+        self.admissions: list[Admit] = []
+        self.refusals: list[Refuse] = []
+        self.faults: list[Interceptor] = []
+        self.interceptors: list[Interceptor] = []
 
     def admits(self) -> bool:
         """Return False if a new connection must be dropped."""
-        return all(admit() for admit in list(self._admissions))
+        return all(admit() for admit in list(self.admissions))
 
     def refusal(self, type_name: str) -> str | None:
-        """Return the reason to refuse a request of a type, or None. The latest hook wins."""
-        reasons = (refuse(type_name) for refuse in reversed(list(self._refusals)))
+        """Return the reason to refuse a request of a type, or None."""
+        reasons = (refuse(type_name) for refuse in reversed(list(self.refusals)))
         return next((reason for reason in reasons if reason is not None), None)
 
     def outgoing(self, frame: Outgoing) -> list[Outgoing]:
         """Return the frames to send in place of `frame`."""
         frames = [frame]
-        for interceptor in [*self._faults, *self._interceptors]:
+        for interceptor in [*self.faults, *self.interceptors]:
             frames = [out for each in frames for out in interceptor(each)]
         return frames
 
 
-def _add(hooks: list[_T], hook: _T) -> Remove:
+def added(hooks: list[_T], hook: _T) -> Remove:
+    """Add a function to one of the lists of `Hooks`, and return a function that removes it."""
     hooks.append(hook)
 
     def remove() -> None:

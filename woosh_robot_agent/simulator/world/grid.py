@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from woosh_robot_agent.simulator.world.geometry import Hull, Point, Pose
-from woosh_robot_agent.simulator.world.raster import OCCUPIED, UNKNOWN
+from woosh_robot_agent.simulator.world.growing_grid import OCCUPIED, UNKNOWN
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Growing occupancy grids: maps that are made from the scans of a laser.
+"""Cells of maps, and growing occupancy grids, which are made from the scans of a laser.
 
 Each cell counts evidence: a ray that passes it says that it is free, an echo that it is occupied.
 The pose of each scan is known, so that nothing has to be matched.
@@ -7,14 +7,34 @@ The pose of each scan is known, so that nothing has to be matched.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
-from woosh_robot_agent.simulator.world.raster import FREE, OCCUPIED, UNKNOWN, Cells, Raster
+
+UNKNOWN, FREE, OCCUPIED = -1, 0, 100
+"""Values of cells, as in nav_msgs/OccupancyGrid. Values between FREE and OCCUPIED count as free."""
+
+
+Cells: TypeAlias = npt.NDArray[np.int8]
+
+
+class Raster(NamedTuple):
+    """The cells of a map.
+
+    Attributes:
+        cells: Values as above, in rows by increasing y, each by increasing x.
+        resolution: Side of a cell, in metres.
+        low: Corner of the raster with the smallest x and y, in metres in the map's frame.
+    """
+
+    cells: Cells
+    resolution: float
+    low: Point
+
 
 RESOLUTION = 0.05
 """Side of a cell of a new map, in metres."""

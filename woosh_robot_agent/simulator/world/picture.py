@@ -11,8 +11,8 @@ import numpy as np
 from PIL import Image
 
 from woosh_robot_agent.simulator.world.geometry import Point
+from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED, UNKNOWN, Cells, Raster
 from woosh_robot_agent.simulator.world.maps import Map
-from woosh_robot_agent.simulator.world.raster import FREE, OCCUPIED, UNKNOWN, Cells, Raster
 
 _RESOLUTION = 0.05
 """Side of a pixel in the picture of a map without a grid, in metres."""
