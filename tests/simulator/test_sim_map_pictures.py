@@ -78,8 +78,8 @@ def test_nav2_map_alone_is_a_scene(tmp_path: Path) -> None:
     chassis.base.place(Pose(1.0, 0.0, 0.0))
     ahead = chassis.scan()[chassis.laser.rays // 2]
     assert ahead == pytest.approx(5.0 - 0.1 - 1.0 - chassis.laser.forward, abs=0.02)
-    assert chassis.clearance(1.0, 0.0) == pytest.approx(math.hypot(0.5, 1.0), abs=0.06)
-    assert chassis.clearance(4.0, 0.0) == pytest.approx(0.9, abs=0.06)
+    assert chassis.map.clearance(1.0, 0.0) == pytest.approx(math.hypot(0.5, 1.0), abs=0.06)
+    assert chassis.map.clearance(4.0, 0.0) == pytest.approx(0.9, abs=0.06)
 
 
 def test_unknown_floor_is_transparent_but_not_drivable(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_laser_sees_nothing_on_an_empty_grid(tmp_path: Path) -> None:
     file = write_map(tmp_path, Image.fromarray(np.full((80, 80), 254, np.uint8)))
     chassis = Chassis(quick_config(scenes=(file,)))
     assert set(chassis.scan()) == {math.inf}
-    assert chassis.clearance(1.0, 1.0) == math.inf
+    assert chassis.map.clearance(1.0, 1.0) == math.inf
     assert Planner(chassis.map, 0.5).plan((0.0, 0.0), (4.0, 3.0)) == [(4.0, 3.0)]
     chassis.base.place(Pose(-50.0, 0.0, 0.0))
     assert set(chassis.scan()) == {math.inf}

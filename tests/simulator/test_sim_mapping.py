@@ -6,7 +6,6 @@ import random
 import statistics
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -471,14 +470,6 @@ def test_scans_and_pictures_can_be_pushed_in_bursts(
     simulator.inject("burst", type=BUILD_MAP_DATA, count=50)
     widths = [client.next_push(BUILD_MAP_DATA)["width"] for _ in range(50)]
     assert min(widths) > 100
-
-
-def test_profile_without_a_period_of_pictures_is_refused(tmp_path: Path) -> None:
-    shipped = Path(growing_grid.__file__).parents[1] / "data" / "profiles" / "instant.yaml"
-    file = tmp_path / "own.yaml"
-    file.write_text(shipped.read_text().replace("picture_period: 1.0", "picture_period: 0.0"))
-    with pytest.raises(Exception, match="picture_period must be more than 0"):
-        SteppedChassis(profile=file)
 
 
 def test_quick_chassis_answers_at_once() -> None:

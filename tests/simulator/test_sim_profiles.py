@@ -101,6 +101,7 @@ def test_unknown_key_is_named(tmp_path: Path, data: Any) -> None:
         ("answers", "requests", {"woosh.robot.Mode": 1.0}, "must be [median, usual, longest]"),
         ("answers", "requests", {"woosh.robot.Mod": [0, 0, 0]}, "no such request"),
         ("battery", "health", 1.5, "must be a whole number"),
+        ("mapping", "picture_period", 0.0, "must be a number of at least 0.001"),
         ("rates", "pose_speed", None, "is missing"),
         ("model", "outline", [[0.0, 1.0], [1.0, 0.0]], "has 2 entries, which is less than 3"),
         ("model", "outline", [[0.0], [1.0], [2.0]], "must be [x, y]"),

@@ -67,10 +67,12 @@ def test_legs_of_a_path_share_one_budget() -> None:
         planner.plan((19.0, 19.0), (1.0, 1.0), budget=budget)
 
 
-def test_navigation_beyond_the_budget_fails_with_a_hint(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(SearchBudget.__init__, "__defaults__", (10,))
+def test_navigation_beyond_the_budget_fails_with_a_hint() -> None:
+    area = serpentine(2400)
     chassis = Chassis(quick_config())
-    progress = Navigate(Pose(-9.5, -4.0, math.pi)).tick(chassis, 0.05)
+    chassis.map = area
+    chassis.base.place(Pose(1.0, 1.0, 0.0))
+    progress = Navigate(Pose(119.0, 119.0, math.pi)).tick(chassis, 0.05)
     assert progress.done
     assert "too long or too winding to plan: choose a nearer goal" in progress.failure
 

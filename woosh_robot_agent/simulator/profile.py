@@ -1,6 +1,7 @@
 """Profiles: how a robot of one model behaves. They are read from YAML files.
 
-The shipped profiles are in the folder `data/profiles/`. Their comments describe the keys.
+The shipped profiles are in the folder `data/profiles/`. The comments in `tr200.yaml` describe the
+fields; docs/simulator_reference.md has them as a table.
 """
 
 from __future__ import annotations
@@ -91,18 +92,7 @@ Count = Annotated[int, Between(0, 2**31 - 1)]
 
 @dataclass(frozen=True)
 class ModelProfile:
-    """Model and sizes.
-
-    Attributes:
-        display_model: Name for people.
-        urdf_name: Name of the robot's description.
-        length: Reported length, in millimetres.
-        width: Reported width, in millimetres.
-        height: Reported height, in millimetres.
-        weight: Reported weight, in kg.
-        load: Reported maximum load, in kg.
-        outline: Corners of the real outline on the floor.
-    """
+    """Model and sizes."""
 
     display_model: str
     urdf_name: str
@@ -116,29 +106,7 @@ class ModelProfile:
 
 @dataclass(frozen=True)
 class TaskProfile:
-    """Tasks: the steps that they have, and the times between their reports.
-
-    Attributes:
-        starting_states: States reported before the task is executed, in order.
-        first_report: Possible times from the answer to the first report, in seconds, all equally
-            likely; empty for the next step of the simulation.
-        between_jobs: Time from the end of a job to the start of the next one, in seconds.
-        order_effect: Time from an order to the report that shows its effect.
-        state_first: Share of the tasks, from 0 to 1, for which RobotState is pushed before the
-            answer.
-        empty_report: Time from the end of a task to an empty report; None to keep the last one.
-        report_last_action: The last state of an action is reported before that of its task.
-        final_wait: A pick task ends with a wait of 0 s.
-        leave_dock: A robot in a dock leaves it before it drives to another place.
-        pause_at_obstacle: A task that an obstacle blocks is reported as paused.
-        obstacle_timeout: Time after which a task without a way round an obstacle fails, in
-            seconds; None to wait without a timeout.
-        charge_as_parking: The robot's state is kParking while it drives to a charger by itself.
-        messages: Reports have texts.
-        own_id_factor: Factor in the ids that the robot chooses: Unix time in seconds * factor +
-            offset.
-        own_id_offset: Offset in these ids.
-    """
+    """Tasks: the steps that they have, and the times between their reports."""
 
     starting_states: tuple[Literal["kInit", "kReady"], ...]
     first_report: tuple[NotNegative, ...]
@@ -159,13 +127,7 @@ class TaskProfile:
 
 @dataclass(frozen=True)
 class AnswerProfile:
-    """Times from a request to its answer.
-
-    Attributes:
-        default: Times of all requests that are not in `requests`.
-        requests: Times by the full name of the request.
-        initialisation: Time that InitRobot takes, during which the robot is not initialised.
-    """
+    """Times from a request to its answer."""
 
     default: Spread
     requests: Annotated[Mapping[str, Spread], _check_request]
@@ -174,44 +136,19 @@ class AnswerProfile:
 
 @dataclass(frozen=True)
 class MappingProfile:
-    """Making maps.
-
-    Attributes:
-        start: Time from BuildMap that starts to its answer.
-        state_after: Time from this request until the state is kMapping, in seconds.
-        picture_period: Time between two pictures of the map that is being made, in seconds.
-        save: Time from BuildMap that saves to its answer, from which on the robot is not
-            initialised.
-        scene_after: Time from this request until the new map is the current one, in seconds.
-        cancel: Time from BuildMap that cancels to its answer, from which on the robot is not
-            initialised.
-    """
+    """Making maps."""
 
     start: Range
     state_after: NotNegative
-    picture_period: NotNegative
+    picture_period: Annotated[float, Between(0.001)]
     save: Spread
     scene_after: NotNegative
     cancel: Range
 
-    def __post_init__(self) -> None:
-        if self.picture_period == 0.0:
-            raise ValueError("picture_period must be more than 0")
-
 
 @dataclass(frozen=True)
 class RateProfile:
-    """Rates of reports.
-
-    Attributes:
-        pose_speed: Time between two reports of a moving robot, in seconds; 0 for each step of the
-            simulation.
-        scan: Time between two scans of the laser, in seconds.
-        scan_push: Time between two scans that are pushed, in seconds.
-        battery: Time after which an unchanged battery is reported again; None for never.
-        operation: Time after which the statistics of the day are reported again although the robot
-            has not driven, in seconds; None for never.
-    """
+    """Rates of reports."""
 
     pose_speed: NotNegative
     scan: NotNegative
@@ -222,14 +159,7 @@ class RateProfile:
 
 @dataclass(frozen=True)
 class DrivingProfile:
-    """Remote control.
-
-    Attributes:
-        start_delay: Time from the first velocity to the first motion, in seconds.
-        rolls_for: Time constant of the exponential slowdown after a velocity of zero, in seconds;
-            0 to stop at once.
-        stops_below: Speed at which the base stands after a slowdown, in m/s or rad/s.
-    """
+    """Remote control."""
 
     start_delay: NotNegative
     rolls_for: NotNegative
@@ -238,17 +168,7 @@ class DrivingProfile:
 
 @dataclass(frozen=True)
 class BatteryProfile:
-    """The battery.
-
-    Attributes:
-        idle_drain: Discharge with time, in percent per second.
-        driving_drain: Discharge with distance, in percent per metre.
-        charging_rate: Charge with time at a charger, in percent per second.
-        health: Remaining capacity, as reported.
-        charge_cycle: Number of charge cycles.
-        battery_cycle: Number of charge cycles for which the battery is rated.
-        temp_max: Maximum temperature of the cells, in degrees Celsius.
-    """
+    """The battery."""
 
     idle_drain: NotNegative
     driving_drain: NotNegative
@@ -261,18 +181,7 @@ class BatteryProfile:
 
 @dataclass(frozen=True)
 class ChargingProfile:
-    """Docking, and charge tasks.
-
-    Attributes:
-        docking_distance: Distance before a mark at which docking starts, in metres.
-        docking_speed: Speed of docking, in m/s.
-        steps: Distances of the steps into a charger after docking, in metres.
-        step_speed: Speed of these steps, in m/s.
-        starts_after: Time from the start of the charging job until current flows, in seconds.
-        confirmed_after: Time from the start of the job to its end, in seconds. The battery goes on
-            charging. None to end the job when the battery is full.
-        completed_after: Time from the end of the job to the end of the task, in seconds.
-    """
+    """Docking, and charge tasks."""
 
     docking_distance: NotNegative
     docking_speed: NotNegative
@@ -285,14 +194,7 @@ class ChargingProfile:
 
 @dataclass(frozen=True)
 class RefusalProfile:
-    """Refused requests.
-
-    Attributes:
-        explained: Answers explain a refusal, instead of using the words of the real robot.
-        codes: A status code follows the answer where the real robot sends one.
-        while_busy: True to refuse a task while another one runs, steps while other steps run, and
-            InitRobot while a task runs. False to replace what is running.
-    """
+    """Refused requests."""
 
     explained: bool
     codes: bool
@@ -301,32 +203,14 @@ class RefusalProfile:
 
 @dataclass(frozen=True)
 class StatusCodeProfile:
-    """Status codes.
-
-    Attributes:
-        language: Language of their texts.
-    """
+    """Status codes."""
 
     language: Language
 
 
 @dataclass(frozen=True)
 class Profile:
-    """How a robot of one model behaves.
-
-    Attributes:
-        file: Name of the file.
-        model: Model and sizes.
-        tasks: Tasks.
-        answers: Answers.
-        mapping: Making maps.
-        rates: Rates of reports.
-        driving: Remote control.
-        battery: Battery.
-        charging: Charge tasks.
-        refusals: Refused requests.
-        status_codes: Status codes.
-    """
+    """How a robot of one model behaves."""
 
     model: ModelProfile
     tasks: TaskProfile

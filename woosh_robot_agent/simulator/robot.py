@@ -142,10 +142,6 @@ class Robot(Timeline):
         status.time = round(self.time * 1000)
         self.emit(status)
 
-    def clearance(self, x: float, y: float) -> float:
-        """Return the distance from (x, y) to the nearest wall or obstacle, in metres."""
-        return min(self.ground_truth.clearance(x, y), self.obstacles.clearance(x, y))
-
     def gap(self, pose: Pose) -> float:
         """Return the gap in metres between the robot at `pose` and walls and obstacles.
 

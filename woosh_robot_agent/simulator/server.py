@@ -13,7 +13,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.robot import robot_pack_pb2, robot_pb2
 from woosh_robot_agent.simulator.body.base import Velocity
-from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.faults.injector import Injector
@@ -52,23 +52,6 @@ class Snapshot:
     lights: dict[int, robot_pack_pb2.LED]
     remote_keys: int
     info: robot_pb2.RobotInfo
-
-
-def snapshot(chassis: Chassis) -> Snapshot:
-    """Return the current state of `chassis`."""
-    return Snapshot(
-        elapsed=chassis.elapsed,
-        pose=chassis.pose,
-        velocity=chassis.base.velocity,
-        odometer=chassis.base.odometer,
-        jack=chassis.jack.height,
-        column=chassis.column.height,
-        following=chassis.follower.active,
-        spoken=tuple(chassis.spoken),
-        lights=dict(chassis.lights),
-        remote_keys=chassis.remote_controller.keys,
-        info=robot_info(chassis),
-    )
 
 
 class SimulatedChassis(Server):
@@ -160,7 +143,20 @@ class SimulatedChassis(Server):
     @property
     def state(self) -> Snapshot:
         """Current state of the robot."""
-        return snapshot(self.chassis)
+        chassis = self.chassis
+        return Snapshot(
+            elapsed=chassis.elapsed,
+            pose=chassis.pose,
+            velocity=chassis.base.velocity,
+            odometer=chassis.base.odometer,
+            jack=chassis.jack.height,
+            column=chassis.column.height,
+            following=chassis.follower.active,
+            spoken=tuple(chassis.spoken),
+            lights=dict(chassis.lights),
+            remote_keys=chassis.remote_controller.keys,
+            info=robot_info(chassis),
+        )
 
     @property
     def received(self) -> list[Received]:

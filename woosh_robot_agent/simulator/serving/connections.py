@@ -45,8 +45,6 @@ class Connections:
         self._max_outbox = max_outbox
         self._paused = False
         """True if frames are neither read nor sent."""
-        self._frozen = False
-        """True if frames are read, but not sent."""
         self._full = False
         """True if the last new client was refused because there were already too many."""
         self._reading = asyncio.Event()
@@ -100,7 +98,7 @@ class Connections:
 
     def freeze(self, frozen: bool) -> None:
         """Queue requests instead of executing them and send nothing, or continue."""
-        self._frozen = frozen
+        self._exchange.frozen = frozen
         self._update_gates()
         self._exchange.freeze(frozen)
 
@@ -197,7 +195,7 @@ class Connections:
     def _update_gates(self) -> None:
         for gate, is_open in (
             (self._reading, not self._paused),
-            (self._writing, not (self._paused or self._frozen)),
+            (self._writing, not (self._paused or self._exchange.frozen)),
         ):
             if is_open:
                 gate.set()

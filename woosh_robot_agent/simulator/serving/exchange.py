@@ -256,6 +256,7 @@ class Exchange:
         counts: Number of messages from clients since the start, by type.
         bad_frames: Number of frames that could not be decoded.
         before_request: Called before each request is read.
+        frozen: Requests are queued instead of executed.
     """
 
     def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
@@ -274,8 +275,7 @@ class Exchange:
         self._watch = StateWatch(chassis)
         self._arrival = asyncio.Event()
         """Set, and replaced by a new event, when a message of a client arrives."""
-        self._frozen = False
-        """True if requests are queued instead of executed."""
+        self.frozen = False
         self._queue: deque[_Request] = deque()
         """Queued requests, oldest first."""
         chassis.on_change = partial(self.report_changes, while_moving=True)
@@ -302,9 +302,9 @@ class Exchange:
         if request.message is not None:
             self._record(request.type, request.message)
         subscribes = request.type == SUBSCRIPTION_TYPE
-        if client.waiting >= self._max_waiting and (self._frozen or not subscribes):
+        if client.waiting >= self._max_waiting and (self.frozen or not subscribes):
             self._refuse_excess(request)
-        elif self._frozen:
+        elif self.frozen:
             client.waiting += 1
             self._queue.append(request)
         else:
@@ -317,8 +317,8 @@ class Exchange:
 
     def freeze(self, frozen: bool) -> None:
         """Queue requests from now on, or execute all queued ones and continue."""
-        self._frozen = frozen
-        while self._queue and not self._frozen:
+        self.frozen = frozen
+        while self._queue and not self.frozen:
             request = self._queue.popleft()
             request.client.waiting -= 1
             try:

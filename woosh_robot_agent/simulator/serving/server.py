@@ -51,8 +51,6 @@ class Server:
         self.config = config or SimulatorConfig()
         self.chassis = Chassis(self.config)
         self.speed = self.config.speed
-        self._frozen = False
-        """True if the simulated time stands still and requests are queued."""
         self._exchange = Exchange(self.chassis, self.config.max_waiting)
         self._connections = Connections(
             self._exchange, self.config.max_connections, self.config.max_outbox
@@ -117,7 +115,6 @@ class Server:
 
     def freeze(self, frozen: bool) -> None:
         """Stop the simulated time and queue all requests, or continue."""
-        self._frozen = frozen
         self._connections.freeze(frozen)
 
     def set_emergency_stop(self, pressed: bool) -> None:
@@ -195,10 +192,10 @@ class Server:
     def _step(self) -> None:
         """Advance the simulated time by one step, and push what has changed."""
         try:
-            if not self._frozen:
+            if not self._exchange.frozen:
                 self.chassis.tick(TIME_STEP)
             self.on_step()
-            if not self._frozen:
+            if not self._exchange.frozen:
                 self.push_changes()
         except Exception:  # the clock must not stop
             _LOG.exception("cannot complete a step of the simulation")
@@ -206,7 +203,9 @@ class Server:
     @property
     def _runs_within_steps(self) -> bool:
         """True if the simulated time advances within steps too."""
-        return bool(self._ticker) and not self._frozen and TIME_STEP / self.speed >= _MIN_STEP
+        return (
+            bool(self._ticker) and not self._exchange.frozen and TIME_STEP / self.speed >= _MIN_STEP
+        )
 
     def _wake_for(self, time: float) -> None:
         """Wake up for a call of the chassis that is due before the next step."""

@@ -110,16 +110,6 @@ def _side(start: Point, end: Point, point: Point) -> float:
     return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0])
 
 
-def box(x1: float, y1: float, x2: float, y2: float) -> tuple[Wall, ...]:
-    """Return the four walls of a rectangle that is parallel to the axes."""
-    return (
-        Wall(x1, y1, x2, y1),
-        Wall(x2, y1, x2, y2),
-        Wall(x2, y2, x1, y2),
-        Wall(x1, y2, x1, y1),
-    )
-
-
 Outline = tuple[Point, ...]
 """Corners in the frame of the base (x forward, y left), in metres."""
 

@@ -19,14 +19,8 @@ _REACH = 0.6
 _MIN_CLEARANCE = 1e-3
 """Clearance that even a start close to a wall needs, in metres."""
 
-_DEFAULT_BUDGET = 300_000
-"""Default units of a budget: about a second of computation, enough to search 100 x 100 m."""
-
-_LINE_COST, _WALLS_PER_UNIT, _POINTS_PER_UNIT = 4, 16, 32
-"""Cost of a line-of-sight check: the base cost, and the walls and grid points per further unit."""
-
-_OBSTACLE_COST = 20
-"""Cost of blocking the places around one side of an obstacle."""
+_MAX_PLACES = 300_000
+"""Number of places that one path may visit: about a second, enough to search 100 x 100 m."""
 
 _DIAGONAL_EXTRA = math.sqrt(2.0) - 1.0
 """Extra length of a diagonal step, as a fraction of a straight one."""
@@ -37,23 +31,23 @@ class SearchBudgetError(Exception):
 
 
 class SearchBudget:
-    """Limit of the computation for one path. Planning blocks the simulator.
+    """Limit of the computation for one path, all its legs together. It blocks the simulator.
 
-    Args:
-        units: Units to spend. Visiting one place costs one unit, which is some microseconds.
+    Attributes:
+        left: Number of places that may still be visited.
     """
 
-    def __init__(self, units: int = _DEFAULT_BUDGET) -> None:
-        self._left = units
+    def __init__(self, left: int = _MAX_PLACES) -> None:
+        self.left = left
 
-    def spend(self, units: int) -> None:
-        """Spend some units.
+    def visit(self) -> None:
+        """Count a visit of a place.
 
         Raises:
             SearchBudgetError: The budget is used up.
         """
-        self._left -= units
-        if self._left < 0:
+        self.left -= 1
+        if self.left < 0:
             raise SearchBudgetError
 
 
@@ -150,7 +144,7 @@ class Lattice:
             _, cost, place = heapq.heappop(frontier)
             if cost > costs[place]:
                 continue
-            budget.spend(1)
+            budget.visit()
             if place in last:
                 path = [place]
                 while path[-1] in came_from:
@@ -216,10 +210,6 @@ class Planner:
         walls = (*self._map.walls, *obstacles)
 
         def free(here: Point, there: Point, radius: float) -> bool:
-            points = 0
-            if self._map.grid:
-                points = int(math.dist(here, there) / self._map.grid.resolution)
-            budget.spend(_LINE_COST + len(walls) // _WALLS_PER_UNIT + points // _POINTS_PER_UNIT)
             return self._free(here, there, radius, walls)
 
         if not (self._map.contains(*goal) and free(goal, goal, self._radius)):
@@ -233,7 +223,6 @@ class Planner:
         blocked = self._blocked
         if obstacles:
             blocked = blocked.copy()
-            budget.spend(_OBSTACLE_COST * len(obstacles))
             self._lattice.block(blocked, obstacles, self._radius)
         first = {
             place: math.dist(start, there)
