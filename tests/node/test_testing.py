@@ -212,6 +212,28 @@ def test_the_exception_of_a_callback_reaches_the_test() -> None:
             rclpy.shutdown()
 
 
+def test_the_chassis_fixture_works_without_ros(tmp_path: Path) -> None:
+    (tmp_path / "conftest.py").write_text(
+        "import sys\n"
+        "sys.modules['rclpy'] = None\n"  # an import of it fails
+        "from woosh_robot_agent.testing import pytest_configure, simulated_chassis\n"
+    )
+    (tmp_path / "test_it.py").write_text(
+        "import pytest\n"
+        "from websockets.sync.client import connect\n"
+        "from woosh_robot_agent.testing import running_chassis, wait_until\n"
+        "@pytest.mark.woosh_chassis(robot_id=7)\n"
+        "def test_it(simulated_chassis):\n"
+        "    with connect(f'ws://127.0.0.1:{simulated_chassis.port}'):\n"
+        "        wait_until(lambda: simulated_chassis.connections)\n"
+        "    assert simulated_chassis.state.info.robot_id == 7\n"
+        "    with running_chassis(), pytest.raises(ImportError):\n"
+        "        from woosh_robot_agent.testing import running_agent\n"
+    )
+    status, said = run_pytest(tmp_path)
+    assert status == 0, said
+
+
 def test_the_driver_does_not_need_pytest() -> None:
     """The driver must not import this package either."""
     program = (

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import LED
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import wait_until
 
 LIGHT, REMOTE = "woosh.robot.LED", "woosh.device.RfRemoteController"
 

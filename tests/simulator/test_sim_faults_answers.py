@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import JsonClient, TcpClient, packed, subscription
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
 BATTERY = "woosh.robot.Battery"

@@ -8,9 +8,9 @@ from itertools import pairwise
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import Json, JsonClient, TcpClient, pass_time, subscription
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import wait_until
 
 POSE_SPEED = "woosh.robot.PoseSpeed"
 CODES = "woosh.robot.count.AbnormalCodes"

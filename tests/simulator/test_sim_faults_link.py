@@ -11,7 +11,6 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import (
@@ -20,6 +19,7 @@ from woosh_robot_agent.simulator import (
     SimulatorThread,
 )
 from woosh_robot_agent.simulator.faults import FAULTS, markdown
+from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
 OCCUPY = "woosh.robot.SetOccupancy"

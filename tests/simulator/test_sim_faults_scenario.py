@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import JsonClient
 from tests.simulator.test_sim_program import PROGRAM, running
 from woosh_robot_agent.simulator import (
@@ -20,6 +19,7 @@ from woosh_robot_agent.simulator import (
 )
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.faults import Step, markdown, parse_fault
+from woosh_robot_agent.testing import wait_until
 
 SCENARIO = """\
 # entries need not be in order of time

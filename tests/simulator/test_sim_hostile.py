@@ -8,11 +8,11 @@ import logging
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving import connections
+from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
 MIB = 1024 * 1024

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.simulator.sim_wait import wait_until
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, refusals
 from woosh_robot_agent.simulator.refusals import REFUSALS
+from woosh_robot_agent.testing import wait_until
 
 CALL, CODE, PROC = "woosh.ros.CallAction", "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
 EXEC_TASK, TWIST = "woosh.robot.ExecTask", "woosh.robot.Twist"

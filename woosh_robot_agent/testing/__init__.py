@@ -9,27 +9,40 @@ With other test frameworks, use the context managers:
     with running_chassis() as chassis, running_agent(chassis) as agent:
         ...  # nodes of this process and its children find the agent in /woosh_robot
 
-This package needs pytest and rclpy. docs/testing.md has an example and describes everything.
+This package needs pytest. What runs an agent or nodes also needs ROS 2 and is imported on first
+use; the simulated chassis works without. docs/testing.md has an example and describes everything.
 """
 
-from woosh_robot_agent.testing.agents import (
-    TIMEOUT,
-    AgentInProcess,
-    AgentProcess,
-    RunningAgent,
-    Spinner,
-    own_domain,
-    running_agent,
-    running_chassis,
-    spinning,
-    wait_until,
-)
+from typing import TYPE_CHECKING
+
+from woosh_robot_agent.testing.chassis import TIMEOUT, running_chassis, wait_until
 from woosh_robot_agent.testing.fixtures import (
     pytest_configure,
     ros_domain,
     simulated_chassis,
     woosh_agent,
 )
+
+if TYPE_CHECKING:
+    from woosh_robot_agent.testing.agents import (
+        AgentInProcess,
+        AgentProcess,
+        RunningAgent,
+        Spinner,
+        own_domain,
+        running_agent,
+        spinning,
+    )
+
+_WITH_ROS = {
+    "AgentInProcess",
+    "AgentProcess",
+    "RunningAgent",
+    "Spinner",
+    "own_domain",
+    "running_agent",
+    "spinning",
+}
 
 __all__ = [
     "TIMEOUT",
@@ -47,3 +60,11 @@ __all__ = [
     "wait_until",
     "woosh_agent",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _WITH_ROS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from woosh_robot_agent.testing import agents
+
+    return getattr(agents, name)

@@ -1,4 +1,4 @@
-"""Agents, ROS domains, spinning nodes and waiting, for tests of nodes that use an agent."""
+"""Agents, ROS domains and spinning nodes, for tests of nodes that use an agent. Needs ROS 2."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.context import Context
@@ -27,37 +26,8 @@ from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.parameters import PARAMETERS
 from woosh_robot_agent.ros.node import Agent
 from woosh_robot_agent.ros.releases import this_computer_only
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-
-T = TypeVar("T")
-
-TIMEOUT = 60.0
-"""Default timeout of all waits, in seconds. Even a busy machine does not need that long."""
-_POLL_PERIOD = 0.005
-"""Time between two calls of a condition, in seconds."""
-
-
-def wait_until(condition: Callable[[], T], what: str = "", timeout: float = TIMEOUT) -> T:
-    """Wait until a condition is true, by calling it every few milliseconds.
-
-    Args:
-        condition: Function to call until it returns a true value.
-        what: Description of the condition, for the error message.
-        timeout: Maximum time to wait, in seconds.
-
-    Returns:
-        The value that the condition returned.
-
-    Raises:
-        AssertionError: The condition did not become true within `timeout`.
-    """
-    deadline = time.monotonic() + timeout
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            raise AssertionError(f"timed out waiting for {what or condition}")
-        time.sleep(_POLL_PERIOD)
-    return value
-
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing.chassis import TIMEOUT, wait_until
 
 _LOCK_PORT = 21000
 """Base of the TCP ports that lock a domain for all processes of this machine.
@@ -185,20 +155,6 @@ def spinning(*nodes: Any) -> Iterator[None]:
 
 _SPIN_TIMEOUT = 0.02
 """Duration of one step of the executor while the agent closes, in seconds."""
-
-
-@contextlib.contextmanager
-def running_chassis(**options: Any) -> Iterator[SimulatorThread]:
-    """Run a simulated chassis on free ports of this machine.
-
-    Args:
-        options: Options of `SimulatorConfig`. The defaults here are `speed=10.0`, `seed=1`, and
-            `profile="instant"`, whose answers have no delay.
-    """
-    defaults = {"port": 0, "tcp_port": 0, "speed": 10.0, "seed": 1, "profile": "instant"}
-    config = SimulatorConfig(**{**defaults, **options})
-    with SimulatorThread(config) as chassis:
-        yield chassis
 
 
 class RunningAgent(Protocol):

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing.agents import (
-    RunningAgent,
-    own_domain,
-    running_agent,
-    running_chassis,
-)
+from woosh_robot_agent.testing.chassis import running_chassis
+
+if TYPE_CHECKING:
+    from woosh_robot_agent.testing.agents import RunningAgent
 
 _MARKS = (
     "woosh_chassis(**options): options of SimulatorConfig for the fixture simulated_chassis",
@@ -31,6 +29,8 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture
 def ros_domain() -> Iterator[int]:
     """A ROS_DOMAIN_ID for this test only, limited to this machine and set in the environment."""
+    from woosh_robot_agent.testing.agents import own_domain  # needs ROS 2
+
     with own_domain() as domain:
         yield domain
 
@@ -51,6 +51,8 @@ def woosh_agent(
     Its ROS domain is that of `ros_domain` if the test uses that fixture, otherwise a new one. The
     domain is set in the environment, so the nodes of the test are in it, too.
     """
+    from woosh_robot_agent.testing.agents import running_agent  # needs ROS 2
+
     domain = None
     if "ros_domain" in request.fixturenames:
         domain = request.getfixturevalue("ros_domain")

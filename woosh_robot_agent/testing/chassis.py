@@ -1,0 +1,53 @@
+"""The simulated chassis in a test, and waiting for what it does. Needs no ROS."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+
+T = TypeVar("T")
+
+TIMEOUT = 60.0
+"""Default timeout of all waits, in seconds. Even a busy machine does not need that long."""
+_POLL_PERIOD = 0.005
+"""Time between two calls of a condition, in seconds."""
+
+
+def wait_until(condition: Callable[[], T], what: str = "", timeout: float = TIMEOUT) -> T:
+    """Wait until a condition is true, by calling it every few milliseconds.
+
+    Args:
+        condition: Function to call until it returns a true value.
+        what: Description of the condition, for the error message.
+        timeout: Maximum time to wait, in seconds.
+
+    Returns:
+        The value that the condition returned.
+
+    Raises:
+        AssertionError: The condition did not become true within `timeout`.
+    """
+    deadline = time.monotonic() + timeout
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            raise AssertionError(f"timed out waiting for {what or condition}")
+        time.sleep(_POLL_PERIOD)
+    return value
+
+
+@contextlib.contextmanager
+def running_chassis(**options: Any) -> Iterator[SimulatorThread]:
+    """Run a simulated chassis on free ports of this machine.
+
+    Args:
+        options: Options of `SimulatorConfig`. The defaults here are `speed=10.0`, `seed=1`, and
+            `profile="instant"`, whose answers have no delay.
+    """
+    defaults = {"port": 0, "tcp_port": 0, "speed": 10.0, "seed": 1, "profile": "instant"}
+    config = SimulatorConfig(**{**defaults, **options})
+    with SimulatorThread(config) as chassis:
+        yield chassis
