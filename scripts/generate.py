@@ -21,7 +21,7 @@ from pathlib import Path
 
 import yaml
 
-from scripts import sros2_policies, vda5050_tables
+from scripts import simulator_tables, sros2_policies, vda5050_tables
 from scripts.interface_files import InterfaceError, interface_files, superfluous_files
 from woosh_robot_agent import endpoints, parameters
 from woosh_robot_agent.robot import status_codes
@@ -94,7 +94,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "replay-options": lambda: tool_options(replay.make_parser),
     "simulator-options": lambda: options_table(simulator_parser()),
     "simulator-faults": faults.markdown,
+    "simulator-profile": simulator_tables.profile_table,
     "simulator-refusals": refusals.markdown,
+    "simulator-requests": simulator_tables.requests_table,
+    "simulator-scene": simulator_tables.scene_table,
     "vda5050-actions": vda5050_tables.actions,
     "vda5050-errors": vda5050_tables.errors,
     "vda5050-fields": vda5050_tables.fields,

@@ -7,11 +7,12 @@
 
 The packages and modules, each of which imports only those before it:
 
-- `agenda`, `yaml_fields`: calls that are due later, validation of YAML files. `refusals`,
-  `status_codes`: why the robot refuses a request, what it reports.
+- `timeline`: simulated time, and calls that are due later. `refusals`, `status_codes`: why the
+  robot refuses a request, what it reports.
 - `profile`: how a robot of some model behaves, read from a file. `config`: the options.
 - `world`: geometry, maps, obstacles, collisions, laser and path planner.
 - `body`: the parts of the robot. `scenes`: maps with marks and tasks, read from files.
+- `robot`: the parts together, with what all behaviour needs of them.
 - `behaviour`: what the robot does over time. `behaviour.ownership` decides which job owns which
   device.
 - `chassis`: the model of the robot. It has no sockets and no clock: simulated time is advanced

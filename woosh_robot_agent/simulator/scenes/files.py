@@ -172,7 +172,12 @@ class StepEntry:
 
 @dataclass(frozen=True)
 class ButtonEntry:
-    """A call button: its address, and the number of the key."""
+    """A call button.
+
+    Attributes:
+        mac: Its address.
+        key: Number of the key that is pressed.
+    """
 
     mac: str
     key: Annotated[int, Between(1, 2**32 - 1)]
@@ -203,7 +208,12 @@ _TaskSets = Annotated[tuple[TaskSetEntry, ...], Between(0, _MAX_TASKS)]
 
 @dataclass(frozen=True)
 class TasksEntry:
-    """The task sets of the scene: for ExecPreTask, and for call buttons."""
+    """The task sets of the scene.
+
+    Attributes:
+        predefined: Task sets for ExecPreTask.
+        calls: Task sets for call buttons, with the same keys.
+    """
 
     predefined: _TaskSets = ()
     calls: _TaskSets = ()

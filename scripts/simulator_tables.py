@@ -1,0 +1,123 @@
+"""Tables of docs/simulator_reference.md: fields of a profile, keys of a scene, requests."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+
+from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER
+from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, is_query
+from woosh_robot_agent.simulator.protocol.reports import TOPICS
+from woosh_robot_agent.simulator.scenes import files
+
+_PROFILE_LINE = re.compile(
+    r"(?P<group>\w+):$|  # (?P<comment>.+)$|  (?P<key>\w+):(?P<value> .+)?$|    .*|$"
+)
+"""Line of tr200.yaml: a group, a comment, a key of the group; what is deeper belongs to the key."""
+
+_ATTRIBUTE = re.compile(r"^    (\w+): (.+(?:\n {8,}.+)*)", re.M)
+"""An attribute in a docstring: its name and its description."""
+
+
+def profile_table() -> str:
+    """Return the fields of a profile as a Markdown table, from the comments in tr200.yaml.
+
+    A comment describes the fields up to the next comment.
+
+    Raises:
+        ValueError: A line of the file cannot be read, or a field has no comment.
+    """
+    rows: list[tuple[str, list[str], list[str]]] = []  # comment, keys, values
+    group = ""
+    after_comment = False
+    for line in (SHIPPED_FOLDER / "tr200.yaml").read_text("utf-8").splitlines():
+        if line.startswith("# "):
+            continue
+        found = _PROFILE_LINE.fullmatch(line)
+        if found is None:
+            raise ValueError(f"cannot read this line of tr200.yaml: {line}")
+        if found["group"]:
+            group = found["group"]
+        elif found["comment"] and after_comment:
+            rows[-1] = (f"{rows[-1][0]} {found['comment']}", *rows[-1][1:])
+        elif found["comment"]:
+            rows.append((found["comment"], [], []))
+        elif found["key"]:
+            rows[-1][1].append(f"`{group}.{found['key']}`")
+            rows[-1][2].append(f"`{found['value'].strip()}`" if found["value"] else "(list)")
+        after_comment = bool(found["comment"])
+    return _table(
+        ("Field", "tr200", "Meaning"),
+        (("<br>".join(keys), "<br>".join(values), meaning) for meaning, keys, values in rows),
+    )
+
+
+def scene_table() -> str:
+    """Return the keys of scene.yaml as a Markdown table, from the docstrings of its dataclasses."""
+    entries = (
+        ("", files.SceneEntry),
+        ("start.", files.StartEntry),
+        ("maps[].", files.MapEntry),
+        ("maps[].marks[].", files.MarkEntry),
+        ("tasks.", files.TasksEntry),
+        ("tasks.predefined[].", files.TaskSetEntry),
+        ("tasks.predefined[].button.", files.ButtonEntry),
+        ("tasks.predefined[].steps[].", files.StepEntry),
+    )
+    return _table(
+        ("Key", "Meaning"),
+        ((f"`{prefix}{key}`", text) for prefix, entry in entries for key, text in _keys(entry)),
+    )
+
+
+def requests_table() -> str:
+    """Return the requests that the simulator answers, and its pushes, as a Markdown table."""
+    packages = sorted({_package(name) for name in (*HANDLERS, *TOPICS)})
+
+    def names(wanted: Callable[[str], bool], among: Iterable[str]) -> dict[str, str]:
+        found: dict[str, list[str]] = defaultdict(list)
+        for name in sorted(among):
+            if wanted(name):
+                found[_package(name)].append(name.rpartition(".")[2])
+        return {package: ", ".join(each) for package, each in found.items()}
+
+    columns = (
+        names(is_query, HANDLERS),
+        names(lambda name: not is_query(name), HANDLERS),
+        names(lambda name: True, TOPICS),
+    )
+    return _table(
+        ("Package", "Requests that only read", "Requests that may change something", "Pushes"),
+        (
+            (f"`{package}`", *(column.get(package, "") for column in columns))
+            for package in packages
+        ),
+    )
+
+
+def _package(name: str) -> str:
+    return name.rpartition(".")[0]
+
+
+def _keys(entry: type) -> Iterator[tuple[str, str]]:
+    """Yield the keys of a dataclass and their descriptions.
+
+    Raises:
+        ValueError: The docstring does not describe a key.
+    """
+    described = dict(_ATTRIBUTE.findall(inspect.getdoc(entry) or ""))
+    for field in dataclasses.fields(entry):
+        if field.name == "where":  # the place of the entry in its file, not a key
+            continue
+        if field.name not in described:
+            raise ValueError(f"the docstring of {entry.__name__} does not describe {field.name}")
+        yield field.name, " ".join(described[field.name].split())
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = list(head)
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
