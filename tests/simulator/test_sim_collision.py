@@ -14,6 +14,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.world.collision import Obstacles
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall, hull
 
 ORIGINAL = load_profile("instant").model.outline
@@ -175,3 +176,25 @@ def test_cached_clearance_never_hides_a_wall(chassis: Chassis) -> None:
         move = rng.uniform(-0.2, 0.2), rng.uniform(-0.1, 0.1), rng.uniform(-0.5, 0.5)
         pose = pose.moved(*move)
         pose = Pose(min(12.3, max(-12.3, pose.x)), min(10.3, max(-10.3, pose.y)), pose.theta)
+
+
+def test_clearance_is_the_distance_to_the_nearest_obstacle(chassis: Chassis) -> None:
+    obstacles = chassis.obstacles
+    obstacles.put("a", 1.0, 0.0, 0.25)
+    obstacles.put("far", 9.0, 9.0, 0.25)
+    assert obstacles.clearance(0.0, 0.0) == pytest.approx(0.75, abs=0.01)
+    obstacles.put("a", 1.0, 0.0, 3.0)
+    assert obstacles.clearance(0.0, 0.0) == obstacles.clearance(1.0, 0.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("x", "radius"), [(math.nan, 0.3), (math.inf, 0.3), (0.0, 0.0), (0.0, -1.0), (0.0, math.nan)]
+)
+def test_invalid_obstacles_are_refused(x: float, radius: float) -> None:
+    obstacles = Obstacles()
+    with pytest.raises(ValueError, match="obstacle a"):
+        obstacles.put("a", x, 0.0, radius)
+    assert obstacles.names == ()
+    assert obstacles.clearance(0.0, 0.0) == math.inf
+    with pytest.raises(KeyError):
+        obstacles.remove("a")

@@ -48,15 +48,6 @@ def test_refuse_applies_to_its_type_only(simulator: SimulatorThread, client: Jso
     client.ask(OCCUPY)
 
 
-def test_delayed_answer_lets_later_ones_pass(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    simulator.inject("delay", type=BATTERY, seconds=0.3)
-    client.send({"type": BATTERY, "sn": 501})
-    client.send({"type": MODE, "sn": 502})
-    assert [client.receive()["sn"] for _ in range(2)] == [502, 501]
-
-
 def test_clearing_all_faults_releases_delayed_answers(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:

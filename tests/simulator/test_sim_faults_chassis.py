@@ -33,18 +33,6 @@ def distance_ahead(client: JsonClient) -> float:
     return float(ranges[len(ranges) // 2])
 
 
-def test_emergency_stop_is_reported_and_refuses_motion(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    client.subscribe(CODES)
-    fault = simulator.inject("emergency_stop")
-    assert client.next_push(CODES)["scs"][0]["code"] == EMERGENCY_STOP
-    assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
-    fault.clear()
-    assert client.next_push(CODES)["scs"] == []
-    client.ask("woosh.robot.Twist", {"linear": 0.2})
-
-
 def test_emergency_stop_ends_after_its_duration(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
@@ -62,17 +50,6 @@ def test_clearing_the_fault_keeps_a_button_pressed_before(
     simulator.inject("emergency_stop")
     simulator.clear_faults()
     assert abnormal_codes(client) == [EMERGENCY_STOP]
-
-
-def test_lost_localisation_is_reported_and_refuses_tasks(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    client.subscribe(CODES)
-    simulator.inject("lost_localisation")
-    assert client.next_push(CODES)["scs"]
-    assert "localisation" in client.refusal("woosh.robot.ExecTask", {"markNo": "A2"})
-    simulator.clear_faults()
-    assert client.next_push(CODES)["scs"] == []
 
 
 def test_client_can_restore_lost_localisation(
@@ -162,18 +139,6 @@ def test_clear_ends_a_burst(simulator: SimulatorThread, client: JsonClient) -> N
     fault.clear()
     assert not fault.active
     assert fault.hits == 1
-
-
-def test_key_switch_refuses_motion_until_the_fault_ends(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    fault = simulator.inject("key_switch")
-    assert client.ask("woosh.robot.Mode")["ctrl"] == 2
-    for name, body in (TASK, (CALL, STEP), ("woosh.robot.Twist", {"linear": 0.2})):
-        assert "key switch is at manual" in client.refusal(name, body)
-    fault.clear()
-    assert client.ask("woosh.robot.Mode")["ctrl"] == 1
-    client.ask(*TASK)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving import connections
 from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
@@ -129,17 +128,16 @@ def test_all_origins_are_accepted_on_a_public_address() -> None:
         )
 
 
-def test_silent_connection_is_closed(
-    monkeypatch: pytest.MonkeyPatch, simulator: SimulatorThread
-) -> None:
-    monkeypatch.setattr(connections, "_FIRST_FRAME_TIMEOUT", 2.0)
-    speaking, silent = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
-    assert speaking.request(MODE).ok
-    with pytest.raises((AssertionError, ConnectionError)):
-        silent.receive()
-    assert speaking.request(MODE).ok
-    speaking.close()
-    silent.close()
+def test_silent_connection_is_closed() -> None:
+    config = quick_config(port=0, tcp_port=0, first_frame_timeout=2.0)
+    with SimulatorThread(config) as simulator:
+        speaking, silent = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
+        assert speaking.request(MODE).ok
+        with pytest.raises((AssertionError, ConnectionError)):
+            silent.receive()
+        assert speaking.request(MODE).ok
+        speaking.close()
+        silent.close()
 
 
 def test_excess_connections_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:

@@ -18,7 +18,7 @@ from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from tests.simulator.test_sim_uploads import NAV2, SCENE, distance_ahead, file_datas, floor_png
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.refusals import REFUSALS
 from woosh_robot_agent.simulator.scenes.scene import with_map
 from woosh_robot_agent.simulator.world.grid import Grid
@@ -104,21 +104,6 @@ def test_a_downloaded_scene_is_the_same_on_another_robot(
     assert scene_data(second, "copy") == scene_data(client, scene)
     again = download(second, "copy")
     assert set(again) == set(files)
-
-
-def test_an_uploaded_map_can_be_switched_to_and_navigated_in(client: JsonClient) -> None:
-    upload_lab(client)
-    assert client.ask("woosh.robot.Scene")["sceneName"] == "wooshmap"
-    assert scenes(client)["lab"] == ["hall", "yard"]
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "lab", "mapName": "yard"})
-    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
-    client.subscribe("woosh.ros.Feedbacks")
-    goal = {"action": 1, "poses": [{"x": 0.0, "y": 3.0}], "targetPose": {"x": 0.0, "y": 3.0}}
-    client.ask("woosh.ros.CallAction", {"moveBase": goal})
-    end = client.next_push(
-        "woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5)
-    )
-    assert end["fbs"][0]["state"] == 1
 
 
 def test_files_come_back_as_they_were_uploaded(client: JsonClient) -> None:
@@ -382,14 +367,6 @@ def test_an_upload_that_ends_half_way_changes_nothing(
     simulator.call(lambda s: None)
     assert state(simulator) == before
     assert simulator.counts["woosh.map.Upload"] == 0
-
-
-def test_a_real_robot_gives_its_own_words() -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1)
-    with SimulatorThread(config) as simulator:
-        client = JsonClient(simulator.port)
-        assert client.refusal("woosh.map.Delete", {"sceneName": "wooshmap"}) == "Request failed"
-        client.close()
 
 
 def test_the_library_writes_no_files(

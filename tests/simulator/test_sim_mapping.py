@@ -44,7 +44,7 @@ from tests.simulator.recorded_chassis import (
 )
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
-from woosh_robot_agent.simulator.world import growing_grid
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.testing import wait_until
 
 FACTS = real_robot()
@@ -436,13 +436,13 @@ def test_emergency_stop_interrupts_the_drive_but_not_the_mapping(quick: SteppedC
 
 
 def test_map_that_becomes_too_large_keeps_what_it_has(
-    quick: SteppedChassis, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    quick: SteppedChassis, caplog: pytest.LogCaptureFixture
 ) -> None:
     start_mapping(quick)
     quick.run(1.1)
     before = pushed(quick, BUILD_MAP_DATA)[-1].body
-    monkeypatch.setattr(growing_grid, "_MAX_CELLS", before["width"] * before["height"])
-    turn_around(quick)
+    quick.change(lambda model: model.base.place(Pose(300.0, 300.0, 0.0)))
+    quick.run(1.1)
     after = pushed(quick, BUILD_MAP_DATA)[-1].body
     assert (picture(after) == FREE).sum() >= (picture(before) == FREE).sum()
     assert len([each for each in caplog.messages if "map hall is full" in each]) == 1

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import base64
+from pathlib import Path
 from typing import Any
 
 import pytest
+from google.protobuf.json_format import ParseDict
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
+from woosh_robot_agent.pb.map.storage_edit_pb2 import Create
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.chassis import Chassis
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
 PREFIX = "woosh.map.mark.storage"
 EVERYTHING: Json = {
@@ -163,8 +169,13 @@ def test_bad_requests_are_refused_and_change_nothing(
     assert client.ask("woosh.map.SceneData") == before
 
 
-def test_number_of_marks_is_limited(client: JsonClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    count = len(client.ask("woosh.map.SceneData")["maps"][0]["markInfo"]["storages"])
-    monkeypatch.setattr("woosh_robot_agent.simulator.protocol.scene_files.MAX_MARKS", count + 1)
-    client.ask(f"{PREFIX}.Create", storage("one"))
-    assert "marks already" in client.refusal(f"{PREFIX}.Create", storage("two"))
+def test_number_of_marks_is_limited(tmp_path: Path) -> None:
+    marks = [f"      - {{number: m{n}, pose: [1, 1, 0]}}" for n in range(4999)]
+    (tmp_path / "scene.yaml").write_text(
+        "maps:\n  - name: ground\n    walls: [[0, 0, 9, 0, 9, 9, 0, 9, 0, 0]]\n    marks:\n"
+        + "\n".join(marks)
+    )
+    chassis = Chassis(quick_config(scenes=(tmp_path,)))
+    one, two = (ParseDict(storage(number, 2.0, 2.0), Create()) for number in ("one", "two"))
+    assert dispatch(chassis, one).ok
+    assert dispatch(chassis, two).msg == "map ground has 5000 marks already: delete one first"

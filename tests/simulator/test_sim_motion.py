@@ -22,7 +22,6 @@ from woosh_robot_agent.simulator.body.base import (
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 from woosh_robot_agent.simulator.world.geometry import Pose, wrap
-from woosh_robot_agent.simulator.world.planner import planner
 
 STEPS_PER_S = round(1 / TIME_STEP)
 
@@ -114,41 +113,6 @@ def test_twist_times_out_and_ramps_to_zero(chassis: Chassis) -> None:
     assert start.bearing(chassis.base.pose.point) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_zero_twist_stops_at_once(chassis: Chassis) -> None:
-    request(chassis, "woosh.robot.Twist", linear=0.5, angular=0.5)
-    run(chassis, 0.4)
-    assert chassis.base.moving
-    request(chassis, "woosh.robot.Twist")
-    assert chassis.base.velocity == STANDSTILL
-    where = chassis.base.pose
-    run(chassis, 0.5)
-    assert chassis.base.pose == where
-
-
-def test_only_an_omnidirectional_base_moves_sideways(chassis: Chassis) -> None:
-    start = chassis.base.pose
-    request(chassis, "woosh.robot.Twist", linear_y=0.3)
-    run(chassis, 1.5)
-    assert start.bearing(chassis.base.pose.point) == pytest.approx(math.pi / 2)
-    differential = Chassis(quick_config(omnidirectional=False))
-    answer = request(differential, "woosh.robot.Twist", linear_y=0.3)
-    assert (answer.ok, "sideways" in answer.msg) == (False, True)
-
-
-def test_walls_stop_the_base(chassis: Chassis) -> None:
-    request(chassis, "woosh.robot.InitRobot", pose={"x": 10.0, "y": 5.0})
-    for _ in range(60):
-        request(chassis, "woosh.robot.Twist", linear=1.0)
-        run(chassis, 0.1)
-    # The nose is 0.4 m in front of the centre, and one step is up to 0.05 m.
-    assert 11.5 < chassis.base.pose.x <= 12.0 - 0.4
-    assert chassis.base.velocity.forward == 0.0
-    # It can back off again.
-    request(chassis, "woosh.robot.Twist", linear=-0.5)
-    run(chassis, 0.5)
-    assert chassis.base.pose.x < 11.5
-
-
 def test_driving_raises_odometer_and_drains_battery(chassis: Chassis) -> None:
     odometer, level = chassis.base.odometer, chassis.battery.level
     for _ in range(100):
@@ -159,22 +123,6 @@ def test_driving_raises_odometer_and_drains_battery(chassis: Chassis) -> None:
     rested = Chassis(quick_config(seed=1))
     run(rested, 10.0)
     assert chassis.battery.level < rested.battery.level < level
-
-
-def test_planner_goes_around_walls(chassis: Chassis) -> None:
-    routes = planner(chassis.map, 0.5)
-    start, goal = (-9.5, -7.5), (1.0, -8.0)
-    path = routes.plan(start, goal)
-    assert path is not None
-    assert path[-1] == goal
-    assert len(path) > 1
-    for a, b in pairwise([start, *path]):
-        for share in range(101):
-            x, y = (a[i] + (b[i] - a[i]) * share / 100 for i in (0, 1))
-            assert chassis.map.clearance(x, y) >= 0.45
-    assert routes.plan(start, (-4.9, -6.0)) is None
-    assert routes.plan(start, (30.0, 0.0)) is None
-    assert routes.plan((1.0, 1.0), (2.0, 2.0)) == [(2.0, 2.0)]
 
 
 @pytest.mark.parametrize("pose", [Pose(4.2, -6.7, -0.26), Pose(10.0, 0.0, 0.3), Pose(0, 2, 3.1)])

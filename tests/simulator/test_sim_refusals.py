@@ -133,18 +133,6 @@ def test_real_robot_refuses_in_few_words_and_gives_its_reason_by_a_code(
         assert 0 <= push["timestamp"] - answer["timestamp"] <= 50
 
 
-def test_nothing_is_pushed_about_a_refused_task(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    client.subscribe(PROC)
-    client.ask(*TASK)
-    assert client.refusal(*OTHER_TASK) == EXECUTING
-    pass_time(simulator, 2.0)
-    ids = {body.get("robotTaskId") for body in client.take_pushes(PROC)}
-    assert ids == {"5"}
-    assert client.ask(PROC)["robotTaskId"] == "5"
-
-
 def test_own_task_of_the_robot_gives_way_only_to_another_kind() -> None:
     config = SimulatorConfig(port=0, tcp_port=0, seed=1, park_after=1.0)  # in real time
     with SimulatorThread(config) as simulator:

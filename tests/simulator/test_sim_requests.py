@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from tests.simulator.sim_wire import JsonClient
-from woosh_robot_agent.simulator import SimulatorThread
 
 # Bodies of the requests that must not be empty.
 BODIES: dict[str, Any] = {
@@ -40,11 +39,6 @@ def test_every_service_is_answered_with_its_type(client: JsonClient, endpoints: 
         assert answer["type"] == service.get("answer", request)
         assert isinstance(answer["msg"], str)
         assert isinstance(answer["timestamp"], int)
-
-
-def test_every_topic_can_be_requested(client: JsonClient, endpoints: Any) -> None:
-    for topic in endpoints["topics"].values():
-        assert client.request(topic["push"])["type"] == topic["push"]
 
 
 def test_unknown_messages_are_refused(client: JsonClient) -> None:
@@ -172,21 +166,6 @@ def test_jobs_are_refused_outside_automatic_task_mode(
     assert client.ask("woosh.robot.OperationState")["robot"] == 1
     for name, body in requests[:2]:
         client.ask(name, body)
-
-
-def test_uninitialised_chassis_refuses_tasks_until_init_robot(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    def forget(simulated: Any) -> None:
-        simulated.chassis.readiness.initialised = False
-
-    simulator.call(forget)
-    assert client.ask("woosh.robot.RobotState")["state"] == 1
-    assert "not initialised" in client.refusal("woosh.robot.ExecTask", {"markNo": "A2"})
-    assert "not initialised" in client.refusal("woosh.robot.SetRobotPose", {"pose": {"x": 1}})
-    client.ask("woosh.robot.InitRobot", {"isRecord": True, "pose": {}})
-    assert client.ask("woosh.robot.RobotState")["state"] == 2
-    client.ask("woosh.robot.ExecTask", {"markNo": "A2"})
 
 
 def test_request_without_serial_number_is_answered_without_one(client: JsonClient) -> None:

@@ -10,9 +10,9 @@ from collections.abc import Iterable
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import JsonClient, TcpClient, packed, subscription
+from tests.simulator.sim_wire import JsonClient, TcpClient, subscription
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
-from woosh_robot_agent.simulator import Outgoing, SimulatedChassis, SimulatorThread
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 
 GARBAGE: list[str | bytes] = [
     "",
@@ -69,19 +69,6 @@ def test_pushes_reach_many_clients(simulator: SimulatorThread) -> None:
         each.close()
 
 
-def test_connections_are_limited() -> None:
-    config = quick_config(port=0, tcp_port=0, max_connections=1)
-    with SimulatorThread(config) as simulator:
-        first = TcpClient(simulator.tcp_port)
-        assert first.request("woosh.robot.Mode").ok
-        second = TcpClient(simulator.tcp_port)
-        with pytest.raises((AssertionError, ConnectionError)):
-            second.request("woosh.robot.Mode")
-        assert first.request("woosh.robot.Mode").ok
-        first.close()
-        second.close()
-
-
 def test_slow_client_is_dropped_and_delays_no_other() -> None:
     config = quick_config(port=0, tcp_port=0, max_outbox=5)
     with SimulatorThread(config) as simulator:
@@ -108,14 +95,6 @@ def test_received_messages_are_recorded(simulator: SimulatorThread, client: Json
     assert types == ["woosh.Subscription", "woosh.robot.Mode", "woosh.robot.Twist"]
     with pytest.raises(asyncio.TimeoutError):
         simulator.wait_received("woosh.robot.Twist", count=2, timeout=0.01)
-
-
-def test_refuse_hook_lasts_until_accept(simulator: SimulatorThread, client: JsonClient) -> None:
-    simulator.refuse("woosh.robot.SetOccupancy", "not today")
-    assert client.refusal("woosh.robot.SetOccupancy", {"occupy": True}) == "not today"
-    assert client.ask("woosh.robot.DeviceState")["software"] == 1
-    simulator.accept("woosh.robot.SetOccupancy")
-    client.ask("woosh.robot.SetOccupancy", {"occupy": True})
 
 
 def test_mute_delay_and_answer_as_hooks(simulator: SimulatorThread, client: JsonClient) -> None:
@@ -205,40 +184,6 @@ def test_subscriptions_end_with_the_connection(simulator: SimulatorThread) -> No
     second.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
     assert second.take_pushes("woosh.robot.Mode") == []
     second.close()
-
-
-def test_half_open_connection_is_answered_after_clear(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    client.subscribe("woosh.robot.Mode")
-    simulator.inject("half_open")
-    pong = client._await(client.socket.ping())
-    client.send({"type": "woosh.robot.Battery", "sn": 900})
-    before = simulator.counts["woosh.robot.Battery"]
-    with pytest.raises(asyncio.TimeoutError):
-        client.receive(timeout=0.2)
-    assert not pong.done()
-    assert simulator.counts["woosh.robot.Battery"] == before == 0
-    assert simulator.connections == 1
-    simulator.clear_faults()
-    assert client.receive()["sn"] == 900
-    client._await(pong)
-
-
-def test_simulator_runs_in_the_event_loop_of_the_caller() -> None:
-    async def scenario() -> None:
-        config = quick_config(port=0, tcp_port=0, speed=100)
-        async with SimulatedChassis(config) as simulator:
-            reader, writer = await asyncio.open_connection("127.0.0.1", simulator.tcp_port)
-            frame = packed("woosh.robot.Twist", sn=1)
-            writer.write(bytes([len(frame)]) + frame)
-            await simulator.wait_received("woosh.robot.Twist")
-            assert await reader.read(1)
-            assert simulator.connections == 1
-            assert simulator.state.info.robot_id == 30001
-            writer.close()
-
-    asyncio.run(scenario())
 
 
 def test_port_in_use_raises_an_error(simulator: SimulatorThread) -> None:

@@ -20,7 +20,6 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
-from woosh_robot_agent.simulator.scenes import files as scene_files
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import MarkKind
@@ -172,13 +171,12 @@ def test_invalid_scenes_are_refused_with_place_and_reason(
     assert len(str(error.value)) < 600
 
 
-def test_total_pixels_of_a_scene_are_limited(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(scene_files, "MAX_PIXELS", 2 * 60 * 40)
+def test_total_pixels_of_a_scene_are_limited(tmp_path: Path) -> None:
     maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
+    scene = write_scene(tmp_path, f"maps:\n{maps}")
+    write_map(tmp_path, Image.new("L", (4000, 4000), 254))
     with pytest.raises(DataFileError, match=r"maps\[2\]: the pictures of the scene have"):
-        load_scene(write_scene(tmp_path, f"maps:\n{maps}"))
+        load_scene(scene)
 
 
 def test_start_inside_a_wall_is_refused(tmp_path: Path) -> None:

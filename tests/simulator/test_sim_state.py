@@ -23,7 +23,12 @@ AUTO, MANUAL, MAINTAIN = 1, 2, 3
 UNINIT, IDLE, FAULT, FOLLOWING = 1, 2, 6, 7
 PAUSED = 4
 TASK = ("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
+STEP = {"mode": 1, "value": 10.0}
 KEY = "key switch is at manual: turn it to automatic first"
+
+
+Ask = tuple[str, Json]
+"""Type of a request and its body."""
 
 
 def test_key_switch_overrides_the_control_mode(
@@ -178,6 +183,31 @@ def test_following_ends_with_any_other_command(
     assert not simulator.state.following
 
 
+@pytest.mark.parametrize(
+    ("begin", "pause", "resume"),
+    [
+        (
+            TASK,
+            ("woosh.robot.ActionOrder", {"order": 2}),
+            ("woosh.robot.ActionOrder", {"order": 3}),
+        ),
+        tuple(
+            ("woosh.ros.CallAction", {"stepControl": {"action": action, "steps": [STEP]}})
+            for action in (1, 2, 3)
+        ),
+    ],
+    ids=["task", "action"],
+)
+def test_following_ends_with_a_resumed_job(
+    simulator: SimulatorThread, client: JsonClient, begin: Ask, pause: Ask, resume: Ask
+) -> None:
+    for ask in (begin, pause, ("woosh.robot.Follow", {"type": True})):
+        client.ask(*ask)
+    assert simulator.state.following
+    client.ask(*resume)
+    assert not simulator.state.following
+
+
 def test_battery_drains_with_motion_and_charges_at_the_dock(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
@@ -201,13 +231,18 @@ def test_battery_drains_with_motion_and_charges_at_the_dock(
     assert client.ask("woosh.robot.Battery")["chargeState"] == 1
 
 
-def test_empty_battery_refuses_motion(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_empty_battery_refuses_motion_until_it_is_charged(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
     client.subscribe(ABNORMAL)
     simulator.call(lambda s: setattr(s.chassis.battery, "level", 0.0))
     assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["110401000111"]
     assert client.refusal(*TASK) == "battery is empty: charge first"
     assert client.refusal("woosh.robot.Twist", {"linear": 0.2}) == "battery is empty: charge first"
     assert client.ask(STATE)["state"] == 5
+    simulator.call(lambda s: setattr(s.chassis.battery, "level", 50.0))
+    pass_time(simulator, 0.1)
+    client.ask(*TASK)
 
 
 def test_last_fifty_status_codes_are_kept(simulator: SimulatorThread, client: JsonClient) -> None:
@@ -220,22 +255,6 @@ def test_last_fifty_status_codes_are_kept(simulator: SimulatorThread, client: Js
     assert client.ask(CODES)["scs"] == pushed[-50:]
     assert client.ask("woosh.robot.RobotInfo")["statusCodes"]["scs"] == pushed[-50:]
     assert client.ask("woosh.robot.count.StatusCode") == pushed[-1]
-
-
-def test_twist_must_be_repeated(client: JsonClient) -> None:
-    """Each command keeps the robot moving. It slows down 0.5 s after the last one."""
-    client.subscribe("woosh.robot.PoseSpeed")
-    sent = [client.request("woosh.robot.Twist", {"linear": 0.3})["timestamp"] for _ in range(20)]
-    speeds: dict[int, float] = {}
-    while not any(stamp > sent[-1] and not speed for stamp, speed in speeds.items()):
-        frame = client.receive() if not client.pushes else client.pushes.popleft()
-        speeds[frame["timestamp"]] = round(frame["body"]["twist"]["linear"], 6)
-    assert max(speeds.values()) == 0.3
-    speed = 0.0
-    for stamp, found in sorted(speeds.items()):  # every 50 ms while it moves
-        driven = any(0 < stamp - each <= 500 for each in sent)
-        speed = min(speed + 0.05, 0.3) if driven else max(speed - 0.05, 0.0)
-        assert found == pytest.approx(speed, abs=1e-6), stamp - sent[-1]
 
 
 def test_zero_twist_stops_and_is_pushed_at_once(
@@ -280,14 +299,3 @@ def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> N
         assert (driven > 1.0) is omnidirectional
         assert client.ask("woosh.robot.PoseSpeed")["mileage"] == int(mileage + driven)
         client.close()
-
-
-def test_tasks_are_accepted_again_once_the_battery_is_charged(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    simulator.call(lambda simulator: setattr(simulator.chassis.battery, "level", 0.0))
-    pass_time(simulator, 0.1)
-    assert client.refusal(*TASK) == "battery is empty: charge first"
-    simulator.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    pass_time(simulator, 0.1)
-    client.ask(*TASK)

@@ -220,13 +220,6 @@ def test_records_come_in_pages_of_100(chassis: Chassis) -> None:
     assert [len(page.operations.ops) for page in pages] == [0] * 4
 
 
-def test_pages_of_each_kind_are_chosen_separately(chassis: Chassis) -> None:
-    count_tasks(chassis, 150)
-    counted = counted_data(chassis, operation_page=0, task_page=1, status_page=5)
-    assert (len(counted.operations.ops), len(counted.tasks.ts)) == (1, 50)
-    assert (counted.operation_qty, counted.task_qty, counted.abnormal_qty) == (1, 150, 0)
-
-
 def test_records_of_a_time_span_are_those_that_overlap_it(chassis: Chassis) -> None:
     for task in range(3):
         chassis.statistics.task_started(task, "")

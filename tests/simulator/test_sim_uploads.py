@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-import os
 import random
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -247,16 +245,6 @@ def test_duplicate_file_name_is_refused(client: JsonClient) -> None:
     files = [{"name": "a.bin", "data": ""}, {"name": "a.bin", "data": "AA=="}]
     request = {"sceneName": "new", "fileDatas": files}
     assert client.refusal("woosh.robot.SwitchMap", request) == "file a.bin is uploaded twice"
-
-
-def test_uploads_write_no_files(
-    client: JsonClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    client.ask(
-        "woosh.robot.SwitchMap", switch_request("lab", floor_yaml=NAV2, floor_png=floor_png())
-    )
-    assert os.listdir(tmp_path) == []
 
 
 def test_damaged_uploads_cause_no_internal_error(client: JsonClient) -> None:

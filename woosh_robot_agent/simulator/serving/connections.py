@@ -26,23 +26,18 @@ _LOG = logging.getLogger(__name__)
 _CLOSE_TIMEOUT = 0.3
 """Timeout for an orderly close of a connection, in seconds."""
 
-_FIRST_FRAME_TIMEOUT = 10.0
-"""Time after which a connection without a single frame is dropped, in seconds."""
-
 
 class Connections:
     """Serves the connections of clients.
 
     Args:
         exchange: Handles their frames.
-        max_connections: Maximum number of clients.
-        max_outbox: Maximum number of frames that wait for one client.
+        config: The options; the limits are among them.
     """
 
-    def __init__(self, exchange: Exchange, max_connections: int, max_outbox: int) -> None:
+    def __init__(self, exchange: Exchange, config: SimulatorConfig) -> None:
         self._exchange = exchange
-        self._max_connections = max_connections
-        self._max_outbox = max_outbox
+        self._config = config
         self._paused = False
         """True if frames are neither read nor sent."""
         self._full = False
@@ -121,7 +116,7 @@ class Connections:
         if not self._admits(transport):
             transport.abort()
             return
-        client = Client(transport, self._max_outbox)
+        client = Client(transport, self._config.max_outbox)
         self._exchange.join(client)
         writer = asyncio.ensure_future(client.write(self._writing))
         # A WebSocket client has sent its handshake.
@@ -144,7 +139,7 @@ class Connections:
 
     def _admits(self, transport: ServerTransport) -> bool:
         """Return False, and log the reason, if a new connection must be dropped."""
-        if self.count >= self._max_connections:
+        if self.count >= self._config.max_connections:
             if not self._full:
                 _LOG.warning(
                     "%s is refused: there are already %d clients; further ones are refused "
@@ -172,11 +167,11 @@ class Connections:
             _LOG.warning(
                 "%s is dropped: it sent no frame for %g s",
                 client.transport.peer,
-                _FIRST_FRAME_TIMEOUT,
+                self._config.first_frame_timeout,
             )
             client.drop()
 
-        asyncio.get_running_loop().call_later(_FIRST_FRAME_TIMEOUT, check)
+        asyncio.get_running_loop().call_later(self._config.first_frame_timeout, check)
 
     async def _read(self, client: Client) -> None:
         try:

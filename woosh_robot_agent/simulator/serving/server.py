@@ -52,9 +52,7 @@ class Server:
         self.chassis = Chassis(self.config)
         self.speed = self.config.speed
         self._exchange = Exchange(self.chassis, self.config.max_waiting)
-        self._connections = Connections(
-            self._exchange, self.config.max_connections, self.config.max_outbox
-        )
+        self._connections = Connections(self._exchange, self.config)
         self._ports = Ports(self.config, self._connections.serve, self._connections.readable)
         self._ticker: asyncio.Task[None] | None = None
         self._step_start = 0.0
