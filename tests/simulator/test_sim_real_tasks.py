@@ -78,8 +78,8 @@ def states(frames: list[Frame]) -> list[int]:
 
 
 @pytest.mark.parametrize("name", FACTS["sequences"])
-def test_reports_are_those_of_the_real_robot(name: str, connected: ConnectedChassis) -> None:
-    task = SCENARIOS[name](connected)
+def test_reports_are_those_of_the_real_robot(name: str, chassis: SteppedChassis) -> None:
+    task = SCENARIOS[name](chassis)
     assert matches(task.triples, FACTS["sequences"][name]["reports"]), task.triples
 
 
