@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import wait_until
@@ -305,25 +306,29 @@ def test_leaving_a_charger_is_refused_while_a_task_charges(client: JsonClient) -
     assert client.refusal(CALL, EXIT).startswith("task 5 is running")
 
 
-def test_lift_to_a_height_pauses_resumes_and_is_cancelled(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    client.ask(CALL, {"liftControl2": {"action": 1, "height": 1.0}})
-    assert next_feedback(client)["action"] == "woosh.ros.action.LiftControl2"
-    wait_until(lambda: simulator.state.column > 0.0, "the lift")
-    client.ask(CALL, {"liftControl2": {"action": 2}})
-    while next_feedback(client)["state"] != PAUSE:
-        pass
-    paused_at = simulator.state.column
-    assert 0.0 < paused_at < 1.0
-    client.ask(CALL, {"liftControl2": {"action": 3}})
-    while next_feedback(client)["state"] != EXECUTING:
-        pass
-    wait_until(lambda: simulator.state.column > paused_at, "the lift")
-    client.ask(CALL, {"liftControl2": {"action": 0}})
-    assert feedback_until_end(client)[-1]["state"] == CANCEL
-    assert simulator.state.column < 1.0
-    assert client.refusal(CALL, {"liftControl2": {"action": 1, "height": 1.1}}).startswith("lift")
+def test_lift_to_a_height_pauses_resumes_and_is_cancelled() -> None:
+    # Slow enough that the lift moves while requests come, also on a busy machine.
+    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=2)) as simulator:
+        client = JsonClient(simulator.port)
+        client.subscribe(FEEDBACKS)
+        client.ask(CALL, {"liftControl2": {"action": 1, "height": 1.0}})
+        assert next_feedback(client)["action"] == "woosh.ros.action.LiftControl2"
+        wait_until(lambda: simulator.state.column > 0.0, "the lift")
+        client.ask(CALL, {"liftControl2": {"action": 2}})
+        while next_feedback(client)["state"] != PAUSE:
+            pass
+        paused_at = simulator.state.column
+        assert 0.0 < paused_at < 1.0
+        client.ask(CALL, {"liftControl2": {"action": 3}})
+        while next_feedback(client)["state"] != EXECUTING:
+            pass
+        wait_until(lambda: simulator.state.column > paused_at, "the lift")
+        client.ask(CALL, {"liftControl2": {"action": 0}})
+        assert feedback_until_end(client)[-1]["state"] == CANCEL
+        assert simulator.state.column < 1.0
+        too_high = client.refusal(CALL, {"liftControl2": {"action": 1, "height": 1.1}})
+        assert too_high.startswith("lift")
+        client.close()
 
 
 def test_nav_mode_action_limits_the_speed_and_ends(client: JsonClient) -> None:
