@@ -24,7 +24,7 @@ PERMITTED = {
     ("link/codecs/json_codec.py", "ctypes"): "c_float rounds a number to 32 bits",
     ("simulator/__init__.py", "importlib.import_module"): "the package's own modules, by a table",
     ("simulator/command_line.py", "importlib.import_module"): "the page's module, a constant",
-    ("tools/start.py", "importlib.import_module"): "the package's own programs",
+    ("tools/__main__.py", "importlib.import_module"): "the package's own programs",
     ("agent.py", "ctypes"): "memory settings and exit of the C library, with constants",
     ("data_files.py", "yaml.load"): "a loader derived from SafeLoader",
     ("testing/agents.py", "subprocess"): "runs the agent in tests, without a shell",

@@ -253,7 +253,7 @@ class StandardSettings:
                 raise ValueError(f"{name} must not begin with a slash: {frame!r}")
             if not frame and name != "frame_prefix":
                 raise ValueError(f"{name} must not be empty")
-        if unknown := set(self.disabled_parts) - set(PARTS):
+        if unknown := set(self.disabled_parts) - {*PARTS, ""}:
             raise ValueError(
                 f"disabled_parts has no part {', '.join(sorted(unknown))!r}; the parts are "
                 f"{', '.join(PARTS)}"
