@@ -40,7 +40,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs import JSON, PROTOBUF, server_codec
-from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Codec
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.server import ServerTransport, serve_tcp, serve_websocket
 from woosh_robot_agent.link.transport import TransportClosedError

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tests.link.link_peer import Packed
-from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchControlMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Mode
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription

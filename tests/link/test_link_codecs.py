@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.link.link_messages import messages, table_types
-from woosh_robot_agent.link.codecs.frames import FrameError
-from woosh_robot_agent.link.codecs.json_codec import FieldError, JsonCodec, from_json
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec, from_json
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.frames import FieldError, FrameError
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData

@@ -22,9 +22,9 @@ from tests.link.link_peer import (
     soon,
 )
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.reports import LogOnce, PrintableFormatter, one_line
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
@@ -123,7 +123,7 @@ def test_numbers_with_very_many_digits_are_refused(sn: str, kind: str) -> None:
 def test_numbers_as_text_are_limited_independently_of_the_interpreter(limit: str) -> None:
     """Python needs many seconds to read a million digits."""
     program = (
-        "from woosh_robot_agent.link.codecs.json_codec import FieldError\n"
+        "from woosh_robot_agent.link.frames import FieldError\n"
         "from woosh_robot_agent.link.codecs.json_codec import from_json\n"
         "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
         "for text in ('9' * 20_000_000, '-' + '0' * 20_000_000, '9' * 4000):\n"
@@ -146,7 +146,7 @@ def test_deep_nesting_is_an_error_with_pure_python_protobuf() -> None:
         "from google.protobuf.internal import api_implementation\n"
         "if api_implementation.Type() != 'python':\n"
         "    raise SystemExit(0)\n"
-        "from woosh_robot_agent.link.codecs.frames import FrameError\n"
+        "from woosh_robot_agent.link.frames import FrameError\n"
         "from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec\n"
         "from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed\n"
         "codec = ProtobufCodec()\n"

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from woosh_robot_agent.link.codecs.frames import FrameError
-from woosh_robot_agent.link.codecs.json_codec import FieldError, JsonCodec, from_json, to_json
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec, from_json, to_json
+from woosh_robot_agent.link.frames import FieldError, FrameError
 from woosh_robot_agent.pb.dispatch import robot_pb2 as dispatch
 from woosh_robot_agent.pb.map.mark_pb2 import Storage
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from woosh_robot_agent.link.codecs import json_text
-from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData, TaskProc
 
 WRITABLE = st.recursive(

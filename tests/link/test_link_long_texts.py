@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse, Upload
 
 CODEC = JsonCodec()

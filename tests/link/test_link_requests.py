@@ -33,8 +33,8 @@ from woosh_robot_agent.link import (
     Sending,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.codecs.frames import Envelope
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.frames import Envelope
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchControlMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo, RobotState
 

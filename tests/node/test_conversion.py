@@ -148,7 +148,7 @@ class TestBadValues:
         with pytest.raises(BadFieldError) as caught:
             convert_of(ros).to_proto(ros)
         assert caught.value.path == path
-        assert str(caught.value.below("arg")).startswith(f"arg.{path} ")
+        assert str(caught.value.below("arg")).startswith(f"arg.{path}: ")
 
 
 def convert_of(ros: Any) -> Any:

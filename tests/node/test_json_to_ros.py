@@ -21,7 +21,8 @@ from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.converter import Converter
 from woosh_robot_agent.convert.to_proto import filler
 from woosh_robot_agent.convert.to_ros import maker
-from woosh_robot_agent.link.codecs.json_codec import FieldError, from_json, to_json
+from woosh_robot_agent.link.codecs.json_codec import from_json, to_json
+from woosh_robot_agent.link.frames import FieldError
 from woosh_robot_agent.link.protos import message_type
 
 ROUNDS = int(os.environ.get("CONVERSION_EXAMPLES", "15"))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from woosh_robot_agent.link import Body
-from woosh_robot_agent.link.codecs.frames import Envelope, FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.frames import Envelope, FrameError
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo, RobotState
 from woosh_robot_agent.robot.last_known import LastKnown
 

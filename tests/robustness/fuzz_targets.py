@@ -25,9 +25,9 @@ from tests.link.link_peer import INFO, Frame, Packed, Peer, Wire
 from tests.quick_chassis import quick_config
 from tests.robustness import fuzz_inputs as inputs
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.transport import TcpTransport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak

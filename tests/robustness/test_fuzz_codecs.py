@@ -19,7 +19,8 @@ from tests.robustness.fuzz import fuzz
 from tests.robustness.fuzz_inputs import blob, text
 from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target, batches
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.link.codecs.json_codec import FieldError, from_json
+from woosh_robot_agent.link.codecs.json_codec import from_json
+from woosh_robot_agent.link.frames import FieldError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.doctor.checks import (

@@ -10,8 +10,8 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.convert import to_proto, to_ros
 from woosh_robot_agent.convert.mapping import pairs
-from woosh_robot_agent.link.answer import Body
 from woosh_robot_agent.link.codecs.json_codec import from_json
+from woosh_robot_agent.link.frames import Body
 
 _MALFORMED = (AttributeError, TypeError, ValueError, OverflowError)
 """Raised by the compiled functions for JSON that needs the tolerant reader."""

@@ -7,25 +7,12 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
+from woosh_robot_agent.link.frames import FieldError
 from woosh_robot_agent.link.protos import message_type
 
 
-class BadFieldError(ValueError):
-    """A ROS message holds a value that must not be sent to the robot.
-
-    Attributes:
-        path: path of the field in the message, e.g. `poses[1].x`.
-        reason: what is wrong with the value.
-    """
-
-    def __init__(self, path: str, reason: str) -> None:
-        super().__init__(f"{path} {reason}")
-        self.path = path
-        self.reason = reason
-
-    def below(self, prefix: str) -> BadFieldError:
-        """Return the same error for a message that holds this one in its field `prefix`."""
-        return BadFieldError(f"{prefix}.{self.path}", self.reason)
+class BadFieldError(FieldError):
+    """A ROS message holds a value that must not be sent to the robot."""
 
 
 class Source:

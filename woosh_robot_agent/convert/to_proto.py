@@ -52,7 +52,7 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
             _set_proto(source, "o", field.name, types[field.name], field, "    ", path=inner)
         source.add("elif which:")
         source.add(
-            f"    raise BadField('{group.name}.which', f'is {{which}}, which is not a member')"
+            f"    raise BadField('{group.name}.which', f'it is {{which}}, which is not a member')"
         )
     return source.compile()
 
@@ -94,13 +94,13 @@ def _set_proto(
     elif items is not None:
         if field.cpp_type in _FLOATS:
             add(f"for i, item in enumerate({origin}.{name}):")
-            add(f"    if not isfinite(item): raise BadField(f'{path}[{{i}}]', f'is {{item}}')")
+            add(f"    if not isfinite(item): raise BadField(f'{path}[{{i}}]', f'it is {{item}}')")
         elif items == "string":
             add(f"for i, item in enumerate({origin}.{name}): check_text(item, f'{path}[{{i}}]')")
         add(f"p.{name}.extend({origin}.{name})")
     elif field.cpp_type in _FLOATS:
         add(f"value = {origin}.{name}")
-        add(f"if not isfinite(value): raise BadField('{path}', f'is {{value}}')")
+        add(f"if not isfinite(value): raise BadField('{path}', f'it is {{value}}')")
         add(f"p.{name} = value")
     elif field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
         add(f"value = {origin}.{name}; check_text(value, '{path}'); p.{name} = value")
@@ -115,4 +115,4 @@ def _check_text(text: str, path: str) -> None:
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise BadFieldError(path, "is not valid UTF-8 text") from None
+        raise BadFieldError(path, "it is not valid UTF-8 text") from None

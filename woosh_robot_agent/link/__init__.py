@@ -18,9 +18,7 @@ Example::
     asyncio.run(main())
 """
 
-from woosh_robot_agent.link.answer import Answer, Body
 from woosh_robot_agent.link.client import ChassisClient
-from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.config import (
     ConnectionLostError,
     HandshakeError,
@@ -34,6 +32,7 @@ from woosh_robot_agent.link.config import (
     TooManyRequestsError,
 )
 from woosh_robot_agent.link.connection import Sending
+from woosh_robot_agent.link.frames import Answer, Body, FrameError
 from woosh_robot_agent.link.reconnect import LinkState, RobotIdentity
 
 __all__ = [

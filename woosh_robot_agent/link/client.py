@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.answer import Answer, Body
 from woosh_robot_agent.link.config import (
     LinkConfig,
     LinkError,
@@ -18,6 +17,7 @@ from woosh_robot_agent.link.config import (
     NotPermittedError,
 )
 from woosh_robot_agent.link.connection import Connection, Sending
+from woosh_robot_agent.link.frames import Answer, Body
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reconnect import LinkState, LinkStatus, ReconnectLoop
 from woosh_robot_agent.link.reports import LinkRecord

@@ -14,8 +14,6 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.answer import Answer, Body
-from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import (
     ConnectionLostError,
     LinkConfig,
@@ -24,6 +22,14 @@ from woosh_robot_agent.link.config import (
     RequestTimeoutError,
     SupersededError,
     TooManyRequestsError,
+)
+from woosh_robot_agent.link.frames import (
+    SUBSCRIPTION_TYPE,
+    Answer,
+    Body,
+    Codec,
+    Envelope,
+    FrameError,
 )
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reports import LinkRecord

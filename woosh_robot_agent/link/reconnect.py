@@ -12,7 +12,6 @@ from enum import Enum
 from functools import partial
 from typing import Any
 
-from woosh_robot_agent.link.answer import Answer
 from woosh_robot_agent.link.codecs import client_codec
 from woosh_robot_agent.link.config import (
     ConnectionLostError,
@@ -23,6 +22,7 @@ from woosh_robot_agent.link.config import (
     OtherRobotError,
 )
 from woosh_robot_agent.link.connection import Connection, Sending
+from woosh_robot_agent.link.frames import Answer
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LinkRecord, LogOnce, one_line
 from woosh_robot_agent.link.subscriptions import Subscriptions, call

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from websockets.frames import Opcode
 
-from woosh_robot_agent.link.codecs.frames import Codec
+from woosh_robot_agent.link.frames import Codec
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import (
     CHUNK,

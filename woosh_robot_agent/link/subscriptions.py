@@ -10,8 +10,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from woosh_robot_agent.link.answer import Answer, Body
-from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
+from woosh_robot_agent.link.frames import Answer, Body, Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LinkRecord, one_line
 from woosh_robot_agent.link.tasks import aside

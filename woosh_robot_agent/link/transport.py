@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI, WebSocketException
 
-from woosh_robot_agent.link.codecs.frames import FrameError
 from woosh_robot_agent.link.config import LinkConfig
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout, wait_then_cancel
 
 CHUNK = 256 * 1024

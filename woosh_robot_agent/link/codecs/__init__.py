@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from woosh_robot_agent.link.codecs.frames import Codec
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.config import LinkConfig
+from woosh_robot_agent.link.frames import Codec
 
 JSON: Codec = JsonCodec(defaults=True)
 """JSON as a chassis writes it."""

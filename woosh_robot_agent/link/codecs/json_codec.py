@@ -18,7 +18,6 @@ from google.protobuf import json_format
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_type_name
 from woosh_robot_agent.link.codecs.json_text import (
     LONG_FRAME,
     LONG_MESSAGE,
@@ -32,6 +31,7 @@ from woosh_robot_agent.link.codecs.json_text import (
     write,
     write_base64,
 )
+from woosh_robot_agent.link.frames import Envelope, FieldError, FrameError, M, clip_type_name
 
 BAD_VALUE = (ValueError, TypeError, OverflowError)
 """Exceptions that a setter or a converter raises for a value that does not fit."""
@@ -41,25 +41,6 @@ _LONGEST_REASON = 100
 _REPR = reprlib.Repr()  # plain repr() takes seconds for a map, and fails on deep nesting
 _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = 40
-
-
-class FieldError(ValueError):
-    """A value that does not fit its field.
-
-    Attributes:
-        path: path of the field inside the message, e.g. `pose.x` or `steps[2].mode`.
-        reason: the text without the path.
-    """
-
-    def __init__(self, path: str, reason: str) -> None:
-        super().__init__(f"{path}: {reason}" if path else reason)
-        self.path = path
-        self.reason = reason
-
-    def below(self, outer: str) -> FieldError:
-        """Return the same error with the field or the list index `outer` put before its path."""
-        separator = "" if not self.path or self.path.startswith("[") else "."
-        return FieldError(f"{outer}{separator}{self.path}", self.reason)
 
 
 def misfit(path: str, value: object, error: Exception) -> FieldError:

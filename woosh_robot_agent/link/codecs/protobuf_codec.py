@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from google.protobuf.message import DecodeError, Message
 
-from woosh_robot_agent.link.codecs.frames import Envelope, FrameError, M, clip_type_name
+from woosh_robot_agent.link.frames import Envelope, FrameError, M, clip_type_name
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 
 _TYPE_URL_PREFIX = "type.googleapis.com/"

@@ -12,7 +12,7 @@ from typing import Any
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.codecs.frames import Codec, FrameError
+from woosh_robot_agent.link.frames import Codec, FrameError
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.server import Encoded, ServerTransport, Write
 from woosh_robot_agent.link.transport import varint

@@ -8,7 +8,7 @@ import logging
 import socket
 from collections.abc import Awaitable, Callable
 
-from woosh_robot_agent.link.codecs.frames import FrameError
+from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.server import (
     Handler,
     Listener,

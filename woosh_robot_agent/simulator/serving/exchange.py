@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs import server_codec
-from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Codec, FrameError
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Codec, FrameError
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.server import ConnectedClient, Encoded, ServerTransport
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription

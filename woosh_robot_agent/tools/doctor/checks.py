@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs import client_codec
-from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
+from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport

@@ -9,8 +9,8 @@ from collections import Counter
 from functools import partial
 
 from woosh_robot_agent.link.codecs import JSON, server_codec
-from woosh_robot_agent.link.codecs.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.config import MIB
+from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.server import (
     ConnectedClient,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from woosh_robot_agent.endpoints import COMMANDS
 from woosh_robot_agent.link.codecs import server_codec
-from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction

@@ -30,7 +30,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from woosh_robot_agent.endpoints import COMMANDS
 from woosh_robot_agent.link.codecs import server_codec
-from woosh_robot_agent.link.codecs.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
