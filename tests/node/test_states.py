@@ -226,7 +226,7 @@ class TestDiagnostics:
             )
         )
         status = of(arrays.wait(lambda a: of(a, "hardware").level == ERROR), "hardware")
-        assert values(status) == {"motor 2": "Fatal", "imu": "Warn"}
+        assert values(status) == {"motor 2": "fatal", "imu": "warn"}
 
     def test_a_lost_link_is_an_error_until_it_is_back(self, simulator, agent, client):
         arrays = diagnostics(client)

@@ -8,9 +8,8 @@ from itertools import pairwise
 
 import pytest
 
-from woosh_robot_agent.ros.standard.cmd_vel import STANDSTILL, Velocity
 from woosh_robot_agent.ros.standard.odometry import HORIZON, Prediction
-from woosh_robot_agent.ros.standard.poses import Pose2D
+from woosh_robot_agent.ros.standard.poses import STANDSTILL, Pose2D, Velocity
 
 PERIOD = 0.204
 """Time between two reports of a real robot, in seconds."""

@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from woosh_robot_agent.ros.standard.cmd_vel import STANDSTILL, Velocity
 from woosh_robot_agent.ros.standard.odometry import ReportTime
+from woosh_robot_agent.ros.standard.poses import STANDSTILL, Velocity
 
 PERIOD = 0.204
 DRIVE = Velocity(0.5, 0.0, 0.5)

@@ -19,6 +19,7 @@ import pytest
 from rich.console import Console
 
 from tests.tools.test_tool_programs import HOSTILE, harmless
+from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -39,7 +40,7 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.monitor.screen import draw
-from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, enum_name
+from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools", "monitor"]
 TIMEOUT = 60.0

@@ -1,4 +1,4 @@
-"""Lookup of the chassis's protobuf messages by full name.
+"""The chassis's protobuf messages by full name, and the readable names of enum values.
 
 The build of the package compiles `proto/` into the modules of `woosh_robot_agent.pb`.
 """
@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 
+from google.protobuf.descriptor import EnumDescriptor
 from google.protobuf.message import Message
 
 from woosh_robot_agent import pb
@@ -48,6 +50,34 @@ def message_type(full_name: str) -> type[Message]:
 def full_name(message: Message | type[Message]) -> str:
     """Return the protobuf full name of a message or its class, as used in a frame's `type`."""
     return str(message.DESCRIPTOR.full_name)
+
+
+_PREFIXES = ("k", "Ros")
+_SUFFIXES = ("Mode",)
+
+
+def enum_name(enum: Any, number: int) -> str:
+    """Return the readable name of a value of a generated enum, e.g. `task` for `kTaskMode`.
+
+    An undefined value is called `unknown`. For a value that the enum does not have, the result is
+    its number.
+    """
+    return _enum_name(enum.DESCRIPTOR, number)
+
+
+@cache
+def _enum_name(descriptor: EnumDescriptor, number: int) -> str:
+    value = descriptor.values_by_number.get(number)
+    if value is None:
+        return str(number)
+    name = str(value.name)
+    if name.endswith("Undefined"):
+        return "unknown"
+    for prefix in _PREFIXES:
+        name = name.removeprefix(prefix)
+    for suffix in _SUFFIXES:
+        name = name.removesuffix(suffix) or name
+    return re.sub(r"(?<=[a-z])(?=[A-Z0-9])", " ", name).lower()
 
 
 def _raise(error: OSError) -> NoReturn:

@@ -198,8 +198,8 @@ A moving robot sends five per second.
 """
 _OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
 """Names of the tasks that a robot starts by itself, by type."""
-_TASKS_PER_SET = 100
-"""Factor between the id of a task set and the ids of its tasks."""
+TASKS_PER_SET = 100
+"""A task of a set is reported as the id of the set times this number, plus its id in the set."""
 _MAX_TASKS = 50
 """Maximum number of the agent's tasks, and of its task sets, that are remembered."""
 
@@ -278,7 +278,7 @@ class WhoDrives:
 
     def _task_driver(self, task: TaskProc) -> Driver:
         number = task.robot_task_id
-        task_set = number // _TASKS_PER_SET
+        task_set = number // TASKS_PER_SET
         detail = f"task {number}"
         if not {detail, f"task set {task_set}"}.isdisjoint(self._goals()):
             return Driver(GOAL, detail)
@@ -294,7 +294,7 @@ class WhoDrives:
 
     def _is_own_id(self, number: int) -> bool:
         """Return True if the id of the current task is one that the robot gives itself."""
-        start, ending = divmod(number, _TASKS_PER_SET)
+        start, ending = divmod(number, TASKS_PER_SET)
         oldest = OWN_TASK_DURATION if self._began_unseen else OWN_TASK_AGE
         return ending == _OWN_TASK_ENDING and 0 <= self._task.time - start <= oldest
 

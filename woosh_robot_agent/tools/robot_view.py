@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
-from google.protobuf.descriptor import EnumDescriptor
 from google.protobuf.message import Message
 
 from woosh_robot_agent.endpoints import TOPICS
@@ -22,34 +18,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.tools.options import link_arguments
-
-_PREFIXES = ("k", "Ros")
-_SUFFIXES = ("Mode",)
-
-
-def enum_name(enum: Any, number: int) -> str:
-    """Return the readable name of a value of a generated enum, e.g. `task` for `kTaskMode`.
-
-    An undefined value is called `unknown`. For a value that the enum does not have, the result is
-    its number.
-    """
-    return _enum_name(enum.DESCRIPTOR, number)
-
-
-@cache
-def _enum_name(descriptor: EnumDescriptor, number: int) -> str:
-    value = descriptor.values_by_number.get(number)
-    if value is None:
-        return str(number)
-    name = str(value.name)
-    if name.endswith("Undefined"):
-        return "unknown"
-    for prefix in _PREFIXES:
-        name = name.removeprefix(prefix)
-    for suffix in _SUFFIXES:
-        name = name.removesuffix(suffix) or name
-    return re.sub(r"(?<=[a-z])(?=[A-Z0-9])", " ", name).lower()
-
 
 _MAX_CODES = 50
 """Number of status codes kept."""

@@ -21,6 +21,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecPreTask, 
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
 from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.who_drives import TASKS_PER_SET
 from woosh_robot_agent.ros.actions.goal import (
     Attribution,
     Findings,
@@ -68,8 +69,6 @@ async def poll_tasks(
     await context.chassis.request(context.empty(TaskHistory), tap=tap_history)
 
 
-TASKS_PER_SET = 100
-"""A task of a set is reported as the id of the set times this number, plus its id in the set."""
 _EXECUTING = (robot_pb2.kTask, robot_pb2.kParking)
 """States of a robot that executes a task, or is about to begin the next one of a set."""
 

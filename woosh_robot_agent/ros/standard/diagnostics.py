@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotInfo
@@ -79,12 +79,6 @@ class Status:
         )
 
 
-def name_of(enum: Any, value: int) -> str:
-    """Return the name of an enum value without its `k`; the number if the value has no name."""
-    names = {number: name for name, number in enum.items()}
-    return names[value].removeprefix("k") if value in names else str(value)
-
-
 def agents_status(second_agent: SecondAgent) -> Status:
     """Return the status of the agents in the namespace; there should be one."""
     status = Status("agents")
@@ -103,7 +97,7 @@ def battery_status(info: RobotInfo) -> Status:
         status.tell(WARN, f"{battery.power} % is low, at or below {power.low} %")
     status.values = {
         "percent": battery.power,
-        "charging": name_of(Battery.ChargeState, battery.charge_state),
+        "charging": enum_name(Battery.ChargeState, battery.charge_state),
     }
     return status
 
@@ -118,9 +112,9 @@ def chassis_status(info: RobotInfo) -> Status:
     if info.state == robot.kFault:
         status.tell(ERROR, "the robot reports a fault")
     status.values = {
-        "state": name_of(robot.State, info.state),
-        "control mode": name_of(robot.ControlMode, info.mode.ctrl),
-        "work mode": name_of(robot.WorkMode, info.mode.work),
+        "state": enum_name(robot.State, info.state),
+        "control mode": enum_name(robot.ControlMode, info.mode.ctrl),
+        "work mode": enum_name(robot.WorkMode, info.mode.work),
         "taskable": _yes_or_no(accepts_task(info)),
         "localised": _yes_or_no(is_located(info)),
         "scene": info.scene.scene_name,
@@ -170,7 +164,7 @@ def hardware_status(hardware: HardwareState) -> Status:
     for name, state in devices(hardware):
         if state == HardwareState.kNormal:
             continue
-        word = name_of(HardwareState.State, state)
+        word = enum_name(HardwareState.State, state)
         status.values[name] = word
         if state != HardwareState.kInfo:
             status.tell(ERROR if state == HardwareState.kFatal else WARN, f"{name}: {word}")

@@ -13,10 +13,9 @@ from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.parameters import StandardSettings
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
-from woosh_robot_agent.ros.standard.cmd_vel import Velocity
 from woosh_robot_agent.ros.standard.odometry import HORIZON, Odometry, Prediction
 from woosh_robot_agent.ros.standard.part import Part, PartContext
-from woosh_robot_agent.ros.standard.poses import Pose2D, check_finite
+from woosh_robot_agent.ros.standard.poses import Pose2D, Velocity, check_finite
 
 _SILENCE = HORIZON
 """Time without a report after which the robot does not move sideways, in seconds."""

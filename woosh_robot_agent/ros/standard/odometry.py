@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import math
 
-from woosh_robot_agent.ros.standard.cmd_vel import LEVER, STANDSTILL, Velocity
-from woosh_robot_agent.ros.standard.poses import Pose2D
+from woosh_robot_agent.ros.standard.poses import LEVER, STANDSTILL, Pose2D, Velocity
 
 _MIN_SPEED = 0.1
 """Minimum mean speed from which the duration of a movement is derived, in m/s."""

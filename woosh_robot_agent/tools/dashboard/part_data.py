@@ -9,6 +9,7 @@ import sys
 import time
 from typing import Any
 
+from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -26,7 +27,7 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot import readiness
 from woosh_robot_agent.robot.readiness import accepts_task, is_charging, pose_doubt, rejections
 from woosh_robot_agent.robot.status_codes import explained
-from woosh_robot_agent.tools.robot_view import RobotView, enum_name
+from woosh_robot_agent.tools.robot_view import RobotView
 
 _MAX_CODES = 20
 """Maximum number of status codes on the page."""

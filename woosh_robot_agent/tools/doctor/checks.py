@@ -13,7 +13,7 @@ from typing import NamedTuple
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs import client_codec
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
-from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.protos import enum_name, full_name
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -38,7 +38,7 @@ from woosh_robot_agent.robot.readiness import (
 )
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.options import Address, link_arguments
-from woosh_robot_agent.tools.robot_view import enum_name, system_text
+from woosh_robot_agent.tools.robot_view import system_text
 
 
 class Status(Enum):

@@ -17,6 +17,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo
@@ -26,7 +27,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import accepts_task, is_charging, pose_doubt, rejections
 from woosh_robot_agent.robot.status_codes import explained
-from woosh_robot_agent.tools.robot_view import LinkReport, RobotView, enum_name
+from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 
 _END_OF_INPUT = "\x04"
 

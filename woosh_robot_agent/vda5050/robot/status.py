@@ -19,6 +19,7 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot import readiness
+from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.robot.standstill import MIN_SPEED
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.vda5050.messages.factsheet import (
@@ -159,7 +160,7 @@ def map_id(info: RobotInfo) -> str:
 def _battery(report: BatteryReport) -> Battery:
     return Battery(
         charge=float(min(report.power, 100)),
-        charging=report.charge_state in (BatteryReport.kManual, BatteryReport.kAuto),
+        charging=is_charging(report),
         health=float(report.health) if 0 < report.health <= 100 else None,
     )
 
