@@ -1,4 +1,4 @@
-"""The caches of scripts/build_cache do not change what the code generators of rosidl write."""
+"""The caches of the interface packages do not change what the code generators of rosidl write."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-BUILD_CACHE = Path(__file__).parents[1] / "scripts" / "build_cache"
+BUILD_CACHE = Path(__file__).parents[1] / "woosh_common_msgs" / "cmake"
 
 TEMPLATE = """\
 @{
@@ -77,7 +77,7 @@ def run(tmp_path: Path, program: str, *, cached: bool) -> subprocess.CompletedPr
     path = [str(BUILD_CACHE)] if cached else []
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([*path, os.environ.get("PYTHONPATH", "")]),
-        "XDG_CACHE_HOME": str(tmp_path),
+        "WOOSH_IDL_CACHE": str(tmp_path / "idl"),
     }
     return subprocess.run(
         [sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True
@@ -97,7 +97,7 @@ def test_interfaces_are_parsed_to_the_same_content(tmp_path: Path) -> None:
     assert "A comment" in plain.stdout
     for kind in ("parsed", "from the cache"):
         assert run(tmp_path, PARSER, cached=True).stdout == plain.stdout, kind
-    (cached,) = (tmp_path / "woosh_robot_agent" / "idl").iterdir()
+    (cached,) = (tmp_path / "idl").iterdir()
     damaged = b"cos\nno_such_function\n."  # pickle raises AttributeError
     cached.write_bytes(damaged)
     for kind in ("parsed again", "from the cache"):

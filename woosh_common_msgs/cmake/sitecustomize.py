@@ -1,8 +1,9 @@
 """Caches for the code generators of rosidl: each interface file and template is parsed once only.
 
-scripts/setup puts this folder on the PYTHONPATH during the build, and Python imports a module with
-this name at every start. Without it, each of seven generators parses every interface file with a
-slow parser, and its templates again for every interface. That takes longer than the compiler.
+woosh_interfaces.cmake puts this folder on the PYTHONPATH of the generators, and Python imports a
+module with this name at every start. Without it, each of seven generators parses every interface
+file with a slow parser, and its templates again for every interface. That takes longer than the
+compiler.
 """
 
 import contextlib
@@ -16,11 +17,10 @@ from pathlib import Path
 
 
 def cache_interfaces():
-    """Keep parsed interface files for other generators, packages and checkouts."""
+    """Keep parsed interface files for the other generators, in the folder $WOOSH_IDL_CACHE."""
     from rosidl_parser import definition, parser
 
-    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(cache) / "woosh_robot_agent" / "idl"
+    folder = Path(os.environ["WOOSH_IDL_CACHE"])
     parser_key = hashlib.sha256(sys.version.encode())  # another parser returns other objects
     for source in (definition.__file__, parser.__file__, parser.grammar_file):
         parser_key.update(Path(source).read_bytes())
@@ -76,6 +76,6 @@ def cache_templates():
     em._exec = lambda source, *namespaces: exec(compiled(source, "exec"), *namespaces)
 
 
-if any("rosidl" in argument for argument in sys.orig_argv[1:3]):
+if "WOOSH_IDL_CACHE" in os.environ and any("rosidl" in word for word in sys.orig_argv[1:3]):
     cache_interfaces()
     cache_templates()
