@@ -335,7 +335,7 @@ def test_diagnostics_do_not_warn_of_the_missing_map_and_localisation(
     simulator.push(DeviceState(software=0))
     simulator.push(PoseSpeed(map_id=0))
     array = arrays.wait(lambda a: values(of(a, "chassis"))["map id"] == "0")
-    assert values(of(array, "chassis"))["state"] == "Mapping"
+    assert values(of(array, "chassis"))["state"] == "mapping"
     assert values(of(array, "chassis"))["localised"] == "unknown"
     assert of(array, "chassis").message == "OK"
     mapping.enter(robot.kIdle)

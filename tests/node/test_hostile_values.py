@@ -219,7 +219,8 @@ def test_no_value_in_robot_info_does_harm(rig: Rig, logs: Collector):
     ]
     for info in (*extremes(ROBOT_INFO), *numbers):
         logs.messages.clear()  # each link logs bad values again
-        rig.reconnect({**info, "robotId": 10001})
+        genral = {**info.get("genral", {}), "serial_number": 0}  # another robot would be refused
+        rig.reconnect({**info, "robot_id": 10001, "genral": genral})
         # the map of the former link's scene may be requested on both links
         check_log(logs, "the link", "connected", "cannot connect", "no map")
     rig.check_topics()

@@ -89,16 +89,3 @@ def test_only_the_last_unread_value_of_each_type_is_kept():
         said.push(BATTERY, power=power)
         said.push("woosh.robot.PoseSpeed", mileage=power)
     assert len(said.known._unread) == 2
-
-
-def test_forgotten_values_are_gone_whether_they_were_read_or_not():
-    said = Pushed()
-    said.push(INFO, robotId=7)
-    said.push(BATTERY, power=49)
-    assert said.info.robot_id == 7
-    said.push(BATTERY, power=48)
-    said.known.forget()
-    assert (said.info, said.known.get(BATTERY)) == (None, None)
-    said.push(BATTERY, power=47)
-    assert said.known.get(BATTERY) == Battery(power=47)
-    assert said.info is None

@@ -44,7 +44,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
-from woosh_robot_agent.motion.timeliness import MAX_AGE, LatestWins, StallWatch
+from woosh_robot_agent.motion.timeliness import MAX_AGE, STALL, LatestWins, StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
@@ -172,12 +172,18 @@ class MotionGate:
     Args:
         chassis: the link.
         open_goals: returns the number of goals that the robot may be executing.
+        stall: time for which the event loop must stand still for rule 8 to apply, in seconds.
 
     Attributes:
         superseded: number of velocities that were not sent because they were out of date.
     """
 
-    def __init__(self, chassis: ChassisClient, open_goals: Callable[[], int] = lambda: 0) -> None:
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        open_goals: Callable[[], int] = lambda: 0,
+        stall: float = STALL,
+    ) -> None:
         self._chassis = chassis
         self._send = chassis.reserve(commands_motion)  # rule 1
         self._open_goals = open_goals
@@ -195,7 +201,7 @@ class MotionGate:
         """Loop time until which requests that move the robot are refused."""
         self._stop_called = -math.inf
         """Loop time of the last call of `announce_stop`."""
-        self._stalls = StallWatch()
+        self._stalls = StallWatch(stall)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
         self._drops = DropLog(_LOG)

@@ -20,7 +20,7 @@ After a clock was set forward, or for a sender whose clock is behind those of ot
 as old for that time.
 """
 STALL = 0.5
-"""Delay of a heartbeat that counts as a stall, in seconds."""
+"""Default delay of a heartbeat that counts as a stall, in seconds."""
 MAX_AGE = 0.5
 """Maximum age at which a velocity is sent, in seconds.
 
@@ -68,14 +68,18 @@ class SenderClock:
 class StallWatch:
     """Notices that the event loop, or the whole process, stood still.
 
+    Args:
+        limit: delay of a heartbeat that counts as a stall, in seconds.
+
     Attributes:
         ended: loop time at which the last stall had ended at the latest; -inf before the first.
         duration: duration of the last stall, in seconds.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, limit: float) -> None:
         self.ended = -math.inf
         self.duration = 0.0
+        self._limit = limit
         self._due = math.inf
         """Loop time of the next heartbeat."""
         self._timer: asyncio.TimerHandle | None = None
@@ -95,7 +99,7 @@ class StallWatch:
     def check(self) -> None:
         """Notice a stall that has just ended, even before the next heartbeat."""
         now = asyncio.get_running_loop().time()
-        if now - self._due > STALL:
+        if now - self._due > self._limit:
             self.ended, self.duration = now, now - self._due + _PERIOD
             self._due = now + _PERIOD
 

@@ -22,6 +22,7 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion.requests import only_reads
+from woosh_robot_agent.motion.timeliness import STALL
 from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check, check_names
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
@@ -126,6 +127,7 @@ class Agent:
         thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
             after closing the agent.
         link: fields of `LinkConfig` that are no parameters, e.g. `backoff_min`.
+        stall: as in `MotionGate`.
         options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
 
     Raises:
@@ -138,6 +140,7 @@ class Agent:
         thread: LoopThread | None = None,
         *,
         link: Mapping[str, Any] | None = None,
+        stall: float = STALL,
         **options: Any,
     ) -> None:
         self.node = node or ParameterNode(**options)
@@ -152,7 +155,7 @@ class Agent:
         self._requests = RequestMaker(self.settings.link.robot_id)
         # first: it reports unreadable pushes before others see them
         self._topics = Topics(self.node, self._thread, self._chassis)
-        self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals)
+        self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals, stall)
         last_known = LastKnown(self._chassis)
         explainer = RefusalExplainer(self._chassis, last_known)
         watch = Watch(

@@ -184,6 +184,9 @@ class RunningAgent(Protocol):
 
 _LINK_FIELDS = {field.name for field in fields(LinkConfig)} - {p.name for p in PARAMETERS}
 """Fields of the link's configuration that are no parameters."""
+_STALL = 10.0
+"""Stall after which an agent in this process moves nothing for a moment, in seconds. On a busy
+machine, tests stand still for longer than a robot's computer should."""
 
 
 class AgentInProcess:
@@ -214,7 +217,9 @@ class AgentInProcess:
         link = {name: parameters.pop(name) for name in _LINK_FIELDS & parameters.keys()}
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         try:
-            self.agent = Agent(context=self.context, parameter_overrides=overrides, link=link)
+            self.agent = Agent(
+                context=self.context, parameter_overrides=overrides, link=link, stall=_STALL
+            )
         except BaseException:
             rclpy.try_shutdown(context=self.context)
             raise

@@ -175,13 +175,13 @@ def test_an_error_is_logged_by_the_robot_that_has_it(
 
         for each in agent._services._servers:
             monkeypatch.setattr(each, "_handle", fail)
-        request = second._chassis.request
+        send = second._chassis.send
 
         def fail_to_speak(message: Any, *rest: Any, **named: Any) -> Any:
             is_it = type(message).__name__ == "Speak"
-            return fail() if is_it else request(message, *rest, **named)
+            return fail() if is_it else send(message, *rest, **named)
 
-        monkeypatch.setattr(second._chassis, "request", fail_to_speak)
+        monkeypatch.setattr(second._chassis, "send", fail_to_speak)
         assert "ZeroDivisionError" in clients[failing].call(Speak, "robot/Speak").msg
         assert "ZeroDivisionError" in clients[other].call(Speak, "robot/Speak").msg
         told = capfd.readouterr().err.splitlines()
