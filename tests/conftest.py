@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-_WARNINGS_ARE_ERRORS = ("tests/link/", "tests/motion/", "tests/watch/")
+_WARNINGS_ARE_ERRORS = ("tests/link/", "tests/motion/", "tests/robot/")
 """Folders of tests in which each warning is an error, e.g. about unclosed sockets."""
 
 
@@ -61,7 +61,8 @@ try:
 except ModuleNotFoundError as error:  # the tests of the link also run without ROS
     if error.name not in ("rclpy",):
         raise
-    collect_ignore = ["node", "robustness", "test_benchmarks.py", "test_interfaces.py"]
+    collect_ignore = ["convert", "node", "robustness"]
+    collect_ignore += ["tooling/test_benchmarks.py", "tooling/test_interfaces.py"]
 else:
     from tests.quick_chassis import quick_config
     from woosh_robot_agent.simulator import SimulatorThread
@@ -92,18 +93,35 @@ else:
             agent.close()
 
     @pytest.fixture
-    def agent(
+    def connect(
         simulator: SimulatorThread, start_agent: Callable[..., harness.RunningAgent]
-    ) -> harness.RunningAgent:
+    ) -> Callable[..., harness.RunningAgent]:
+        """Function that starts an agent and connects it to the simulator; as `start_agent`."""
+
+        def connect(**parameters: Any) -> harness.RunningAgent:
+            address = {"ip": "127.0.0.1", "port": simulator.port, "backoff_min": 0.1}
+            started = start_agent(**{**address, **parameters})
+            started.wait_connected()
+            return started
+
+        return connect
+
+    @pytest.fixture
+    def agent(connect: Callable[..., harness.RunningAgent]) -> harness.RunningAgent:
         """An agent that is connected to the simulator."""
-        started = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
-        started.wait_connected()
-        return started
+        return connect()
 
     @pytest.fixture
     def client(domain: int) -> Iterator[harness.Client]:
         """A ROS node that uses the agent."""
         running = harness.Client(domain)
+        yield running
+        running.close()
+
+    @pytest.fixture
+    def robot(agent: harness.RunningAgent, simulator: SimulatorThread) -> Iterator[harness.Robot]:
+        """A ROS node that uses the agent, with the agent and the simulator."""
+        running = harness.Robot(agent, simulator)
         yield running
         running.close()
 

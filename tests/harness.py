@@ -10,6 +10,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import rclpy
@@ -21,7 +22,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.ros.releases import this_computer_only
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
 from woosh_robot_agent.testing import AgentInProcess as RunningAgent
 from woosh_robot_agent.testing.agents import NAMESPACE
@@ -34,6 +38,7 @@ __all__ = [
     "Collector",
     "GoalClient",
     "Program",
+    "Robot",
     "RunningAgent",
     "Spinner",
     "own_domain",
@@ -141,9 +146,9 @@ class Client:
         self.executor.add_node(self.node)
         self._spinner = Spinner(self.executor)
         self._clients: dict[Any, Any] = {}
+        """Clients by type and name; a service and an action may share a name."""
         self._known_by: dict[Any, set[bytes]] = {}
         """The agent that has discovered a client."""
-        """Clients by type and name; a service and an action may share a name."""
         self._lock = threading.Lock()
         """Held while an action client is created, so that each action gets one only."""
 
@@ -285,6 +290,43 @@ class Client:
     def send_goal(self, action: Any, name: str, goal: Any) -> GoalClient:
         """Send a goal; return it once it has been accepted."""
         return GoalClient(self, self.action(action, name), goal)
+
+
+class Robot(Client):
+    """A client of an agent, with the agent and the simulated chassis that it is connected to.
+
+    Attributes:
+        agent: the agent.
+        chassis: the chassis.
+    """
+
+    def __init__(self, agent: RunningAgent, chassis: SimulatorThread) -> None:
+        super().__init__(agent.domain, agent.namespace)
+        self.agent = agent
+        self.chassis = chassis
+
+    @property
+    def link(self) -> ChassisClient:
+        """The agent's link to the chassis."""
+        return self.agent.agent.robot.chassis
+
+    @property
+    def gate(self) -> MotionGate:
+        """The agent's motion gate."""
+        return self.agent.agent.robot.gate
+
+    def set_goal_timing(self, **changes: float) -> None:
+        """Change the `GoalTiming` of goals that start after this call."""
+        actions = self.agent.agent.actions
+        actions.timing = replace(actions.timing, **changes)
+
+    def set_motion_timing(self, **changes: float) -> None:
+        """Change the `MotionTiming` of the agent."""
+        self.gate.timing = replace(self.gate.timing, **changes)
+
+    def wait_lost(self) -> None:
+        """Wait until the agent has noticed that its link is lost."""
+        wait_until(lambda: self.link.state is not LinkState.READY, "the loss of the link")
 
 
 class Program(AgentProcess):

@@ -11,7 +11,8 @@ import functools
 import gc
 import json
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager
 from typing import Any
 
 from woosh_robot_agent.link import Answer, ChassisClient, LinkConfig, LinkState
@@ -385,6 +386,35 @@ class Peer:
         finally:
             self.handlers.discard(task)
             writer.transport.abort()
+
+
+KINDS = ["json", "protobuf", "tcp"]
+"""Kinds of a `Peer`."""
+
+
+@asynccontextmanager
+async def linked(
+    kind: str = "json",
+    *,
+    script: Callable[[Wire, Frame], Awaitable[bool]] | None = None,
+    info: Any = None,
+    **changes: Any,
+) -> AsyncIterator[tuple[Peer, ChassisClient, Wire]]:
+    """Connect a client to a peer; the arguments are those of `Peer` and `Peer.client`."""
+    async with Peer(kind, script=script, info=info) as peer, peer.client(**changes) as client:
+        yield peer, client, await peer.wire()
+
+
+def ask(client: ChassisClient, message: Any, **options: Any) -> asyncio.Task[Answer]:
+    """Send a request."""
+    return asyncio.ensure_future(client.request(message, **options))
+
+
+async def answered(client: ChassisClient, wire: Wire) -> bool:
+    """Send a request that the chassis answers; return True if the client gets the answer."""
+    task = ask(client, Speak())
+    await wire.answer(await wire.next("woosh.robot.Speak"))
+    return bool((await soon(task)).ok)
 
 
 class RawServer:

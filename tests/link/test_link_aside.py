@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Peer, aio, eventually, soon
-from tests.link.test_link_requests import ask
+from tests.link.link_peer import TIMEOUT, Peer, aio, answered, ask, eventually, linked, soon
 from woosh_robot_agent.link import Body, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
@@ -98,9 +97,7 @@ async def test_other_pushes_and_answers_do_not_wait_for_a_large_push(gate: threa
         wire = await peer.wire()
         await wire.push(full_name(PoseSpeed))
         await eventually(lambda: poses)
-        asked = ask(client, Speak())
-        await wire.answer(await wire.next(SPEAK))
-        assert (await soon(asked)).ok
+        assert await answered(client, wire)
 
 
 @aio
@@ -182,8 +179,7 @@ async def test_a_large_request_that_is_withdrawn_while_it_is_encoded_is_not_sent
 
 @aio
 async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         connection = client._connection
         assert connection is not None
 
@@ -195,9 +191,7 @@ async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays()
         with pytest.raises(ValueError, match="cannot be encoded"):
             await soon(client.request(Speak(text="z" * LARGE)))
         connection._codec = codec
-        asked = ask(client, Speak())
-        await wire.answer(await wire.next(SPEAK))
-        assert (await soon(asked)).ok
+        assert await answered(client, wire)
 
 
 @aio
@@ -232,10 +226,7 @@ async def test_a_large_robot_info_is_converted_aside_and_later_pushes_wait_for_i
 
 @aio
 async def test_a_large_bad_frame_is_counted_and_skipped() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         await wire.raw('{"type": "woosh.robot.NavPath", "body": [' + "1," * LARGE + "}")
         await eventually(lambda: client.stats.bad_frames["json"] == 1)
-        asked = ask(client, Speak())
-        await wire.answer(await wire.next(SPEAK))
-        assert (await soon(asked)).ok
+        assert await answered(client, wire)

@@ -6,11 +6,10 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import Peer, aio, block, eventually, soon, turns
+from tests.link.link_peer import Packed, Peer, aio, block, eventually, linked, soon, turns
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
-POSE = "woosh.robot.PoseSpeed"
 IDLE = {"requests": 0, "outbox": 0, "pushes": 0}
 
 
@@ -31,8 +30,7 @@ async def test_all_sizes_are_zero_without_a_link() -> None:
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
 async def test_requests_and_unsent_frames_are_counted(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         tasks = [await block(client, wire)]
         tasks += [asyncio.ensure_future(client.request(Speak())) for _ in range(3)]
         await turns()
@@ -46,16 +44,11 @@ async def test_requests_and_unsent_frames_are_counted(kind: str) -> None:
 
 @aio
 async def test_queued_pushes_are_counted() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked("tcp") as (_peer, client, wire):
         queued: list[int] = []
-        client.subscribe(PoseSpeed, lambda _: queued.append(client.debug()["pushes"]))
-        connection = client._connection
-        assert connection is not None
-        envelope = connection._codec.decode(f'{{"type":"{POSE}"}}')
-        for _ in range(3):  # all before the delivery task runs
-            connection._on_push(envelope)
-        assert client.debug()["pushes"] == 3
-        await eventually(lambda: len(queued) == 3)
-        assert queued == [2, 1, 0]
-        assert not wire.gone.is_set()
+        client.subscribe(StatusCode, lambda _: queued.append(client.debug()["pushes"]))
+        one = Packed.pack({"type": "woosh.robot.count.StatusCode", "body": b"\x08\x01"})
+        await wire.raw((Packed.varint(len(one)) + one) * 300)  # they are read together
+        await eventually(lambda: len(queued) == 300)
+        assert max(queued) > 0
+        assert queued[-1] == client.debug()["pushes"] == 0

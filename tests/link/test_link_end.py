@@ -10,11 +10,13 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
+    KINDS,
     LOAD,
     TIMEOUT,
     Peer,
     RawServer,
     aio,
+    ask,
     block,
     config,
     eventually,
@@ -38,9 +40,6 @@ from woosh_robot_agent.link.transport import open_transport
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
-KINDS = ["json", "protobuf", "tcp"]
-WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
-
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("backlog", [0, len(LOAD)])
@@ -49,7 +48,7 @@ async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, backl
     async with Peer(kind) as peer:
         client = await peer.client().__aenter__()
         (await peer.wire()).freeze()
-        task = asyncio.ensure_future(client.request(Speak(text=LOAD[:backlog])))
+        task = ask(client, Speak(text=LOAD[:backlog]))
         await turns()
         await soon(client.close())
         assert not ours()

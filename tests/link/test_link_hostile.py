@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import os
 import subprocess
@@ -17,8 +16,11 @@ from tests.link.link_peer import (
     Peer,
     RawServer,
     aio,
+    answered,
+    ask,
     error_of,
     eventually,
+    linked,
     soon,
 )
 from woosh_robot_agent.link import ChassisClient
@@ -62,8 +64,7 @@ def _with_port(config: Any, port: int) -> Any:
 @aio
 async def test_an_impossible_length_ends_the_connection_at_once() -> None:
     """Skipping such a frame would never end, and its bytes would count as signs of life."""
-    async with Peer("tcp") as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked("tcp") as (peer, client, wire):
         await wire.raw(Packed.varint(2**40) + b"x" * 1000)
         await peer.wire(2)
         await client.wait_ready(TIMEOUT)
@@ -193,14 +194,13 @@ async def test_texts_of_the_chassis_are_logged_as_one_short_line() -> None:
     logger = logging.getLogger("woosh_robot_agent.link")
     logger.addHandler(handler)
     try:
-        async with Peer() as peer, peer.client() as client:
-            wire = await peer.wire()
+        async with linked() as (_peer, client, wire):
             await wire.send({"type": "error", "ok": False, "msg": "a\n[INFO] b\x1b[2J" + "x" * MIB})
             await eventually(lambda: [text for text in records if "reports" in text])
             (logged,) = [text for text in records if "reports" in text]
             assert logged.isprintable()
             assert len(logged) < 1000
-            task = asyncio.ensure_future(client.request(Speak()))
+            task = ask(client, Speak())
             await wire.answer(await wire.next("woosh.robot.Speak"), ok=False, msg="a\nb" * 1000)
             answer = await soon(task)
             assert answer.msg == "a\nb" * 1000, "but callers get them as they are"
@@ -272,18 +272,15 @@ async def test_a_hostile_push_does_not_end_the_link(what: str) -> None:
         client.subscribe(PoseSpeed, lambda _push: None)
         wire = await peer.wire()
         await wire.raw(HOSTILE[what])
-        task = asyncio.ensure_future(client.request(Speak()))
-        await wire.answer(await wire.next("woosh.robot.Speak"))
-        assert (await soon(task)).ok
+        assert await answered(client, wire)
         assert client.stats.connects == 1
 
 
 @pytest.mark.parametrize("what", HOSTILE)
 @aio
 async def test_a_hostile_answer_does_not_end_the_link(what: str) -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
-        task = asyncio.ensure_future(client.request(Speak()))
+    async with linked() as (_peer, client, wire):
+        task = ask(client, Speak())
         asked = await wire.next("woosh.robot.Speak")
         await wire.raw(f'{{"sn":{asked["sn"]},' + HOSTILE[what].removeprefix("{"))
         await wire.answer(asked)

@@ -6,16 +6,14 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import Peer, aio, eventually, soon
-from tests.link.test_link_requests import KINDS, ask
+from tests.link.link_peer import KINDS, aio, ask, eventually, linked, soon
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchMap
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_requests_are_sent_in_the_order_of_their_calls(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         sizes = [1, 8_000_000, 1, 10_000, 1, 1]
         tasks = [ask(client, Speak(text="z" * size)) for size in sizes]
         frames = [await wire.next("woosh.robot.Speak") for _ in tasks]
@@ -30,8 +28,7 @@ async def test_requests_are_sent_in_the_order_of_their_calls(kind: str) -> None:
 @aio
 async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
     picture = "z" * (8 * 1024 * 1024)
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         task = ask(client, Speak(text=picture))
         frame = await wire.next()
         assert len(frame["body"]["text"] if kind == "json" else frame["body"]) >= len(picture)
@@ -43,8 +40,7 @@ async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
 
 @aio
 async def test_the_limit_of_a_frame_can_be_raised_and_maps_fit_by_default() -> None:
-    async with Peer() as peer, peer.client(max_frame_size=100_000) as client:
-        wire = await peer.wire()
+    async with linked(max_frame_size=100_000) as (peer, client, wire):
         task = ask(client, SwitchMap())
         await wire.answer(await wire.next(), msg="x" * 99_000)
         assert len((await soon(task)).msg) == 99_000
@@ -54,8 +50,7 @@ async def test_the_limit_of_a_frame_can_be_raised_and_maps_fit_by_default() -> N
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_traffic_shows_what_arrives_and_what_waits(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         received, _ = client.traffic()
         assert received > 0
         text = "x" * 100_000

@@ -12,6 +12,7 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
+    KINDS,
     LOAD,
     TIMEOUT,
     Frame,
@@ -19,16 +20,15 @@ from tests.link.link_peer import (
     Peer,
     Wire,
     aio,
+    ask,
     eventually,
+    linked,
     soon,
     states,
 )
 from woosh_robot_agent.link import ChassisClient, ConnectionLostError
 from woosh_robot_agent.link.connection import Liveness
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
-
-KINDS = ["json", "protobuf", "tcp"]
-WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
 
 
 @asynccontextmanager
@@ -65,8 +65,7 @@ def count_probes(client: ChassisClient) -> list[bool]:
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_a_half_open_connection_is_noticed(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client(liveness_timeout=0.3) as client:
-        wire = await peer.wire()
+    async with linked(kind, liveness_timeout=0.3) as (peer, client, wire):
         wire.freeze()
         await eventually(lambda: client.last_error)
         assert "nothing was heard for 0.3 s" in str(client.last_error)
@@ -82,8 +81,7 @@ async def test_a_quiet_chassis_that_answers_probes_stays_connected(kind: str) ->
             await wire.answer(frame)
         return frame["type"] == "woosh.robot.RobotState"
 
-    async with Peer(kind, script=script) as peer, peer.client(liveness_timeout=0.8) as client:
-        wire = await peer.wire()
+    async with linked(kind, script=script, liveness_timeout=0.8) as (_peer, client, wire):
         seen = states(client)
         probes = count_probes(client)
         await eventually(lambda: len(probes) >= 5)  # as many as are due in twice the timeout
@@ -105,8 +103,7 @@ async def test_a_tcp_peer_that_answers_no_probe_is_lost() -> None:
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
 async def test_probes_are_sent_only_when_idle(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client(liveness_timeout=2.5) as client:
-        wire = await peer.wire()
+    async with linked(kind, liveness_timeout=2.5) as (_peer, client, wire):
         probes = count_probes(client)
         pause = 1.0
         while pause > 0.8:  # repeated if a busy machine paused so long that a ping is due
@@ -123,8 +120,7 @@ async def test_probes_are_sent_only_when_idle(kind: str) -> None:
 
 @aio
 async def test_bad_frames_are_not_a_sign_of_life() -> None:
-    async with Peer("tcp") as peer, peer.client(liveness_timeout=0.2) as client:
-        wire = await peer.wire()
+    async with linked("tcp", liveness_timeout=0.2) as (_peer, client, wire):
         async with repeating(lambda: wire.raw(b"\x02\xff\xff")):
             await eventually(lambda: client.last_error)
         assert "nothing was heard" in str(client.last_error)
@@ -133,8 +129,7 @@ async def test_bad_frames_are_not_a_sign_of_life() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_a_frame_that_trickles_in_is_not_a_sign_of_life(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client(liveness_timeout=0.5) as client:
-        wire = await peer.wire()
+    async with linked(kind, liveness_timeout=0.5) as (_peer, client, wire):
         wire.freeze()  # from now on only the trickling bytes arrive
         size = 32 * 1024 * 1024
         first = 0x81 if kind == "json" else 0x82
@@ -152,8 +147,7 @@ async def test_a_frame_that_trickles_in_is_not_a_sign_of_life(kind: str) -> None
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_a_large_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client(liveness_timeout=1.0) as client:
-        wire = await peer.wire()
+    async with linked(kind, liveness_timeout=1.0) as (_peer, client, wire):
         wire.freeze()  # no pongs: a pong waits behind the big frame
         seen = states(client)
         taken: list[Any] = []
@@ -179,10 +173,9 @@ async def test_a_large_frame_on_a_slow_network_is_a_sign_of_life(kind: str) -> N
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
 async def test_a_chassis_that_pushes_but_reads_nothing_is_lost(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client(liveness_timeout=0.3) as client:
-        wire = await peer.wire()
+    async with linked(kind, liveness_timeout=0.3) as (_peer, client, wire):
         wire.freeze()
-        task = asyncio.ensure_future(client.request(Speak(text=LOAD)))
+        task = ask(client, Speak(text=LOAD))
         body: Any = {} if kind == "json" else b""
         async with repeating(lambda: wire.push("woosh.robot.PoseSpeed", body)):
             with pytest.raises(ConnectionLostError, match=r"read nothing for 0\.3 s"):

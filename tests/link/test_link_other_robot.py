@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import INFO, TIMEOUT, Frame, Peer, Wire, aio, eventually, soon
+from tests.link.link_peer import INFO, TIMEOUT, Frame, Peer, Wire, aio, ask, eventually, soon
 from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,
@@ -118,7 +118,7 @@ async def test_another_robot_at_a_new_address_is_refused() -> None:
         told = follow(client)
         async with client:
             wire = await one.wire()
-            request = asyncio.ensure_future(client.request(Speak()))
+            request = ask(client, Speak())
             frame = await wire.next(SPEAK)
             await client.reconfigure(two.config())
             with pytest.raises(ConnectionLostError):

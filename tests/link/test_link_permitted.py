@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Peer, aio, block, soon, turns
+from tests.link.link_peer import TIMEOUT, Peer, aio, ask, block, linked, soon, turns
 from woosh_robot_agent.link import NotPermittedError, Sending, SupersededError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
@@ -23,8 +23,7 @@ def is_battery(message: Message) -> bool:
 @pytest.mark.parametrize("reserved", [False, True])
 @aio
 async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         send = client.reserve(is_battery) if reserved else client.send
         client.permit_only(is_battery, "it may not speak")
         for way in {send, client.send}:
@@ -36,7 +35,7 @@ async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
         await wire.answer(await wire.next(BATTERY))
         assert (await soon(request)).ok
         client.permit_only(None)
-        request = asyncio.ensure_future(client.request(Speak()))
+        request = ask(client, Speak())
         await wire.answer(await wire.next(SPEAK))
         assert (await soon(request)).ok
         assert [f["type"] for f in wire.seen if f["type"] in (SPEAK, BATTERY)] == [BATTERY, SPEAK]
@@ -44,10 +43,9 @@ async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
 
 @aio
 async def test_requests_that_wait_are_withdrawn() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         load = await block(client, wire)
-        waiting = asyncio.ensure_future(client.request(Speak(text="late")))
+        waiting = ask(client, Speak(text="late"))
         await turns()
         client.permit_only(is_battery, "it may not speak")
         with pytest.raises(SupersededError, match="it may not speak"):

@@ -13,13 +13,16 @@ from google.protobuf.any_pb2 import Any as AnyMessage
 
 from tests.link.link_peer import (
     INFO,
+    KINDS,
     TIMEOUT,
     Frame,
     Packed,
     Peer,
     Wire,
     aio,
+    ask,
     eventually,
+    linked,
     soon,
     turns,
 )
@@ -30,7 +33,6 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 
-KINDS = ["json", "protobuf", "tcp"]
 POSE = "woosh.robot.PoseSpeed"
 TASK = "woosh.robot.TaskProc"
 
@@ -71,25 +73,10 @@ async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) ->
         assert seen == [1, 2]
 
 
-@aio
-async def test_a_task_push_as_on_the_wire() -> None:
-    async with Peer() as peer, peer.client() as client:
-        seen: list[TaskProc] = []
-        client.subscribe(TaskProc, seen.append)
-        await (await peer.wire()).raw(
-            '{"type":"woosh.robot.TaskProc","body":{"robotTaskId":"68241434201","type":1,'
-            '"state":3,"action":{"type":1,"state":1,"waitId":0},"dest":"K10","msg":"",'
-            '"time":1682416646}}'
-        )
-        await eventually(lambda: seen)
-        assert seen[0].robot_task_id == 68241434201
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_subscribing_and_unsubscribing_work_while_connected(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         first: list[int] = []
         second: list[int] = []
         stop_first = client.subscribe(PoseSpeed, lambda message: first.append(message.map_id))
@@ -113,8 +100,7 @@ async def test_subscribing_and_unsubscribing_work_while_connected(kind: str) -> 
 
 @aio
 async def test_one_callback_subscribed_twice_is_two_subscriptions() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         seen: list[Any] = []
         stop = client.subscribe(PoseSpeed, seen.append)
         client.subscribe(PoseSpeed, seen.append)
@@ -185,8 +171,7 @@ async def test_a_robot_info_requested_later_is_not_a_snapshot() -> None:
 async def test_an_exception_of_a_callback_is_logged_and_delivery_goes_on(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         seen: list[Any] = []
 
         def fail(_: object) -> None:
@@ -211,8 +196,7 @@ async def test_an_unreadable_push_is_counted_and_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         seen: list[Any] = []
         client.subscribe(PoseSpeed, seen.append)
         for body in ({"mapId": "x"}, {"mapId": "y"}, {"mapId": 3}):
@@ -225,8 +209,7 @@ async def test_an_unreadable_push_is_counted_and_logged_once(
 
 @aio
 async def test_pushes_without_a_subscriber_are_ignored() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         await wire.push("woosh.New", {"a": 1})
         await wire.push(POSE, {"mapId": "not even read"})
         await eventually(lambda: client.stats.rx == 3)
@@ -240,8 +223,7 @@ async def test_an_error_without_a_request_is_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         for _ in range(2):
             await wire.raw('{"type":"error","ok":false,"msg":"odd"}')
         await eventually(lambda: client.stats.rx == 3)
@@ -251,8 +233,7 @@ async def test_an_error_without_a_request_is_logged_once(
 
 @aio
 async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         codes: list[int] = []
         poses: list[int] = []
         client.subscribe(StatusCode, lambda message: codes.append(message.code))
@@ -269,34 +250,8 @@ async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
 
 
 @aio
-async def test_only_pushes_that_arrive_together_are_queued(monkeypatch: pytest.MonkeyPatch) -> None:
-    queued: list[str] = []
-    put = PushQueue.put
-
-    def noted(queue: PushQueue, name: str, deliver: Any) -> bool:
-        queued.append(name)
-        return put(queue, name, deliver)
-
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
-        seen: list[int] = []
-        client.subscribe(PoseSpeed, lambda message: seen.append(message.map_id))
-        monkeypatch.setattr(PushQueue, "put", noted)
-        for number in range(1, 6):
-            await wire.push(POSE, {"mapId": number})
-            await eventually(lambda number=number: number in seen)  # type: ignore[misc]
-        assert not queued
-        for number in range(6, 106):
-            await wire.push(POSE, {"mapId": number})
-        await eventually(lambda: seen[-1] == 105)
-        assert queued
-        assert seen == sorted(seen)
-
-
-@aio
 async def test_a_slow_consumer_does_not_delay_answers() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         loop = asyncio.get_running_loop()
         seen: list[int] = []
 
@@ -310,7 +265,7 @@ async def test_a_slow_consumer_does_not_delay_answers() -> None:
         for number in range(40):
             await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
         await eventually(lambda: seen)
-        task = asyncio.ensure_future(client.request(Speak()))
+        task = ask(client, Speak())
         await wire.answer(await wire.next("woosh.robot.Speak"))
         await soon(task)
         assert len(seen) < 40  # the answer came before all of them were delivered
@@ -318,8 +273,7 @@ async def test_a_slow_consumer_does_not_delay_answers() -> None:
 
 @aio
 async def test_a_flood_does_not_delay_answers_and_consumers() -> None:
-    async with Peer("tcp") as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked("tcp") as (_peer, client, wire):
         seen: list[Any] = []
         client.subscribe(StatusCode, seen.append)
         one = Packed.pack({"type": "woosh.robot.count.StatusCode", "body": b"\x08\x01"})
@@ -373,20 +327,6 @@ async def test_an_empty_queue_waits() -> None:
     assert not waiting.done()
     queue.put("a", print)
     assert await soon(waiting) is print
-
-
-@aio
-async def test_drops_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
-    async with Peer() as peer, peer.client(push_queue=3) as client:
-        client.subscribe(StatusCode, print)
-        envelope = client._connection._codec.decode(  # type: ignore[union-attr]
-            '{"type":"woosh.robot.count.StatusCode"}'
-        )
-        for _ in range(9):
-            client._connection._on_push(envelope)  # type: ignore[union-attr]
-        assert client.stats.dropped_pushes == {"woosh.robot.count.StatusCode": 6}
-        logged = [r for r in caplog.records if "faster than its consumers handle it" in r.message]
-        assert [r.levelno for r in logged] == [logging.WARNING]
 
 
 @aio

@@ -10,6 +10,7 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
+    KINDS,
     LOAD,
     TIMEOUT,
     Frame,
@@ -17,8 +18,10 @@ from tests.link.link_peer import (
     TcpWire,
     Wire,
     aio,
+    ask,
     block,
     eventually,
+    linked,
     others,
     soon,
     turns,
@@ -38,12 +41,6 @@ from woosh_robot_agent.link.frames import Envelope
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchControlMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo, RobotState
 
-KINDS = ["json", "protobuf", "tcp"]
-
-
-def ask(client: ChassisClient, message: Any, **options: Any) -> asyncio.Task[Answer]:
-    return asyncio.ensure_future(client.request(message, **options))
-
 
 def pending(client: ChassisClient) -> int:
     sizes = client.debug()
@@ -53,8 +50,7 @@ def pending(client: ChassisClient) -> int:
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_a_request_returns_its_answer(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         answer = ask(client, SwitchControlMode(mode=1))  # type: ignore[arg-type]
         frame = await wire.next()
         assert frame["type"] == "woosh.robot.SwitchControlMode"
@@ -74,8 +70,7 @@ async def test_a_request_returns_its_answer(kind: str) -> None:
 
 @aio
 async def test_each_request_has_its_own_sn() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         tasks = [ask(client, Speak()) for _ in range(20)]
         frames = [await wire.next() for _ in tasks]
         assert len({frame["sn"] for frame in frames} | {wire.seen[0]["sn"]}) == 21
@@ -86,8 +81,7 @@ async def test_each_request_has_its_own_sn() -> None:
 
 @aio
 async def test_sns_start_again_at_one_and_skip_those_in_use() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         first = ask(client, Speak())
         used = (await wire.next())["sn"]
         assert client._connection is not None
@@ -104,8 +98,7 @@ async def test_sns_start_again_at_one_and_skip_those_in_use() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_answers_may_come_in_any_order(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         tasks = [ask(client, Speak(text=str(i))) for i in range(5)]
         frames = [await wire.next() for _ in tasks]
         for i in (3, 0, 4, 2, 1):
@@ -120,8 +113,7 @@ async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         with pytest.raises(RequestTimeoutError):
             await client.request(Speak(), timeout=0.02)
         late = await wire.next()
@@ -142,8 +134,7 @@ async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
 
 @aio
 async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         for type_name, body in (("woosh.robot.Battery", Battery(power=5)), ("woosh.New", None)):
             task = ask(client, Speak())
             await wire.answer(await wire.next(), {"power": 5}, type=type_name, msg="m")
@@ -155,8 +146,7 @@ async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> Non
 @pytest.mark.parametrize("changes", [{"type": "error"}, {"type": "error", "body": None}, {}])
 @aio
 async def test_a_refusal_is_an_answer_with_the_chassis_own_text(changes: Any) -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
         await wire.answer(await wire.next(), ok=False, msg="未初始化", **changes)
         answer = await soon(task)
@@ -165,8 +155,7 @@ async def test_a_refusal_is_an_answer_with_the_chassis_own_text(changes: Any) ->
 
 @aio
 async def test_a_frame_with_nothing_but_its_sn_is_a_refusal() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
         sn = (await wire.next())["sn"]
         await wire.raw(f'{{"sn":{sn}}}')
@@ -179,8 +168,7 @@ async def test_a_frame_with_nothing_but_its_sn_is_a_refusal() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_an_unreadable_body_is_logged_and_counted(kind: str, ok: bool) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         task = ask(client, PoseSpeed())
         body: Any = {"mapId": "x"} if kind == "json" else b"\xff"
         await wire.answer(await wire.next(), body, ok=ok, msg="m")
@@ -193,8 +181,7 @@ async def test_an_unreadable_body_is_logged_and_counted(kind: str, ok: bool) -> 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
 async def test_a_timeout_names_the_message_and_the_time(kind: str) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (_peer, client, wire):
         with pytest.raises(RequestTimeoutError, match=r"woosh\.robot\.Speak within 0\.05 s"):
             await client.request(Speak(), timeout=0.05)
         assert pending(client) == 0
@@ -210,9 +197,8 @@ async def test_the_configured_timeout_is_the_default() -> None:
 
 @aio
 async def test_a_short_timeout_does_not_wait_for_a_long_one() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
-        long = asyncio.ensure_future(client.request(Speak(), timeout=600.0))
+    async with linked() as (_peer, client, wire):
+        long = ask(client, Speak(), timeout=600.0)
         frame = await wire.next("woosh.robot.Speak")
         for _ in range(2):
             with pytest.raises(RequestTimeoutError):
@@ -223,8 +209,7 @@ async def test_a_short_timeout_does_not_wait_for_a_long_one() -> None:
 
 @aio
 async def test_cancellation_passes_through_and_leaves_nothing() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
         frame = await wire.next()
         task.cancel()
@@ -252,8 +237,7 @@ async def test_a_cancellation_wins_over_a_simultaneous_answer() -> None:
 
 @aio
 async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
-    async with Peer() as peer, peer.client(max_in_flight=2) as client:
-        wire = await peer.wire()
+    async with linked(max_in_flight=2) as (_peer, client, wire):
         tasks = [ask(client, Speak()), ask(client, Speak())]
         frames = [await wire.next() for _ in tasks]
         with pytest.raises(TooManyRequestsError, match=r"woosh\.robot\.Battery.*in flight"):
@@ -272,8 +256,7 @@ async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
 async def test_a_lost_connection_fails_pending_requests_and_nothing_is_sent_again(
     kind: str,
 ) -> None:
-    async with Peer(kind) as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked(kind) as (peer, client, wire):
         tasks = [ask(client, Speak(text=str(i))) for i in range(3)]
         for _ in tasks:
             await wire.next()
@@ -295,8 +278,7 @@ async def test_a_lost_connection_fails_pending_requests_and_nothing_is_sent_agai
 
 @aio
 async def test_an_unsent_request_is_not_sent_after_a_reconnect() -> None:
-    async with Peer() as peer, peer.client(liveness_timeout=0.4) as client:
-        wire = await peer.wire()
+    async with linked(liveness_timeout=0.4) as (peer, client, wire):
         wire.freeze()
         tasks = [ask(client, Speak(text=LOAD)), ask(client, Speak(text="small"))]
         results = await soon(asyncio.gather(*tasks, return_exceptions=True))
@@ -309,8 +291,7 @@ async def test_an_unsent_request_is_not_sent_after_a_reconnect() -> None:
 
 @aio
 async def test_the_first_cause_is_reported() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
         await wire.next()
         await wire.socket.close(4001, "out of order")  # type: ignore[attr-defined]
@@ -373,8 +354,7 @@ async def test_the_links_own_requests_name_the_robot() -> None:
 
 @aio
 async def test_cancelled_requests_do_not_pile_up_unsent() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         first = await block(client, wire)
         for _ in range(30):
             with pytest.raises(RequestTimeoutError):
@@ -427,8 +407,7 @@ async def test_a_tap_sees_the_answer_in_its_place_among_the_pushes() -> None:
 @aio
 async def test_no_tap_is_dropped_however_many_are_queued() -> None:
     seen: list[Any] = []
-    async with Peer() as peer, peer.client(push_queue=1) as client:
-        wire = await peer.wire()
+    async with linked(push_queue=1) as (_peer, client, wire):
         tasks = [ask(client, Speak(), tap=seen.append) for _ in range(40)]
         frames = [await wire.next() for _ in tasks]
         for frame in frames:

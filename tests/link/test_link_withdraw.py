@@ -6,18 +6,17 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import Peer, aio, block, soon, turns
+from tests.link.link_peer import aio, ask, block, linked, soon, turns
 from woosh_robot_agent.link import Sending, SupersededError, TooManyRequestsError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
 
 
 @aio
 async def test_a_request_that_waited_too_long_is_not_sent() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         load = await block(client, wire)
         stale = asyncio.ensure_future(client.send(Speak(text="stale"), Sending(within=0.0)))
-        fresh = asyncio.ensure_future(client.request(Speak(text="fresh")))
+        fresh = ask(client, Speak(text="fresh"))
         await turns()
         wire.thaw()
         with pytest.raises(SupersededError, match="too old"):
@@ -29,11 +28,10 @@ async def test_a_request_that_waited_too_long_is_not_sent() -> None:
 
 @aio
 async def test_a_request_that_is_withdrawn_is_not_sent() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         load = await block(client, wire)
-        withdrawn = asyncio.ensure_future(client.request(SetMuteCall()))
-        other = asyncio.ensure_future(client.request(Speak(text="other")))
+        withdrawn = ask(client, SetMuteCall())
+        other = ask(client, Speak(text="other"))
         await turns()
         client.withdraw(lambda message: isinstance(message, SetMuteCall), "not wanted any more")
         with pytest.raises(SupersededError, match="not sent: not wanted any more"):
@@ -47,9 +45,8 @@ async def test_a_request_that_is_withdrawn_is_not_sent() -> None:
 
 @aio
 async def test_an_urgent_request_is_sent_even_when_too_many_are_in_flight() -> None:
-    async with Peer() as peer, peer.client(max_in_flight=1) as client:
-        wire = await peer.wire()
-        waiting = asyncio.ensure_future(client.request(Speak()))
+    async with linked(max_in_flight=1) as (_peer, client, wire):
+        waiting = ask(client, Speak())
         first = await wire.next("woosh.robot.Speak")
         with pytest.raises(TooManyRequestsError):
             await client.request(SetMuteCall())
@@ -62,8 +59,7 @@ async def test_an_urgent_request_is_sent_even_when_too_many_are_in_flight() -> N
 
 @aio
 async def test_reserved_requests_are_sent_by_their_owner_only() -> None:
-    async with Peer() as peer, peer.client() as client:
-        wire = await peer.wire()
+    async with linked() as (_peer, client, wire):
         send = client.reserve(lambda message: isinstance(message, SetMuteCall))
         with pytest.raises(RuntimeError, match=r"woosh\.robot\.SetMuteCall is reserved"):
             await client.request(SetMuteCall())

@@ -1,22 +1,29 @@
-"""Helpers of the tests of the motion gate."""
+"""A motion gate with a scripted chassis behind a real socket, and helpers of its tests."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
-from tests.link.link_peer import Frame, Wire, soon
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, soon
 from tests.motion.moving import MOVING, name_of
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.motion import MotionGate, MotionTiming
 from woosh_robot_agent.motion.gate import cancel_orders
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 TWIST = "woosh.robot.Twist"
-
-
 ORDERS = len(cancel_orders()) + 1
+"""Number of requests of a stop."""
+NEVER = 3600.0
+"""A time that does not pass during a test, however slow the machine is, in seconds."""
 
+BACKOFF = {"backoff_min": 0.05, "backoff_max": 0.05}
 
 every_moving_request = pytest.mark.parametrize("request_", MOVING, ids=name_of)
 
@@ -29,10 +36,62 @@ async def answer_all(wire: Wire, frame: Frame) -> bool:
     return False
 
 
+async def answer_nothing(wire: Wire, frame: Frame) -> bool:
+    """Leave the answers to the test; a script for `Peer`."""
+    return False
+
+
+@dataclass
+class Rig:
+    """A motion gate, its client, and the chassis's end of the link."""
+
+    peer: Peer
+    client: ChassisClient
+    gate: MotionGate
+    wire: Wire
+
+    def drive(self, speed: float, **options: Any) -> asyncio.Task[Any]:
+        return asyncio.ensure_future(self.gate.request(Twist(linear=speed), **options))
+
+    async def second_wire(self) -> Wire:
+        """Return the chassis's end of the second link, once it is ready."""
+        self.wire = await self.peer.wire(2)
+        await self.client.wait_ready(TIMEOUT)
+        return self.wire
+
+
+@asynccontextmanager
+async def gated(
+    script: Callable[[Wire, Frame], Awaitable[bool]] = answer_all,
+    link: dict[str, Any] | None = None,
+    goals: Callable[[], int] = lambda: 0,
+    **timing: float,
+) -> AsyncIterator[Rig]:
+    """Run a gate that is connected to a chassis.
+
+    Args:
+        script: what the chassis does with a frame; by default it accepts every request.
+        link: fields of `LinkConfig`.
+        goals: number of open goals.
+        timing: fields of `MotionTiming`; a stop holds, and a velocity drives and is new, until the
+            end of the test.
+    """
+    times = {"hold": NEVER, "driving": NEVER, "max_age": NEVER, "unanswered": NEVER, **timing}
+    async with Peer(script=script) as peer, peer.client(**{**BACKOFF, **(link or {})}) as client:
+        gate = MotionGate(client, goals)
+        gate.timing = MotionTiming(**times)
+        yield Rig(peer, client, gate, await peer.wire())
+
+
 def types(wire: Wire) -> list[str]:
-    wanted = {TWIST, *(message.DESCRIPTOR.full_name for message in MOVING)}
-    wanted.add("woosh.robot.ActionOrder")
+    """Return the types of the received requests that may move the robot or end a motion."""
+    wanted = {TWIST, "woosh.robot.ActionOrder", *(each.DESCRIPTOR.full_name for each in MOVING)}
     return [frame["type"] for frame in wire.seen if frame["type"] in wanted]
+
+
+def speeds(wire: Wire) -> list[float]:
+    """Return the speeds ahead that the chassis has received."""
+    return [frame["body"].get("linear", 0) for frame in wire.seen if frame["type"] == TWIST]
 
 
 async def ok(work: Awaitable[Any]) -> None:

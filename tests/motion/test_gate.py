@@ -1,4 +1,4 @@
-"""The motion gate: reserved requests, closing, and the end of the link."""
+"""The motion gate: reserved requests, stops, and the zero before the link or the agent ends."""
 
 from __future__ import annotations
 
@@ -7,73 +7,328 @@ import asyncio
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Peer, aio, soon
-from tests.motion.gate_checks import ORDERS, answer_all, every_moving_request, ok, types
-from woosh_robot_agent.link import NotConnectedError, SupersededError
-from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, block, eventually, soon, turns
+from tests.motion.gate_checks import (
+    NEVER,
+    ORDERS,
+    TWIST,
+    answer_all,
+    answer_nothing,
+    every_moving_request,
+    gated,
+    ok,
+    speeds,
+    types,
+)
+from tests.motion.moving import MOVING
+from woosh_robot_agent.link import (
+    LinkState,
+    NotConnectedError,
+    NotPermittedError,
+    RequestTimeoutError,
+    SupersededError,
+)
+from woosh_robot_agent.motion import MotionGate, MotionTiming
+from woosh_robot_agent.motion.gate import ZeroRefusedError
+from woosh_robot_agent.motion.requests import only_reads
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
 
-pytestmark = pytest.mark.usefixtures("long_hold")
+REASON = "the settings of the link have changed"
+
+
+async def refuse_zeros(wire: Wire, frame: Frame) -> bool:
+    if frame["type"] == TWIST:
+        await wire.answer(frame, ok=bool(frame["body"].get("linear")), msg="no remote control")
+    return frame["type"] == TWIST
+
+
+# Reserved requests
 
 
 @every_moving_request
 @aio
 async def test_moving_requests_are_refused_outside_the_gate(request_: Message) -> None:
-    async with Peer(script=answer_all) as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
+    async with gated() as rig:
         with pytest.raises(RuntimeError, match="reserved"):
-            await client.request(request_)
-        assert types(wire) == []
-        await ok(gate.request(request_))
-        assert types(wire) == [request_.DESCRIPTOR.full_name]
+            await rig.client.request(request_)
+        assert types(rig.wire) == []
+        await ok(rig.gate.request(request_))
+        assert types(rig.wire) == [request_.DESCRIPTOR.full_name]
 
 
 @aio
 async def test_a_client_can_have_only_one_gate() -> None:
-    async with Peer() as peer, peer.client() as client:
-        MotionGate(client)
+    async with gated() as rig:
         with pytest.raises(RuntimeError, match="reserved already"):
-            MotionGate(client)
-
-
-@aio
-async def test_requests_that_move_nothing_are_sent_even_when_closed() -> None:
-    async with Peer(script=answer_all) as peer, peer.client() as client:
-        gate = MotionGate(client)
-        await gate.close(TIMEOUT)
-        await ok(gate.request(Speak()))
-
-
-@every_moving_request
-@aio
-async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None:
-    async with Peer(script=answer_all) as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        await gate.close(TIMEOUT)
-        await soon(asyncio.ensure_future(gate.stop(TIMEOUT)))  # forbids motion for a while only
-        with pytest.raises(SupersededError, match="the agent is stopping"):
-            await gate.request(request_)
-        assert len(types(wire)) == ORDERS
+            MotionGate(rig.client)
 
 
 @every_moving_request
 @aio
 async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> None:
-    async with Peer() as peer, peer.client(backoff_min=0.05, backoff_max=0.05) as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        task = asyncio.ensure_future(gate.request(request_))
-        await wire.next(request_.DESCRIPTOR.full_name)
-        wire.abort()
+    async with gated(answer_nothing) as rig:
+        task = asyncio.ensure_future(rig.gate.request(request_))
+        await rig.wire.next(request_.DESCRIPTOR.full_name)
+        rig.wire.abort()
         await asyncio.wait([task])
         assert task.exception() is not None
         with pytest.raises(NotConnectedError):
-            await gate.request(request_)  # a request without a link is not sent later either
-        again = await peer.wire(2)
-        await client.wait_ready(TIMEOUT)
-        speaking = asyncio.ensure_future(gate.request(Speak()))
+            await rig.gate.request(request_)  # a request without a link is not sent later either
+        again = await rig.second_wire()
+        speaking = asyncio.ensure_future(rig.gate.request(Speak()))
         await again.answer(await again.next("woosh.robot.Speak"))
         await soon(speaking)
         assert types(again) == []
+
+
+# Stops
+
+
+@aio
+async def test_a_stop_sends_the_zero_first_and_then_every_cancel() -> None:
+    async with gated() as rig:
+        report = await soon(rig.gate.stop(TIMEOUT))
+        assert report.success
+        sent = types(rig.wire)
+        assert sent[:2] == [TWIST, "woosh.robot.ActionOrder"]
+        assert sent[2:] == ["woosh.ros.CallAction"] * (ORDERS - 2)
+        bodies = [frame["body"] for frame in rig.wire.seen if frame["type"] == sent[-1]]
+        assert len({next(iter(body)) for body in bodies}) == ORDERS - 2
+
+
+@every_moving_request
+@aio
+async def test_after_a_stop_nothing_that_moves_is_sent(request_: Message) -> None:
+    async with gated() as rig:
+        await soon(rig.gate.stop(TIMEOUT))
+        with pytest.raises(SupersededError, match="cancelled by a stop of the robot"):
+            await rig.gate.request(request_)
+        await ok(rig.gate.request(Twist()))
+        assert len(types(rig.wire)) == ORDERS + 1
+
+
+@every_moving_request
+@aio
+async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None:
+    async with gated() as rig:
+        load = await block(rig.client, rig.wire)
+        waiting = asyncio.ensure_future(rig.gate.request(request_))
+        await turns()
+        stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
+        with pytest.raises(SupersededError, match=r"cancelled by a stop of the robot|newer"):
+            await soon(waiting)
+        rig.wire.thaw()
+        assert (await soon(stop)).success
+        await soon(load)
+        assert len(types(rig.wire)) == ORDERS
+
+
+@aio
+async def test_an_announced_stop_overtakes_what_waits_for_the_event_loop() -> None:
+    async with gated() as rig:
+        rig.gate.announce_stop()  # in another thread, while velocities wait for the event loop
+        with pytest.raises(SupersededError, match="cancelled by a stop"):
+            await soon(rig.drive(0.2))
+        assert (await soon(rig.gate.stop(1.0))).success
+        assert speeds(rig.wire) == [0]
+
+
+@aio
+async def test_a_request_some_time_after_a_stop_is_sent() -> None:
+    async with gated(hold=0.05) as rig:
+        loop = asyncio.get_running_loop()
+        await soon(rig.gate.stop(TIMEOUT))
+        end = loop.time() + 0.05
+        await eventually(lambda: loop.time() > end)
+        await ok(rig.drive(1))
+
+
+@aio
+async def test_a_stop_without_an_answer_says_so() -> None:
+    async with gated(answer_nothing) as rig:
+        report = await soon(rig.gate.stop(0.03))
+        assert not report.success
+        assert report.message.startswith("NOT STOPPED: the chassis did not answer")
+        assert report.message.endswith("press its emergency stop")
+
+
+@aio
+async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
+    async def all_but_the_task(wire: Wire, frame: Frame) -> bool:
+        return frame["type"] == "woosh.robot.ActionOrder" or await answer_all(wire, frame)
+
+    async with gated(all_but_the_task) as rig:
+        report = await soon(rig.gate.stop(1.0))
+        assert not report.success
+        assert report.message.startswith("stopped; ")
+        assert "cancel of task: the chassis did not answer" in report.message
+        assert report.message.endswith("press its emergency stop")
+
+
+# The agent ends
+
+
+@every_moving_request
+@aio
+async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None:
+    async with gated(hold=0.0) as rig:
+        await rig.gate.close(TIMEOUT)
+        await soon(rig.gate.stop(TIMEOUT))  # forbids motion for a while only
+        with pytest.raises(SupersededError, match="the agent is stopping"):
+            await rig.gate.request(request_)
+        await ok(rig.gate.request(Speak()))
+        assert len(types(rig.wire)) == ORDERS
+
+
+@pytest.mark.parametrize("drove", [False, True])
+@aio
+async def test_the_last_zero_is_sent_only_if_the_robot_may_drive(drove: bool) -> None:
+    async with gated() as rig:
+        if drove:
+            await ok(rig.drive(1))
+        await rig.gate.close(TIMEOUT)
+        await rig.gate.close(TIMEOUT)
+        assert speeds(rig.wire) == [1, 0] * drove
+
+
+@aio
+async def test_a_zero_that_was_not_confirmed_is_sent_again() -> None:
+    async with gated(answer_nothing) as rig:
+        task = rig.drive(1)
+        await rig.wire.answer(await rig.wire.next(TWIST))
+        await soon(task)
+        with pytest.raises(RequestTimeoutError):
+            await rig.gate.close(0.03)
+        closing = asyncio.ensure_future(rig.gate.close(TIMEOUT))
+        await rig.wire.next(TWIST)
+        await rig.wire.answer(await rig.wire.next(TWIST))
+        await soon(closing)
+        assert not rig.gate.driving
+
+
+@aio
+async def test_a_refused_zero_does_not_count_as_stopped() -> None:
+    async with gated(refuse_zeros) as rig:
+        await ok(rig.drive(1))
+        assert not (await rig.gate.request(Twist())).ok
+        assert rig.gate.driving
+        with pytest.raises(ZeroRefusedError, match="refused the zero velocity: no remote control"):
+            await rig.gate.close(TIMEOUT)
+
+
+@aio
+async def test_the_last_zero_replaces_a_held_velocity() -> None:
+    async with gated(answer_nothing, unanswered=0.0) as rig:
+        first = rig.drive(1)
+        frame = await rig.wire.next(TWIST)
+        held = rig.drive(2)
+        await turns()
+        closing = asyncio.ensure_future(rig.gate.close(TIMEOUT))
+        await rig.wire.answer(await rig.wire.next(TWIST))
+        await soon(closing)
+        await rig.wire.answer(frame)
+        await soon(first)
+        with pytest.raises(SupersededError):
+            await soon(held)
+        assert speeds(rig.wire) == [1, 0]
+
+
+@aio
+async def test_a_robot_that_drove_when_the_link_was_lost_counts_as_not_stopped() -> None:
+    async with gated(link={"backoff_min": 60.0, "backoff_max": 60.0}) as rig:
+        await ok(rig.drive(1))
+        rig.wire.abort()
+        await eventually(lambda: rig.client.state is not LinkState.READY)
+        with pytest.raises(NotConnectedError):
+            await rig.gate.close(TIMEOUT)
+
+
+@aio
+async def test_a_velocity_that_was_not_sent_does_not_count_as_driving() -> None:
+    async with gated() as rig:
+        await rig.client.close()
+        with pytest.raises(NotConnectedError):
+            await rig.drive(1)
+        await rig.gate.close(TIMEOUT)
+
+
+@aio
+async def test_the_robot_counts_as_standing_some_time_after_the_last_velocity() -> None:
+    assert MotionTiming().driving == 1.5
+    async with gated(driving=0.05) as rig:
+        rig.gate.timing = MotionTiming(max_age=NEVER, driving=NEVER)
+        await ok(rig.drive(1))
+        assert rig.gate.driving
+        rig.gate.timing = MotionTiming(max_age=NEVER, driving=0.05)
+        await ok(rig.drive(1))
+        await eventually(lambda: not rig.gate.driving)
+        await rig.gate.close(TIMEOUT)
+        assert speeds(rig.wire) == [1, 1]
+
+
+# The link is about to be closed, or the agent begins to observe only
+
+
+@pytest.mark.parametrize("drove", [False, True])
+@aio
+async def test_a_robot_gets_its_zero_if_it_may_drive(drove: bool) -> None:
+    async with gated() as rig:
+        if drove:
+            await ok(rig.drive(1))
+        await rig.gate.leave(REASON, TIMEOUT)
+        assert speeds(rig.wire) == [1, 0] * drove
+        assert not rig.gate.driving
+
+
+@aio
+async def test_no_velocity_follows_the_zero() -> None:
+    async def answer_velocities(wire: Wire, frame: Frame) -> bool:
+        is_zero = frame["type"] == TWIST and "linear" not in frame["body"]
+        return is_zero or await answer_all(wire, frame)
+
+    async with gated(answer_velocities) as rig:
+        await ok(rig.drive(1))
+        leaving = asyncio.ensure_future(rig.gate.leave(REASON, TIMEOUT))
+        await turns()
+        with pytest.raises(SupersededError, match=REASON):
+            await rig.drive(3)
+        await eventually(lambda: speeds(rig.wire) == [1, 0])
+        await rig.wire.answer(rig.wire.seen[-1])
+        await soon(leaving)
+        assert speeds(rig.wire) == [1, 0]
+
+
+@pytest.mark.parametrize("refused", [False, True])
+@aio
+async def test_a_robot_that_cannot_be_stopped_is_an_error(
+    refused: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    script = refuse_zeros if refused else answer_all
+    async with gated(script, {"backoff_min": 60.0, "backoff_max": 60.0}) as rig:
+        await ok(rig.drive(1))
+        if not refused:
+            rig.wire.abort()
+            await eventually(lambda: rig.client.state is not LinkState.READY)
+        await rig.gate.leave(REASON, TIMEOUT)
+        (record,) = [each for each in caplog.records if each.levelname == "ERROR"]
+        assert "the robot was not stopped" in record.getMessage()
+        assert ("no remote control" if refused else "not connected") in record.getMessage()
+
+
+@aio
+async def test_a_robot_that_is_only_observed_from_now_on_gets_its_zero_and_no_other_command() -> (
+    None
+):
+    async with gated() as rig:
+        await ok(rig.drive(1))
+        rig.client.permit_only(only_reads, "it only observes")
+        await rig.gate.leave("it only observes", TIMEOUT)
+        for request in (*MOVING, Twist()):
+            with pytest.raises(NotPermittedError, match="it only observes"):
+                await rig.gate.request(request)
+        assert not rig.gate.driving, "a refused velocity does not drive"
+        report = await rig.gate.stop(TIMEOUT)
+        assert not report.success
+        assert "it only observes" in report.message
+        await rig.gate.close(TIMEOUT)
+        assert speeds(rig.wire) == [1, 0]

@@ -1,4 +1,4 @@
-"""Every request in the agent's table is classified: it moves the robot, or it does not."""
+"""Every request in the agent's table is classified: does it move the robot, does it only read?"""
 
 from __future__ import annotations
 
@@ -6,11 +6,17 @@ import pytest
 from google.protobuf.message import Message
 
 from tests.motion.moving import MOVING, name_of
-from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES
+from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.motion.gate import cancel_orders
-from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
+from woosh_robot_agent.motion.requests import commands_motion, may_move, only_reads, takes_wheels
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    ActionOrder,
+    CountData,
+    Follow,
+    RobotWiFi,
+    Twist,
+)
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, MoveBase, StepControl, kCancel
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
@@ -68,6 +74,18 @@ MOVE_NOTHING = {
 }
 """Commands that do not move a standing robot."""
 
+READING_COMMANDS = {
+    "woosh.map.Download",
+    "woosh.map.SceneData",
+    "woosh.map.SceneMd5",
+    "woosh.map.SceneSync",
+    "woosh.map.mark.storage.Find",
+    "woosh.map.mark.storage.Storages",
+    "woosh.robot.CountData",
+    "woosh.robot.PlanNavPath",
+    "woosh.robot.ScannerData",
+}
+
 RESTING: tuple[Message, ...] = (
     Twist(),
     Twist(linear=-0.0),
@@ -84,26 +102,34 @@ RESTING: tuple[Message, ...] = (
 
 
 def test_each_command_of_the_table_is_classified() -> None:
-    """Add a new command to one of the two sets, and if it moves, to motion/requests.py."""
+    """Add a new command to one of the two sets, and if it moves, to motion/requests.py.
+
+    If it only reads, set `reads` in the table, and add it to READING_COMMANDS.
+    """
     commands = {command.request for command in COMMANDS}
     assert commands == COMMAND_MOTION | MOVE_NOTHING
     assert {name for name in commands if commands_motion(message_type(name)())} == COMMAND_MOTION
+    assert {name for name in commands if only_reads(message_type(name)())} == READING_COMMANDS
 
 
-def test_queries_command_no_motion() -> None:
-    assert not [q.name for q in QUERIES if commands_motion(message_type(q.request)())]
+def test_queries_and_the_agents_own_requests_read_and_command_no_motion() -> None:
+    for name in (*(query.request for query in QUERIES), *OWN_READS):
+        assert only_reads(message_type(name)()), name
+        assert not commands_motion(message_type(name)()), name
 
 
 def test_each_action_of_the_table_commands_motion() -> None:
     for action in ACTIONS:
         request = message_type("woosh.ros.CallAction" if action.member else action.arg)()
         assert commands_motion(request), action.name
+        assert not only_reads(request), action.name
 
 
 @pytest.mark.parametrize("request_", MOVING, ids=name_of)
 def test_moving_requests_are_recognised(request_: Message) -> None:
     assert commands_motion(request_)
     assert may_move(request_)
+    assert not only_reads(request_)
 
 
 @pytest.mark.parametrize("request_", RESTING, ids=name_of)
@@ -111,3 +137,19 @@ def test_orders_to_rest_are_recognised(request_: Message) -> None:
     assert commands_motion(request_)
     assert not may_move(request_)
     assert not takes_wheels(request_)
+    assert not only_reads(request_)
+
+
+@pytest.mark.parametrize(
+    ("request_", "reads"),
+    [
+        (RobotWiFi(order=RobotWiFi.kWiFiList), True),
+        (RobotWiFi(order=RobotWiFi.kWiFiList, content=b"x"), False),
+        (RobotWiFi(), False),
+        *((RobotWiFi(order=order), False) for order in range(2, 7)),
+        (CountData(req_type=CountData.kGet), True),
+        (CountData(req_type=CountData.kSync), False),
+    ],
+)
+def test_of_some_requests_only_one_order_reads(request_: Message, reads: bool) -> None:
+    assert only_reads(request_) is reads

@@ -5,57 +5,40 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import time
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, block, eventually, soon, turns
+from tests.link.link_peer import Frame, aio, block, eventually, soon, turns
+from tests.motion.gate_checks import (
+    TWIST,
+    Rig,
+    answer_nothing,
+    every_moving_request,
+    gated,
+    ok,
+    speeds,
+    types,
+)
 from woosh_robot_agent.link import (
     ConnectionLostError,
     NotConnectedError,
     RequestTimeoutError,
     SupersededError,
-    reports,
 )
-from woosh_robot_agent.motion import MotionGate, timeliness
-from woosh_robot_agent.motion.timeliness import LatestWins
+from woosh_robot_agent.motion import (
+    MotionTiming,
+    Sender,
+    VelocityDriver,
+    VelocityLimits,
+    timeliness,
+)
+from woosh_robot_agent.motion.timeliness import LatestWins, SenderClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
 
-TWIST = "woosh.robot.Twist"
-
-
-@pytest.fixture(autouse=True)
-def long_stall(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let no command be stalled or stale unless a test says so, even on a slow machine."""
-    monkeypatch.setattr(timeliness, "MAX_AGE", 3600.0)
-
-
-@pytest.fixture
-def short_stall(long_stall: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timeliness, "MAX_AGE", 0.1)
-
-
-def drive(gate: MotionGate, speed: float, **options: Any) -> asyncio.Task[Any]:
-    return asyncio.ensure_future(gate.request(Twist(linear=speed), **options))
-
-
-def speeds(wire: Wire) -> list[float]:
-    return [frame["body"].get("linear", 0) for frame in wire.seen if frame["type"] == TWIST]
-
-
-async def stalled(gate: MotionGate, wire: Wire) -> tuple[asyncio.Task[Any], Frame]:
-    """Send one command and let it be unanswered for too long; return its task and frame."""
-    first = drive(gate, 1)
-    frame = await wire.next(TWIST)
-    stall(gate._velocities)
-    return first, frame
-
-
-def stall(latest: LatestWins[Any]) -> None:
-    """Backdate the unanswered commands, so that they count as stalled."""
-    for serial in latest._unanswered:
-        latest._unanswered[serial] -= timeliness.MAX_AGE + 1
-    assert latest._stalled()
+SPEAK = "woosh.robot.Speak"
 
 
 async def ended(*tasks: asyncio.Task[Any]) -> None:
@@ -64,223 +47,184 @@ async def ended(*tasks: asyncio.Task[Any]) -> None:
     await asyncio.wait(tasks)
 
 
+# The newest one wins
+
+
+async def stalled(rig: Rig) -> tuple[asyncio.Task[Any], Frame]:
+    """Send one velocity, and hold back those that come before its answer; return task and frame."""
+    rig.gate.timing = MotionTiming(**{**vars(rig.gate.timing), "unanswered": 0.0})
+    first = rig.drive(1)
+    return first, await rig.wire.next(TWIST)
+
+
 @aio
 async def test_commands_are_pipelined_while_the_chassis_answers() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        tasks = [drive(gate, speed) for speed in (1, 2, 3)]
-        frames = [await wire.next(TWIST) for _ in tasks]
+    async with gated(answer_nothing) as rig:
+        tasks = [rig.drive(speed) for speed in (1, 2, 3)]
+        frames = [await rig.wire.next(TWIST) for _ in tasks]
         for frame in frames:
-            await wire.answer(frame)
+            await rig.wire.answer(frame)
         assert all(answer.ok for answer in await soon(asyncio.gather(*tasks)))
-        assert speeds(wire) == [1, 2, 3]
+        assert speeds(rig.wire) == [1, 2, 3]
 
 
 @aio
-async def test_commands_are_sent_even_when_too_many_requests_are_in_flight() -> None:
-    async with Peer() as peer, peer.client(max_in_flight=1) as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        waiting = asyncio.ensure_future(client.request(Speak()))
-        task = drive(gate, 1)
-        await wire.answer(await wire.next(TWIST))
-        assert (await soon(task)).ok
-        await ended(waiting)
-
-
-@aio
-async def test_commands_do_not_count_as_requests_in_flight() -> None:
-    async with Peer() as peer, peer.client(max_in_flight=1) as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        unanswered = [drive(gate, speed) for speed in (1, 2, 3)]
+async def test_commands_and_other_requests_in_flight_do_not_limit_each_other() -> None:
+    async with gated(answer_nothing, {"max_in_flight": 1}) as rig:
+        unanswered = [rig.drive(speed) for speed in (1, 2, 3)]
         for _ in unanswered:
-            await wire.next(TWIST)
-        task = asyncio.ensure_future(client.request(Speak()))
-        await wire.answer(await wire.next("woosh.robot.Speak"))
+            await rig.wire.next(TWIST)
+        waiting = asyncio.ensure_future(rig.client.request(Speak()))
+        frame = await rig.wire.next(SPEAK)
+        task = rig.drive(4)
+        await rig.wire.answer(await rig.wire.next(TWIST))
         assert (await soon(task)).ok
+        await rig.wire.answer(frame)
+        assert (await soon(waiting)).ok
         await ended(*unanswered)
 
 
 @aio
-async def test_while_the_chassis_does_not_answer_only_the_newest_is_held() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, frame = await stalled(gate, wire)
-        second, third = drive(gate, 2), drive(gate, 3)
-        with pytest.raises(SupersededError, match="a newer velocity command"):
-            await soon(second)
-        await wire.answer(frame)
+async def test_while_the_chassis_does_not_answer_only_the_newest_is_held(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.INFO, "woosh_robot_agent.motion")
+    async with gated(answer_nothing) as rig:
+        first, frame = await stalled(rig)
+        *replaced, newest = [rig.drive(speed) for speed in (2, 3, 4, 5)]
+        for task in replaced:
+            with pytest.raises(SupersededError, match="a newer velocity command"):
+                await soon(task)
+        await rig.wire.answer(frame)
         assert (await soon(first)).ok
-        await wire.answer(await wire.next(TWIST))
-        assert (await soon(third)).ok
-        assert speeds(wire) == [1, 3]
+        await rig.wire.answer(await rig.wire.next(TWIST))
+        assert (await soon(newest)).ok
+        assert speeds(rig.wire) == [1, 5]
+        assert rig.gate.superseded == 3
+    told = [each.levelno for each in caplog.records if "not sent" in each.getMessage()]
+    assert told == [logging.WARNING, logging.INFO], "the first one, and their number at the end"
 
 
-@pytest.mark.usefixtures("short_stall")
 @aio
 async def test_a_command_held_too_long_is_not_sent() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, frame = await stalled(gate, wire)
+    async with gated(answer_nothing) as rig:
+        first, frame = await stalled(rig)
+        rig.gate.timing = MotionTiming(max_age=0.1, unanswered=0.0)
         with pytest.raises(SupersededError, match="too old"):
-            await soon(drive(gate, 2))
-        await wire.answer(frame)
+            await soon(rig.drive(2))
+        await rig.wire.answer(frame)
         await soon(first)
         await turns()
-        assert speeds(wire) == [1]
+        assert speeds(rig.wire) == [1]
 
 
 @pytest.mark.parametrize("stop", [Twist(), Twist(linear=-0.0)])
 @aio
 async def test_a_stop_is_never_held(stop: Twist) -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, _ = await stalled(gate, wire)
-        held = drive(gate, 2)
+    async with gated(answer_nothing) as rig:
+        first, _ = await stalled(rig)
+        held = rig.drive(2)
         await turns()
-        stopping = asyncio.ensure_future(gate.request(stop))
-        frame = await wire.next(TWIST)
-        assert not frame["body"].get("linear")
+        stopping = asyncio.ensure_future(rig.gate.request(stop))
+        frame = await rig.wire.next(TWIST)
         assert not first.done()  # its answer would release a held velocity
         with pytest.raises(SupersededError):
             await soon(held)
-        await wire.answer(frame)
+        await rig.wire.answer(frame)
         assert (await soon(stopping)).ok
         await ended(first)
-        assert speeds(wire) == [1, 0]
+        assert speeds(rig.wire) == [1, 0]
 
 
 @aio
 async def test_no_older_command_overtakes_a_stop_even_when_released_just_before() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, _ = await stalled(gate, wire)
-        held = drive(gate, 2)
+    async with gated(answer_nothing) as rig:
+        first, frame = await stalled(rig)
+        held = rig.drive(2)
         await turns()
-        gate._velocities._release()  # as after an answer
-        stopping = asyncio.ensure_future(gate.request(Twist()))
+        stopping: list[asyncio.Task[Any]] = []
+
+        def stop(_answered: object) -> None:  # the answer has just released the held velocity
+            if not stopping:
+                stopping.append(asyncio.ensure_future(rig.gate.request(Twist())))
+
+        rig.gate.on_answered(stop)
+        await rig.wire.answer(frame)
+        await soon(first)
         with pytest.raises(SupersededError):
             await soon(held)
-        await wire.answer(await wire.next(TWIST))
-        await soon(stopping)
-        await ended(first)
-        assert speeds(wire) == [1, 0]
-
-
-@aio
-async def test_a_command_held_right_after_another_was_released_is_superseded_at_once() -> None:
-    latest = LatestWins[str]()
-    answers: list[asyncio.Future[str]] = []
-
-    async def send(_fresh: float) -> str:
-        answers.append(asyncio.get_running_loop().create_future())
-        return await answers[-1]
-
-    def go(speed: float) -> asyncio.Task[str]:
-        now = asyncio.get_running_loop().time()
-        return asyncio.ensure_future(latest.request(Twist(linear=speed), send, now))
-
-    first = go(1)
-    await turns(3)
-    stall(latest)
-    second = go(2)
-    await turns(3)
-    latest._release()
-    third = go(3)  # starts before the released second command is sent
-    await turns(3)
-    with pytest.raises(SupersededError):
-        await second
-    fourth = go(4)
-    await turns(3)
-    assert third.done()  # superseded at once, not only when it is stale
-    with pytest.raises(SupersededError, match="newer"):
-        await third
-    answers[0].set_result("first")
-    await turns(5)
-    answers[1].set_result("fourth")
-    assert [await first, await fourth] == ["first", "fourth"]
+        await rig.wire.answer(await rig.wire.next(TWIST))
+        assert (await soon(stopping[0])).ok
+        assert speeds(rig.wire) == [1, 0]
 
 
 @aio
 async def test_cancelling_a_held_command_passes_through_and_it_is_not_sent() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, _ = await stalled(gate, wire)
-        held = drive(gate, 2)
+    async with gated(answer_nothing) as rig:
+        first, frame = await stalled(rig)
+        held = rig.drive(2)
         await turns()
-        gate._velocities._release()
-        held.cancel()
+        rig.gate.on_answered(lambda _: held.cancel())  # just after it was released
+        await rig.wire.answer(frame)
+        await soon(first)
         with pytest.raises(asyncio.CancelledError):
             await held
         await turns()
-        assert speeds(wire) == [1]
-        await ended(first)
+        assert speeds(rig.wire) == [1]
 
 
-@pytest.mark.usefixtures("short_stall")
 @aio
 async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        upload = await block(client, wire)
+    async with gated(answer_nothing, max_age=0.1) as rig:
+        upload = await block(rig.client, rig.wire)
         loop = asyncio.get_running_loop()
-        stale = drive(gate, 1)
-        stop = asyncio.ensure_future(gate.request(Twist()))
+        stale = rig.drive(1)
+        stop = asyncio.ensure_future(rig.gate.request(Twist()))
         await turns()
         sent = loop.time()
-        await eventually(lambda: loop.time() > sent + timeliness.MAX_AGE)
+        await eventually(lambda: loop.time() > sent + 0.1)
         assert not stale.done()
-        wire.thaw()
+        rig.wire.thaw()
         with pytest.raises(SupersededError, match="too old"):
             await soon(stale)
-        await wire.answer(await wire.next(TWIST))
+        await rig.wire.answer(await rig.wire.next(TWIST))
         assert (await soon(stop)).ok
-        assert speeds(wire) == [0]
+        assert speeds(rig.wire) == [0]
         await ended(upload)
 
 
 @aio
-async def test_the_callers_timeout_applies_to_commands() -> None:
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
+async def test_the_callers_timeout_applies_to_commands_which_hold_back_nothing_afterwards() -> None:
+    async with gated(answer_nothing, unanswered=0.0) as rig:
         with pytest.raises(RequestTimeoutError, match=r"0\.03 s"):
-            await soon(drive(gate, 1, timeout=0.03))
-        assert not gate._velocities._unanswered
+            await soon(rig.drive(1, timeout=0.03))
+        await rig.wire.next(TWIST)
+        task = rig.drive(2)
+        await rig.wire.answer(await rig.wire.next(TWIST))
+        assert (await soon(task)).ok
 
 
 @aio
 async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> None:
-    async with Peer() as peer, peer.client(backoff_min=0.2, backoff_max=0.2) as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, _ = await stalled(gate, wire)
-        held = drive(gate, 2)
+    async with gated(answer_nothing, {"backoff_min": 0.2, "backoff_max": 0.2}) as rig:
+        first, _ = await stalled(rig)
+        held = rig.drive(2)
         await turns()
-        wire.abort()
+        rig.wire.abort()
         with pytest.raises(ConnectionLostError):
             await soon(first)
         with pytest.raises(NotConnectedError):
             await soon(held)
-        again = await peer.wire(2)
-        await client.wait_ready(TIMEOUT)
-        task = drive(gate, 3)
+        again = await rig.second_wire()
+        task = rig.drive(3)
         await again.answer(await again.next(TWIST))
         await soon(task)
         assert speeds(again) == [3]
 
 
-@pytest.mark.usefixtures("short_stall")
 @aio
 async def test_a_stop_never_becomes_stale() -> None:
-    latest = LatestWins[float]()
+    latest = LatestWins[float](lambda: MotionTiming(max_age=0.1))
     now = asyncio.get_running_loop().time()
 
     async def send(fresh: float) -> float:
@@ -290,25 +234,183 @@ async def test_a_stop_never_becomes_stale() -> None:
     assert await latest.request(Twist(linear_y=1), send, now + 50.0) > 40.0
 
 
-@aio
-async def test_superseded_velocities_are_counted_and_logged(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+# The age of a velocity
+
+
+@dataclass
+class Clock:
+    """The clocks of this computer."""
+
+    monotonic_now: float = 1000.0
+    ahead: float = 5e8
+
+    def monotonic(self) -> float:
+        return self.monotonic_now
+
+    def time(self) -> float:
+        return self.monotonic_now + self.ahead
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(timeliness, "time", clock)
+    return clock
+
+
+@dataclass
+class RemoteSender:
+    """Sends messages to this computer, by a clock that is some seconds ahead."""
+
+    clock: Clock
+    ahead: float
+
+    def age(self, ages: SenderClock, network: float = 0.001, queue: float = 0.0) -> float:
+        """Return the age that is found for a message that was under way for some time."""
+        now = self.clock.monotonic_now
+        received = now - queue
+        unix = received + self.clock.ahead
+        sent = received - network + self.clock.ahead + self.ahead
+        return now - ages.published(sent, unix, now)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 3600.0, -3600.0])
+def test_a_late_message_is_as_old_as_it_is_later_than_the_quickest(
+    clock: Clock, ahead: float
 ) -> None:
-    caplog.set_level(logging.INFO, "woosh_robot_agent.motion")
-    monkeypatch.setattr(reports, "QUIET", 0.2)
+    ages, sender = SenderClock(), RemoteSender(clock, ahead)
+    assert sender.age(ages) == pytest.approx(0.0, abs=1e-5)
+    clock.monotonic_now += 3.0
+    assert sender.age(ages, network=2.501) == pytest.approx(2.5, abs=1e-5)
+    assert sender.age(ages, network=0.501, queue=1.0) == pytest.approx(1.5, abs=1e-5)
+    assert sender.age(ages) == pytest.approx(0.0, abs=1e-5)
 
-    def told() -> list[int]:
-        return [each.levelno for each in caplog.records if "not sent" in each.getMessage()]
 
-    async with Peer() as peer, peer.client() as client:
-        gate = MotionGate(client)
-        wire = await peer.wire()
-        first, frame = await stalled(gate, wire)
-        asked = [drive(gate, 0.2) for _ in range(4)]
-        done = await asyncio.gather(*asked[:3], return_exceptions=True)
-        assert [type(each) for each in done] == [SupersededError] * 3
-        await wire.answer(frame)
-        await wire.answer(await wire.next(TWIST))
-        await soon(asyncio.gather(first, asked[3]))
-        assert gate.superseded == 3
-        await eventually(lambda: told() == [logging.WARNING, logging.INFO])
+def test_a_long_pause_of_the_sender_teaches_nothing(clock: Clock) -> None:
+    ages, sender = SenderClock(), RemoteSender(clock, -7.0)
+    sender.age(ages)
+    clock.monotonic_now += 3600.0
+    assert sender.age(ages, network=4.001) == pytest.approx(4.0, abs=1e-5)
+
+
+def test_the_wait_in_this_process_counts_even_for_the_first_message(clock: Clock) -> None:
+    assert RemoteSender(clock, 100.0).age(SenderClock(), queue=2.0) == pytest.approx(2.0, abs=1e-5)
+
+
+def test_a_sender_whose_clock_was_set_back_is_old_for_a_while_only(clock: Clock) -> None:
+    ages, sender = SenderClock(), RemoteSender(clock, 0.0)
+    sender.age(ages)
+    sender.ahead = -30.0
+    found = []
+    for _ in range(25):
+        clock.monotonic_now += 1.0
+        found.append(sender.age(ages))
+    assert found[0] == pytest.approx(30.0, abs=1e-5)
+    assert found[-1] == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(("source", "received"), [(0.0, 0.0), (0.0, 5e8 + 998.0)])
+def test_a_middleware_without_source_times(clock: Clock, source: float, received: float) -> None:
+    published = SenderClock().published(source, received, clock.monotonic_now)
+    assert published == pytest.approx(998.0 if received else 1000.0, abs=1e-5)
+
+
+def sent(seconds: float, **options: float) -> Sender:
+    """Return the sender of a command that was published some seconds ago."""
+    return Sender(published=ago(seconds), **options)  # type: ignore[arg-type]
+
+
+def ago(seconds: float) -> float:
+    """Return a loop time in the past."""
+    return asyncio.get_running_loop().time() - seconds
+
+
+@aio
+async def test_an_old_velocity_is_not_sent_and_is_counted() -> None:
+    async with gated(max_age=0.5) as rig:
+        with pytest.raises(SupersededError, match=r"2\.00 s old"):
+            await soon(rig.drive(2, sender=sent(2.0)))
+        assert rig.gate.superseded == 1
+        assert not rig.gate.driving
+        with pytest.raises(SupersededError, match=r"0\.1 s are allowed"):
+            await soon(rig.drive(3, sender=sent(0.2, max_age=0.1)))
+        await ok(rig.gate.request(Twist(), sender=sent(60.0, max_age=0.1)))
+        await ok(rig.drive(4, sender=sent(0.01)))
+        assert speeds(rig.wire) == [0, 4]
+
+
+@aio
+async def test_an_old_velocity_does_not_replace_a_newer_one_that_waits() -> None:
+    async with gated(answer_nothing, max_age=60.0) as rig:
+        first, frame = await stalled(rig)
+        newer = rig.drive(2)
+        await turns()
+        with pytest.raises(SupersededError, match="old"):
+            await soon(rig.drive(3, sender=sent(70.0)))
+        await rig.wire.answer(frame)
+        await rig.wire.answer(await rig.wire.next(TWIST))
+        assert (await soon(first)).ok
+        assert (await soon(newer)).ok
+        assert speeds(rig.wire) == [1, 2]
+
+
+def driver_of(rig: Rig, **limits: float) -> VelocityDriver:
+    values = {"max_linear": 9.0, "max_angular": 1.0, "rate": 100.0, "timeout": 0.5, **limits}
+    return VelocityDriver(rig.gate, rig.client, "stream", lambda: VelocityLimits(**values))
+
+
+@pytest.mark.parametrize("limits", [{}, {"timeout": 0.2}, {"max_age": 0.2}])
+@aio
+async def test_an_old_velocity_of_a_stream_does_not_drive(limits: dict[str, float]) -> None:
+    async with gated(max_age=0.5) as rig:
+        driver = driver_of(rig, **limits)
+        driver.drive(2, 0.0, 0.0, published=ago(0.3 if limits else 0.6))
+        assert rig.gate.superseded == 1
+        driver.drive(3, 0.0, 0.0, published=ago(0.01))
+        await eventually(lambda: speeds(rig.wire))
+        assert speeds(rig.wire) == [3]
+
+
+@aio
+async def test_silence_counts_from_when_the_last_velocity_was_published() -> None:
+    async with gated() as rig:
+        driver = driver_of(rig, timeout=3600.0)
+        running = asyncio.ensure_future(driver.run())
+        driver.drive(1, 0.0, 0.0, published=ago(3599.5))
+        await eventually(lambda: speeds(rig.wire) == [1, 0])
+        await ended(running)
+
+
+# Stalls
+
+
+def hold_up() -> None:
+    """Keep the event loop from running for longer than a stall."""
+    time.sleep(MotionTiming().stall + 0.3)
+
+
+@every_moving_request
+@aio
+async def test_what_arrived_during_a_stall_moves_nothing(request_: Any) -> None:
+    async with gated() as rig:
+        await asyncio.sleep(0)
+        hold_up()
+        for seconds in (0.2, 0.0):
+            with pytest.raises(SupersededError, match="stood still for"):
+                await soon(rig.gate.request(request_, sender=sent(seconds)))
+        assert types(rig.wire) == []
+        await ok(
+            rig.gate.request(request_)
+        )  # of this process, for example of an order that goes on
+        await asyncio.sleep(rig.gate.timing.settle)
+        await ok(rig.gate.request(request_, sender=sent(0.0)))
+
+
+@aio
+async def test_a_stall_without_a_link_ends_before_the_next_link() -> None:
+    async with gated(link={"backoff_min": 1.0, "backoff_max": 1.0}) as rig:
+        rig.wire.abort()
+        await eventually(lambda: rig.client.state.value == "waiting")
+        hold_up()
+        await rig.second_wire()
+        await ok(rig.drive(1, sender=sent(0.0)))

@@ -6,27 +6,26 @@ import asyncio
 import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually, soon, turns
-from woosh_robot_agent.link import ChassisClient
+from tests.link.link_peer import TIMEOUT, Frame, aio, eventually, soon, turns
+from tests.motion.gate_checks import NEVER, Rig, gated, ok, speeds
+from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion import (
     MAX_VELOCITY,
-    MotionGate,
     UnusableVelocityError,
     VelocityDriver,
     VelocityLimits,
 )
+from woosh_robot_agent.motion.velocity_driver import Pace
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Follow, Speak, Twist
 
-TWIST = "woosh.robot.Twist"
-SPEAK = "woosh.robot.Speak"
-LIMITS = VelocityLimits(max_linear=1.0, max_angular=1.0, rate=100.0, timeout=3600.0)
+LIMITS = VelocityLimits(max_linear=1.0, max_angular=1.0, rate=100.0, timeout=NEVER)
 RUNNING = {"robotTaskId": "7", "state": "kExecuting"}
 
 
@@ -35,103 +34,65 @@ def feedback(state: str) -> Frame:
     return {"fbs": [{"action": "woosh.ros.action.MoveBase", "state": state}]}
 
 
-async def answer_all(wire: Wire, frame: Frame) -> bool:
-    answered = (
-        TWIST,
-        SPEAK,
-        "woosh.robot.ActionOrder",
-        "woosh.robot.Follow",
-        "woosh.ros.CallAction",
-    )
-    if frame["type"] not in answered:
-        return False
-    await wire.answer(frame)
-    return True
+class Stream:
+    """A velocity driver, whose limits the test may replace."""
 
+    def __init__(self, rig: Rig, limits: VelocityLimits) -> None:
+        self.rig = rig
+        self.gate = rig.gate
+        self.limits = limits
+        self.driver = VelocityDriver(rig.gate, rig.client, "joystick", lambda: self.limits)
 
-def velocities(wire: Wire) -> list[tuple[float, float, float]]:
-    """Return the velocities that the chassis has received: linear, linear_y, angular."""
-    return [
-        tuple(frame["body"].get(name, 0.0) for name in ("linear", "linearY", "angular"))  # type: ignore[misc]
-        for frame in wire.seen
-        if frame["type"] == TWIST
-    ]
+    def drive(self, linear: float, sideways: float = 0.0, angular: float = 0.0) -> None:
+        self.driver.drive(linear, sideways, angular)
 
-
-@dataclass
-class Rig:
-    """A velocity driver, its gate, and the chassis's end of the link."""
-
-    peer: Peer
-    wire: Wire
-    client: ChassisClient
-    gate: MotionGate
-    driver: VelocityDriver
-    limits: VelocityLimits = LIMITS
-
-    async def sent(self, *expected: tuple[float, float, float]) -> None:
-        """Wait until exactly these velocities have reached the chassis."""
-        await eventually(lambda: len(velocities(self.wire)) >= len(expected))
-        assert velocities(self.wire) == [pytest.approx(each) for each in expected]
+    async def sent(self, *expected: float) -> None:
+        """Wait until exactly these speeds ahead have reached the chassis."""
+        await eventually(lambda: len(speeds(self.rig.wire)) >= len(expected))
+        assert speeds(self.rig.wire) == pytest.approx(list(expected))
 
     async def settle(self) -> None:
         """Wait until everything that is due now has reached the chassis."""
         await turns()
-        assert (await soon(asyncio.ensure_future(self.gate.request(Speak())))).ok
+        await ok(self.gate.request(Speak()))
+
+    async def task_runs(self) -> None:
+        """Let another client of the chassis start a task."""
+        await self.rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: self.gate.owner)
 
 
 @asynccontextmanager
-async def driving(**limits: float) -> AsyncIterator[Rig]:
-    async with (
-        Peer(script=answer_all) as peer,
-        peer.client(backoff_min=0.05, backoff_max=0.05) as client,
-    ):
-        gate = MotionGate(client)
-        rig: Rig
-        driver = VelocityDriver(gate, client, "joystick", lambda: rig.limits)
-        rig = Rig(peer, await peer.wire(), client, gate, driver)
-        rig.limits = replace(LIMITS, **limits)
-        running = asyncio.ensure_future(driver.run())
+async def driving(hold: float = NEVER, **limits: float) -> AsyncIterator[Stream]:
+    async with gated(hold=hold) as rig:
+        stream = Stream(rig, replace(LIMITS, **limits))  # type: ignore[arg-type]
+        running = asyncio.ensure_future(stream.driver.run())
         try:
-            yield rig
+            yield stream
         finally:
             await cancel_and_wait(running)
 
 
 @aio
-async def test_a_velocity_is_sent() -> None:
-    async with driving() as rig:
-        rig.driver.drive(0.1, -0.2, 0.3)
-        await rig.sent((0.1, -0.2, 0.3))
-
-
-@aio
 async def test_a_velocity_that_is_not_finite_is_refused(caplog: pytest.LogCaptureFixture) -> None:
-    async with driving() as rig:
-        rig.driver.drive(math.nan, 0.0, 0.0)
-        rig.driver.drive(0.1, math.inf, 0.0)
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
+    async with driving() as stream:
+        stream.drive(math.nan)
+        stream.drive(0.1, math.inf)
+        stream.drive(0.1)
+        await stream.sent(0.1)
     warned = [each.getMessage() for each in caplog.records if each.levelname == "WARNING"]
     assert len([text for text in warned if "joystick is ignored" in text]) == 1
-
-
-@aio
-async def test_a_velocity_beyond_the_limits_is_scaled_down() -> None:
-    async with driving(max_linear=0.5, max_angular=0.2) as rig:
-        rig.driver.drive(3.0, 4.0, -9.0)
-        await rig.sent((0.3, 0.4, -0.2))
 
 
 @aio
 async def test_a_velocity_that_no_robot_reaches_is_refused(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async with driving() as rig:
+    async with driving() as stream:
         for values in ((3e38, 0.0, 0.0), (1e308, 1e308, 0.0), (0.1, 0.0, -10.5)):
-            rig.driver.drive(*values)
-        rig.driver.drive(-10.0, 0.0, 0.0)
-        await rig.sent((-1.0, 0.0, 0.0))
+            stream.drive(*values)
+        stream.drive(-10.0)
+        await stream.sent(-1.0)
     assert "joystick is ignored: linear is 3e+38" in caplog.text
 
 
@@ -156,31 +117,48 @@ def test_each_velocity_is_within_the_limits_or_refused(
 
 @aio
 async def test_only_the_newest_velocity_is_sent_at_the_rate() -> None:
-    async with driving(rate=0.001) as rig:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
+    async with driving(rate=0.001) as stream:
+        stream.drive(0.1)
+        await stream.sent(0.1)
         for speed in (0.2, 0.3, 0.4):
-            rig.driver.drive(speed, 0.0, 0.0)
-            await rig.settle()
-        rig.limits = LIMITS  # their period is over already
-        rig.driver.drive(0.5, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0), (0.5, 0.0, 0.0))
+            stream.drive(speed)
+            await stream.settle()
+        stream.limits = LIMITS  # their period is over already
+        stream.drive(0.5)
+        await stream.sent(0.1, 0.5)
 
 
 @aio
-async def test_the_first_zero_is_not_delayed_by_the_rate() -> None:
-    async with driving(rate=0.001) as rig:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-        rig.driver.drive(0.0, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+async def test_the_first_zero_is_not_delayed_by_the_rate_and_not_repeated() -> None:
+    async with driving(rate=0.001) as stream:
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        stream.drive(0.0)
+        await stream.sent(0.1, 0.0)
+        stream.drive(0.0)
+        await stream.settle()
+        await stream.sent(0.1, 0.0)
+
+
+@aio
+async def test_zeros_in_between_do_not_exceed_the_rate() -> None:
+    async with driving(rate=20.0) as stream:
+        loop = asyncio.get_running_loop()
+        begun = loop.time()
+        while loop.time() < begun + 0.5:
+            for speed in (0.1, 0.0):
+                stream.drive(speed)
+                await asyncio.sleep(0.005)
+        lasted = loop.time() - begun
+        await stream.settle()
+        assert len(speeds(stream.rig.wire)) < 3 * 20.0 * lasted, "zeros are sent at once"
 
 
 @aio
 async def test_silence_stops_the_robot() -> None:
-    async with driving(timeout=0.05) as rig:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+    async with driving(timeout=0.05) as stream:
+        stream.drive(0.1)
+        await stream.sent(0.1, 0.0)
 
 
 @pytest.mark.parametrize("override", [False, True])
@@ -196,158 +174,149 @@ async def test_silence_stops_the_robot() -> None:
 async def test_a_velocity_is_refused_while_a_task_or_action_owns_the_robot_unless_it_may_override(
     type_: str, runs: Frame, ended: Frame, override: bool
 ) -> None:
-    async with driving(override=override) as rig:
-        await rig.wire.push(type_, runs)
-        await eventually(lambda: rig.gate.owner)
-        rig.driver.drive(0.1, 0.0, 0.0)
+    async with driving(override=override) as stream:
+        await stream.rig.wire.push(type_, runs)
+        await eventually(lambda: stream.gate.owner)
+        stream.drive(0.1)
         if override:
-            await rig.sent((0.1, 0.0, 0.0))
-        await rig.wire.push(type_, ended)
-        await eventually(lambda: not rig.gate.owner)
-        rig.driver.drive(0.2, 0.0, 0.0)
-        await eventually(lambda: (0.2, 0.0, 0.0) in velocities(rig.wire))
-        assert ((0.1, 0.0, 0.0) in velocities(rig.wire)) == override
+            await stream.sent(0.1)
+        await stream.rig.wire.push(type_, ended)
+        await eventually(lambda: not stream.gate.owner)
+        stream.drive(0.2)
+        await stream.sent(*([0.1] * override), 0.2)
 
 
+@pytest.mark.parametrize("taken", ["by another client's task", "by a follow"])
 @aio
-async def test_no_zero_follows_the_start_of_another_clients_task() -> None:
+async def test_no_zero_follows_what_takes_the_wheels(taken: str) -> None:
     """Neither the sender's zero nor the watchdog's."""
-    async with driving() as rig:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-        await rig.settle()
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-        await eventually(lambda: rig.gate.owner)
-        rig.driver.drive(0.0, 0.0, 0.0)
-        await rig.settle()
-        rig.limits = replace(LIMITS, timeout=0.0)
-        rig.driver._wake.set()
-        await eventually(lambda: not rig.driver._driving)
-        await rig.settle()
-        await rig.sent((0.1, 0.0, 0.0))
-
-
-@aio
-async def test_no_zero_follows_an_accepted_follow() -> None:
-    async with driving() as rig:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-        follow = rig.gate.request(Follow(type=True))
-        assert (await soon(asyncio.ensure_future(follow))).ok
-        rig.driver.drive(0.0, 0.0, 0.0)
-        await rig.settle()
-        await rig.sent((0.1, 0.0, 0.0))
+    async with driving(timeout=1.0) as stream:
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        await stream.settle()
+        if taken == "by a follow":
+            await ok(stream.gate.request(Follow(type=True)))
+        else:
+            await stream.task_runs()
+        stream.drive(0.0)
+        silent = asyncio.get_running_loop().time() + 1.2
+        await eventually(lambda: asyncio.get_running_loop().time() > silent)
+        await stream.settle()
+        await stream.sent(0.1)
 
 
 @aio
 async def test_a_velocity_that_overrides_a_task_is_stopped_by_silence() -> None:
-    async with driving(override=True, timeout=0.05) as rig:
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-        await eventually(lambda: rig.gate.owner)
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+    async with driving(override=True, timeout=0.05) as stream:
+        await stream.task_runs()
+        stream.drive(0.1)
+        await stream.sent(0.1, 0.0)
 
 
+@pytest.mark.parametrize("until", ["a zero", "a pause"])
 @aio
-async def test_zeros_of_an_idle_sender_are_not_sent() -> None:
-    async with driving() as rig:
-        for _ in range(2):
-            rig.driver.drive(0.0, 0.0, 0.0)
-            await rig.settle()
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-
-
-async def stop_stream(rig: Rig) -> None:
-    """Send a velocity, stop the robot, and send another velocity, which must be refused."""
-    rig.driver.drive(0.1, 0.0, 0.0)
-    await rig.sent((0.1, 0.0, 0.0))
-    assert (await soon(asyncio.ensure_future(rig.gate.stop(TIMEOUT)))).success
-    rig.gate._forbidden_until = -math.inf  # the gate itself permits motion again
-    rig.driver.drive(0.2, 0.0, 0.0)
-    await rig.settle()
-
-
-@aio
-async def test_a_stop_silences_the_stream_until_a_zero() -> None:
-    async with driving(rate=1e9) as rig:
-        await stop_stream(rig)
-        rig.driver.drive(0.0, 0.0, 0.0)
-        rig.driver.drive(0.3, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
-
-
-@aio
-async def test_a_stop_silences_the_stream_until_a_pause() -> None:
-    async with driving(rate=1e9) as rig:
-        await stop_stream(rig)
-        rig.driver._heard -= 2.0  # as after silence
-        rig.driver.drive(0.3, 0.0, 0.0)
-        await rig.settle()
-        await rig.sent((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
-
-
-async def lose_link(rig: Rig) -> None:
-    rig.wire.abort()
-    await eventually(lambda: rig.client.state.value != "ready")
-
-
-@pytest.mark.parametrize("owned", [False, True])
-@aio
-async def test_after_a_lost_link_the_robot_gets_a_zero(owned: bool) -> None:
-    async with driving() as rig:
-        rig.driver.drive(0.1, 0.0, 0.0)
-        await rig.sent((0.1, 0.0, 0.0))
-        await lose_link(rig)
-        rig.driver.drive(0.2, 0.0, 0.0)  # there is no link, and this must not be sent later
-        if owned:
-            rig.peer.info = {**(rig.peer.info or {}), "taskProc": RUNNING}
-        rig.wire = await rig.peer.wire(2)
-        await rig.client.wait_ready(TIMEOUT)
-        if owned:
-            rig.limits = replace(LIMITS, override=True)
-            await eventually(lambda: rig.gate.owner)
-            rig.driver.drive(0.3, 0.0, 0.0)
-            await rig.sent((0.3, 0.0, 0.0))
+async def test_a_stop_silences_the_stream_until_a_zero_or_a_pause(until: str) -> None:
+    async with driving(hold=0.0, rate=1e9) as stream:  # the gate itself permits motion again
+        stream.gate.timing = replace(stream.gate.timing, pause=NEVER)
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        assert (await soon(stream.gate.stop(TIMEOUT))).success
+        stream.drive(0.2)
+        await stream.settle()
+        if until == "a zero":
+            stream.drive(0.0)
         else:
-            await rig.sent((0.0, 0.0, 0.0))
+            stream.gate.timing = replace(stream.gate.timing, pause=0.0)
+        stream.drive(0.3)
+        await stream.sent(0.1, 0.0, 0.3)
 
 
-@pytest.mark.parametrize("connected", [False, True])
+@pytest.mark.parametrize("meanwhile", ["nothing", "a task", "it stands"])
 @aio
-async def test_a_velocity_without_a_link_is_not_kept(connected: bool) -> None:
-    """Neither one that comes without a link, nor one that waits when the link is lost."""
-    async with driving(rate=0.001) as rig:
-        # the next velocity has to wait for its period
-        rig.driver._pace.sent(asyncio.get_running_loop().time(), rig.limits.rate)
-        if connected:
-            await rig.client.wait_ready(TIMEOUT)
-            rig.driver.drive(0.2, 0.0, 0.0)
-            assert rig.driver._waiting is not None
-        await lose_link(rig)
-        if not connected:
-            rig.driver.drive(0.2, 0.0, 0.0)
-        rig.wire = await rig.peer.wire(2)
-        await rig.client.wait_ready(TIMEOUT)
-        rig.limits = replace(LIMITS, rate=1e9)
-        rig.driver.drive(0.0, 0.0, 0.0)  # not sent, because there is nothing to stop
-        await rig.settle()
-        assert velocities(rig.wire) == []
+async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept(
+    meanwhile: str,
+) -> None:
+    """Neither a velocity that comes without a link, nor one that waits when the link is lost."""
+    async with driving(rate=0.001) as stream:
+        rig = stream.rig
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        if meanwhile == "it stands":
+            stream.drive(0.0)
+            await stream.sent(0.1, 0.0)
+        else:
+            stream.drive(0.2)  # waits for its period
+        if meanwhile == "a task":
+            rig.peer.info = {"taskProc": RUNNING}
+        rig.wire.abort()
+        await eventually(lambda: rig.client.state is not LinkState.READY)
+        stream.drive(0.3)
+        await rig.second_wire()
+        if meanwhile == "a task":
+            stream.limits = replace(LIMITS, override=True)
+            await eventually(lambda: stream.gate.owner)
+            stream.drive(0.4)
+            await stream.sent(0.4)
+        else:
+            zeros = [0.0] if meanwhile == "nothing" else []
+            await stream.sent(*zeros)
+            await stream.settle()
+            await stream.sent(*zeros)
 
 
 @aio
 async def test_velocities_that_are_not_permitted_are_refused_and_silence_the_stream() -> None:
-    async with driving() as rig:
-        rig.client.permit_only(lambda message: isinstance(message, Speak), "it only observes")
-        rig.driver.drive(0.1, 0.0, 0.0)
-        rig.driver.drive(0.0, 0.0, 0.0)
-        rig.driver.drive(0.2, 0.0, 0.0)
-        await rig.settle()
-        assert not rig.gate.driving
-        rig.client.permit_only(None)
-        rig.driver.drive(0.3, 0.0, 0.0)
-        await rig.settle()
-        assert velocities(rig.wire) == []
-        rig.driver.drive(0.0, 0.0, 0.0)
-        rig.driver.drive(0.4, 0.0, 0.0)
-        await rig.sent((0.4, 0.0, 0.0))
+    async with driving() as stream:
+        stream.rig.client.permit_only(
+            lambda message: isinstance(message, Speak), "it only observes"
+        )
+        stream.drive(0.1)
+        stream.drive(0.0)
+        stream.drive(0.2)
+        await stream.settle()
+        assert not stream.gate.driving
+        stream.rig.client.permit_only(None)
+        stream.drive(0.3)
+        await stream.settle()
+        assert speeds(stream.rig.wire) == []
+        stream.drive(0.0)
+        stream.drive(0.4)
+        await stream.sent(0.4)
+
+
+# The pace of a stream that has a maximum rate
+
+RATE = 10.0
+
+
+def paced(arrivals: list[float]) -> list[float]:
+    """Send messages that arrive at some times, each when it is due; return the times."""
+    times, pace = [], Pace()
+    for arrival in arrivals:
+        times.append(max(arrival, pace.due(RATE)))
+        pace.sent(times[-1], RATE)
+    return times
+
+
+@pytest.mark.parametrize(
+    ("arrivals", "sent"),
+    [
+        ([7.0], [7.0]),
+        ([1.0, 1.1, 1.24, 1.3, 1.4], [1.0, 1.1, 1.24, 1.3, 1.4]),
+        ([1.008, 1.1, 1.2, 1.3, 1.4], [1.008, 1.1, 1.2, 1.3, 1.4]),
+        ([1.0, 1.7, 1.7, 1.7], [1.0, 1.7, 1.79, 1.89]),
+    ],
+    ids=["the first is due at once", "one is late", "the first is late", "no burst after a gap"],
+)
+def test_messages_are_delayed_only_as_far_as_the_rate_needs_it(
+    arrivals: list[float], sent: list[float]
+) -> None:
+    assert paced(arrivals) == pytest.approx(sent)
+
+
+def test_faster_and_late_messages_do_not_exceed_the_rate() -> None:
+    fast = [1.0 + 0.01 * number for number in range(21)]
+    assert paced(fast)[-1] == pytest.approx(2.99)  # a tenth of a period early
+    late = [1.0 + 0.1 * number + 0.04 * (number % 2) for number in range(100)]
+    times = paced([*late, *late[-1:] * 10])
+    assert times[-1] - times[0] >= 0.1 * (len(times) - 1) - 0.05

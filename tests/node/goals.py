@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
+from google.protobuf.message import Message
 
 from tests.harness import Client, GoalClient
 from tests.quick_chassis import set_speed
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
-from woosh_robot_agent.ros.actions import goal
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.action import ExecTask
@@ -120,6 +121,61 @@ def feedbacks(state: int, msg: str = "", action: str = STEP) -> Feedbacks:
     return Feedbacks(fbs=[Feedback(action=action, state=state, msg=msg)])
 
 
+@dataclass(frozen=True)
+class Kind:
+    """A kind of goal: a task, or an action that CallAction starts.
+
+    Attributes:
+        name: its name.
+        starts: type of the request that starts a goal.
+        cancels: type of the request that cancels it.
+        polls: type of the poll for its state, and of the reports on it.
+        runs: state in a report that it runs.
+        done: state in a report that it has succeeded.
+        failed: state in a report that it has failed.
+        start: sends a goal that takes long.
+        report: returns a report on that goal, with a state and a text.
+    """
+
+    name: str
+    starts: str
+    cancels: str
+    polls: str
+    runs: int
+    done: int
+    failed: int
+    start: Callable[[Client], GoalClient]
+    report: Callable[[int, str], Message]
+
+    def running(self, client: Client) -> GoalClient:
+        """Send a goal that takes long, and wait until it runs."""
+        return until(self.start(client), self.runs)
+
+
+TASK = Kind(
+    *("task", EXEC_TASK, ACTION_ORDER, TASK_PROC, EXECUTING, COMPLETED, FAILED),
+    start=lambda client: task(client, mark="A23", task_id=11),
+    report=lambda state, msg: proc(11, state, msg),
+)
+ACTION = Kind(
+    *("action", CALL_ACTION, CALL_ACTION, FEEDBACKS, 2, 1, -1),
+    start=lambda client: step(client, 100.0),
+    report=feedbacks,
+)
+each_kind = pytest.mark.parametrize("kind", [TASK, ACTION], ids=lambda kind: kind.name)
+
+
+def until(goal: GoalClient, state: int) -> GoalClient:
+    """Wait until a goal has reported a state; return it."""
+    goal.feedback.wait(lambda fb: fb.state.value == state)
+    return goal
+
+
+def without_reports(out: Outgoing) -> list[Outgoing]:
+    """Drop the reports on goals that the chassis pushes; a filter for `intercept`."""
+    return [] if out.type in (TASK_PROC, FEEDBACKS) and not out.sn else [out]
+
+
 def slow_down(simulator: SimulatorThread) -> None:
     """Simulate in real time, so that a goal still runs during the next step of a test."""
     set_speed(simulator, 1.0)
@@ -138,11 +194,6 @@ def pause_task(simulator: SimulatorThread) -> None:
 def hurry(simulator: SimulatorThread) -> None:
     """Simulate at 50 times real time, so that goals end soon."""
     set_speed(simulator, 50.0)
-
-
-def set_timing(monkeypatch: pytest.MonkeyPatch, **changes: float) -> None:
-    """Change the `GoalTiming` of goals that start after this call."""
-    monkeypatch.setattr(goal, "DEFAULT_TIMING", replace(goal.DEFAULT_TIMING, **changes))
 
 
 class Held:
@@ -166,3 +217,18 @@ class Held:
         for out in self._answers:
             frame = JsonCodec().encode(out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg)
             self._simulator.send_raw(frame)
+
+
+def answer_with_json(chassis: SimulatorThread, request: str, **fields: Any) -> None:
+    """Answer each request of a type with a frame of these fields, which need not be valid."""
+    simulator = chassis.call(lambda running: running)
+
+    def answer(frame: Any) -> list[Any]:
+        if frame.request != request:
+            return [frame]
+        simulator.send_raw(
+            json.dumps({"type": request, "sn": frame.sn, "ok": True, "body": {}, **fields})
+        )
+        return []
+
+    chassis.intercept(answer)

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from unique_identifier_msgs.msg import UUID
 
-from tests.harness import Client, wait_future
+from tests.harness import Client, Robot, wait_future
 from tests.node.goals import ABORTED, CANCELED, SUCCEEDED, hurry, step, step_goal, stop_time
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_ros_msgs.action import StepControl
-
-pytestmark = pytest.mark.usefixtures("agent")
 
 NAME = "ros/StepControl"
 EXECUTING = GoalStatus.STATUS_EXECUTING
@@ -44,55 +40,49 @@ def result(client: Client, number: int) -> int:
     return int(wait_future(future).status)
 
 
-def test_a_used_id_is_refused(client: Client, simulator: SimulatorThread) -> None:
-    stop_time(simulator)
-    assert send(client, 1).accepted
-    assert not send(client, 1).accepted
-    assert simulator.counts["woosh.ros.CallAction"] <= 1
-    assert cancel(client, 1) == (CancelGoal.Response.ERROR_NONE, [1])
-    assert result(client, 1) == CANCELED
-    assert not send(client, 1).accepted
+def test_a_used_id_is_refused(robot: Robot) -> None:
+    stop_time(robot.chassis)
+    assert send(robot, 1).accepted
+    assert not send(robot, 1).accepted
+    assert robot.chassis.counts["woosh.ros.CallAction"] <= 1
+    assert cancel(robot, 1) == (CancelGoal.Response.ERROR_NONE, [1])
+    assert result(robot, 1) == CANCELED
+    assert not send(robot, 1).accepted
 
 
-def test_cancel_up_to_a_time_means_goals_accepted_until_then(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    stop_time(simulator)
-    former = send(client, 1)
-    simulator.wait_received("woosh.ros.CallAction", 1)
-    send(client, 2)
-    code, canceling = cancel(client, stamp=former.stamp)
+def test_cancel_up_to_a_time_means_goals_accepted_until_then(robot: Robot) -> None:
+    stop_time(robot.chassis)
+    former = send(robot, 1)
+    robot.chassis.wait_received("woosh.ros.CallAction", 1)
+    send(robot, 2)
+    code, canceling = cancel(robot, stamp=former.stamp)
     assert code == CancelGoal.Response.ERROR_NONE
     # the newer goal may have replaced the former one already
     assert canceling in ([1], [])
-    assert result(client, 1) in (CANCELED, ABORTED)
-    assert cancel(client, 2, former.stamp) == (CancelGoal.Response.ERROR_NONE, [2])
-    assert result(client, 2) == CANCELED
+    assert result(robot, 1) in (CANCELED, ABORTED)
+    assert cancel(robot, 2, former.stamp) == (CancelGoal.Response.ERROR_NONE, [2])
+    assert result(robot, 2) == CANCELED
 
 
-def test_cancel_says_if_a_goal_is_unknown_or_has_ended(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    assert cancel(client) == (CancelGoal.Response.ERROR_NONE, [])
-    assert cancel(client, 3) == (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, [])
-    assert result(client, 3) == GoalStatus.STATUS_UNKNOWN
-    hurry(simulator)
-    send(client, 3)
-    assert result(client, 3) == SUCCEEDED
-    assert cancel(client, 3) == (CancelGoal.Response.ERROR_GOAL_TERMINATED, [])
+def test_cancel_says_if_a_goal_is_unknown_or_has_ended(robot: Robot) -> None:
+    assert cancel(robot) == (CancelGoal.Response.ERROR_NONE, [])
+    assert cancel(robot, 3) == (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, [])
+    assert result(robot, 3) == GoalStatus.STATUS_UNKNOWN
+    hurry(robot.chassis)
+    send(robot, 3)
+    assert result(robot, 3) == SUCCEEDED
+    assert cancel(robot, 3) == (CancelGoal.Response.ERROR_GOAL_TERMINATED, [])
 
 
-def test_states_are_published_for_late_subscribers_too(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    stop_time(simulator)
-    states = client.echo(GoalStatusArray, f"{NAME}/_action/status")
-    first = step(client, 20.0)
+def test_states_are_published_for_late_subscribers_too(robot: Robot) -> None:
+    stop_time(robot.chassis)
+    states = robot.echo(GoalStatusArray, f"{NAME}/_action/status")
+    first = step(robot, 20.0)
     states.wait(lambda each: [goal.status for goal in each.status_list] == [EXECUTING])
     first.cancel()
     assert first.result()[0] == CANCELED
-    second = step(client, 20.0)
-    late = client.echo(GoalStatusArray, f"{NAME}/_action/status")
+    second = step(robot, 20.0)
+    late = robot.echo(GoalStatusArray, f"{NAME}/_action/status")
     late.wait(lambda each: [goal.status for goal in each.status_list] == [CANCELED, EXECUTING])
     second.cancel()
     late.wait(lambda each: [goal.status for goal in each.status_list] == [CANCELED, CANCELED])

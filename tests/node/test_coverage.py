@@ -81,7 +81,7 @@ def test_agent_connects_when_the_chassis_appears(simulator, start_agent, client)
     simulator.stop_listening()
     where = {"ip": "127.0.0.1", "port": simulator.port}
     agent = start_agent(**where, backoff_min=0.05, backoff_max=0.1)
-    wait_until(lambda: agent.agent._chassis.last_error, "a failed attempt")
+    wait_until(lambda: agent.agent.robot.chassis.last_error, "a failed attempt")
     assert not client.call(SetIdentity, "setting/Identity").ok
     simulator.listen()
     agent.wait_connected()

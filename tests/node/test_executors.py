@@ -159,7 +159,7 @@ def test_other_clients_are_served_after_one_vanishes(
 def test_goal_during_shutdown_is_aborted(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
-    agent.agent._thread.run(agent.agent._actions.stop(), TIMEOUT)
+    agent.agent.robot.thread.run(agent.agent.actions.stop(), TIMEOUT)
     status, ret = step(client, 0.2).result()
     assert (status, ret.msg) == (ABORTED, STOPPING)
     assert simulator.counts[CALL_ACTION] == 0

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, GoalClient, RunningAgent, wait_until
+from tests.harness import Client, GoalClient, Robot, wait_until
 from tests.node.goals import (
     ABORTED,
     CALL_ACTION,
@@ -21,8 +21,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import InitRobot
 from woosh_ros_msgs.action import ChargeControl, LiftControl2, NavigationMode
-
-pytestmark = pytest.mark.usefixtures("agent")
 
 FURTHER_ACTIONS = ("ros/ChargeControl", "ros/LiftControl2", "ros/NavigationMode")
 """Names of the actions that these tests cover."""
@@ -58,96 +56,73 @@ def battery(simulator: SimulatorThread) -> int:
 # ChargeControl and LiftControl2: as the other actions
 
 
-def test_lift_moves_to_its_height(client: Client, simulator: SimulatorThread) -> None:
+def test_lift_moves_to_its_height(robot: Robot) -> None:
     goal = LiftControl2.Goal()
     goal.arg.height = 0.1
     goal.arg.action.value = EXECUTE
-    sent = client.send_goal(LiftControl2, "ros/LiftControl2", goal)
+    sent = robot.send_goal(LiftControl2, "ros/LiftControl2", goal)
     status, ret = sent.result()
     assert (status, ret.state.value) == (SUCCEEDED, DONE)
     assert ret.action == "woosh.ros.action.LiftControl2"
     assert [fb.state.value for fb in sent.feedback.messages][-1] == DONE
-    assert simulator.state.column == pytest.approx(0.1, abs=0.01)
+    assert robot.chassis.state.column == pytest.approx(0.1, abs=0.01)
 
 
-def test_charging_can_be_cancelled_and_the_charger_left(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    stand_at_charger(client)
-    goal = charge(client)
+def test_charging_can_be_cancelled_and_the_charger_left(robot: Robot) -> None:
+    stand_at_charger(robot)
+    goal = charge(robot)
     goal.feedback.wait(lambda fb: fb.state.value == RUNNING)
-    wait_until(lambda: battery(simulator) == Battery.kAuto, "the charging")
+    wait_until(lambda: battery(robot.chassis) == Battery.kAuto, "the charging")
     goal.cancel()
     status, ret = goal.result()
     assert (status, ret.state.value) == (CANCELED, CANCELLED)
-    status, ret = charge(client, LEAVE).result()
+    status, ret = charge(robot, LEAVE).result()
     assert (status, ret.action) == (SUCCEEDED, "woosh.ros.action.ChargeControl")
-    assert battery(simulator) == Battery.kNot
+    assert battery(robot.chassis) == Battery.kNot
 
 
-def test_charging_away_from_a_charger_is_refused(client: Client) -> None:
-    status, ret = charge(client).result()
+def test_charging_away_from_a_charger_is_refused(robot: Robot) -> None:
+    status, ret = charge(robot).result()
     assert (status, ret.state.value) == (ABORTED, FAILED)
     assert "charger" in ret.msg
-
-
-def test_charging_goes_on_after_a_lost_link(
-    client: Client, simulator: SimulatorThread, agent: RunningAgent
-) -> None:
-    stand_at_charger(client)
-    goal = charge(client)
-    goal.feedback.wait(lambda fb: fb.state.value == RUNNING)
-    simulator.drop()
-    agent.wait_connected(2)
-    assert not goal.done
-    goal.cancel()
-    assert goal.result()[0] == CANCELED
 
 
 # NavigationMode: a setting of the navigation under way, which nothing can cancel
 
 
-def test_navigation_mode_is_set_while_a_task_navigates(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    slow_down(simulator)
-    task(client).feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    status, ret = set_mode(client).result()
+def test_navigation_mode_is_set_while_a_task_navigates(robot: Robot) -> None:
+    slow_down(robot.chassis)
+    task(robot).feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    status, ret = set_mode(robot).result()
     assert (status, ret.state.value) == (SUCCEEDED, DONE)
     assert ret.action == "woosh.ros.action.NavigationMode"
-    sent = simulator.last(CALL_ACTION).nav_mode
+    sent = robot.chassis.last(CALL_ACTION).nav_mode
     assert (sent.mode, sent.max_speed) == (sent.kAccurateAvoid, 0.25)
 
 
-def test_the_default_navigation_mode_is_sent_too(
-    client: Client, simulator: SimulatorThread
-) -> None:
+def test_the_default_navigation_mode_is_sent_too(robot: Robot) -> None:
     """All its fields are at their defaults, which are no reason to take it for a cancel."""
-    slow_down(simulator)
-    task(client).feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    slow_down(robot.chassis)
+    task(robot).feedback.wait(lambda fb: fb.state.value == EXECUTING)
     goal = NavigationMode.Goal()
-    assert client.send_goal(NavigationMode, "ros/NavigationMode", goal).result()[0] == SUCCEEDED
-    assert simulator.last(CALL_ACTION).WhichOneof("action") == "nav_mode"
+    assert robot.send_goal(NavigationMode, "ros/NavigationMode", goal).result()[0] == SUCCEEDED
+    assert robot.chassis.last(CALL_ACTION).WhichOneof("action") == "nav_mode"
 
 
-def test_a_refused_navigation_mode_has_the_words_of_the_chassis(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    simulator.refuse(CALL_ACTION, "Request failed")
-    status, ret = set_mode(client).result()
+def test_a_refused_navigation_mode_has_the_words_of_the_chassis(robot: Robot) -> None:
+    robot.chassis.refuse(CALL_ACTION, "Request failed")
+    status, ret = set_mode(robot).result()
     assert (status, ret.state.value) == (ABORTED, FAILED)
     assert ret.msg.startswith("Request failed")
 
 
-def test_a_navigation_mode_without_an_answer_is_aborted_with_the_link(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    simulator.mute(CALL_ACTION)
-    goal = set_mode(client)
-    simulator.wait_received(CALL_ACTION)
+def test_a_navigation_mode_without_an_answer_is_aborted_with_the_link(robot: Robot) -> None:
+    robot.chassis.mute(CALL_ACTION)
+    goal = set_mode(robot)
+    robot.chassis.wait_received(CALL_ACTION)
     goal.cancel()  # there is nothing to cancel, and nothing is sent
-    simulator.drop()
+    robot.chassis.drop()
     status, ret = goal.result()
     assert (status, ret.state.value) == (ABORTED, FAILED)
     assert "the link was lost before the chassis answered" in ret.msg
-    assert simulator.counts[CALL_ACTION] == 1
+    assert robot.chassis.counts[CALL_ACTION] == 1

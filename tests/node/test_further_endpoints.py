@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from tests.harness import Client, RunningAgent, wait_future
-from tests.node.goals import Held
+from tests.harness import Client, Robot, RunningAgent, wait_future
+from tests.node.goals import Held, answer_with_json
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.exchange import Outgoing
-from woosh_robot_msgs.srv import BuildMap, CountData, PlanNavPath, RobotState, SwitchControlMode
+from woosh_robot_msgs.srv import BuildMap, PlanNavPath, RobotState, SwitchControlMode
 
 BUILD_MAP, PLAN = "woosh.robot.BuildMap", "woosh.robot.PlanNavPath"
 
@@ -36,82 +35,53 @@ def answer(simulator: SimulatorThread, request: str, **changes: object) -> None:
 @pytest.mark.parametrize("named", [PLAN, "woosh.robot.NavPath"])
 def test_a_planned_path_is_read_whatever_type_the_answer_names(
     simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
+    connect: Callable[..., RunningAgent],
     client: Client,
     named: str,
     encoding: str,
 ) -> None:
-    start_agent(ip="127.0.0.1", port=simulator.port, encoding=encoding).wait_connected()
+    connect(encoding=encoding)
     answer(simulator, PLAN, ok=True, msg="", type=named, body=planned())
     response = client.call(PlanNavPath, "robot/PlanNavPath")
     assert response.ok, response.msg
     assert [(pose.x, pose.y) for pose in response.ret.path.poses] == [(1.0, 2.0), (3.0, 4.0)]
 
 
-def test_an_echo_of_the_request_is_an_empty_path(
-    simulator: SimulatorThread, agent: RunningAgent, client: Client
-) -> None:
-    answer(simulator, PLAN, ok=True, msg="", type=PLAN, body=None)
-    response = client.call(PlanNavPath, "robot/PlanNavPath")
+def test_an_echo_of_the_request_is_an_empty_path(robot: Robot) -> None:
+    answer(robot.chassis, PLAN, ok=True, msg="", type=PLAN, body=None)
+    response = robot.call(PlanNavPath, "robot/PlanNavPath")
     assert (response.ok, list(response.ret.path.poses)) == (True, [])
 
 
 @pytest.mark.parametrize("named", ["woosh.robot.Battery", "woosh.robot.Unheard"])
-def test_a_read_without_a_usable_answer_fails(
-    simulator: SimulatorThread, agent: RunningAgent, client: Client, named: str
-) -> None:
-    answer(simulator, PLAN, ok=True, msg="", type=named, body=None)
-    response = client.call(PlanNavPath, "robot/PlanNavPath")
+def test_a_read_without_a_usable_answer_fails(robot: Robot, named: str) -> None:
+    answer(robot.chassis, PLAN, ok=True, msg="", type=named, body=None)
+    response = robot.call(PlanNavPath, "robot/PlanNavPath")
     assert not response.ok
     assert response.msg == f"no usable answer: the chassis answered with {named}, not with " + (
         "woosh.robot.NavPath"
     )
 
 
-def test_a_read_whose_answer_cannot_be_read_fails(
-    simulator: SimulatorThread, agent: RunningAgent, client: Client
-) -> None:
-    held: list[Outgoing] = []
-    simulator.refuse(PLAN, "replaced")
-    simulator.intercept(lambda out: (held.append(out) or []) if out.request == PLAN else [out])
-    call = client.call_async(PlanNavPath, "robot/PlanNavPath")
-    simulator.wait_received(PLAN)
-    frame = '{"type":"woosh.robot.NavPath","body":{"path":7},"ok":true,"msg":"","sn":%d}'
-    simulator.send_raw(frame % held[0].sn)
-    response = wait_future(call)
+def test_a_read_whose_answer_cannot_be_read_fails(robot: Robot) -> None:
+    answer_with_json(robot.chassis, PLAN, type="woosh.robot.NavPath", body={"path": 7})
+    response = robot.call(PlanNavPath, "robot/PlanNavPath")
     assert not response.ok
     assert response.msg.startswith("no usable answer: the answer cannot be read: woosh.robot.NavPa")
 
 
-def test_a_long_request_delays_no_other(
-    simulator: SimulatorThread, agent: RunningAgent, client: Client
-) -> None:
+def test_a_long_request_delays_no_other(robot: Robot) -> None:
     """A real robot once took 236 s to save a map."""
-    assert agent.agent._chassis.timeout_of(BUILD_MAP) == 600.0
-    held = Held(simulator, BUILD_MAP)
+    assert robot.link.timeout_of(BUILD_MAP) == 600.0
+    held = Held(robot.chassis, BUILD_MAP)
     request = BuildMap.Request()
     request.arg.type.value = request.arg.type.K_SAVE
-    saving = client.call_async(BuildMap, "robot/BuildMap", arg=request.arg)
-    simulator.wait_received(BUILD_MAP)
-    assert client.call(RobotState, "robot/RobotState").info.state.value
+    saving = robot.call_async(BuildMap, "robot/BuildMap", arg=request.arg)
+    robot.chassis.wait_received(BUILD_MAP)
+    assert robot.call(RobotState, "robot/RobotState").info.state.value
     mode = SwitchControlMode.Request()
     mode.arg.mode.value = 1
-    assert client.call(SwitchControlMode, "robot/SwitchControlMode", arg=mode.arg).ok
+    assert robot.call(SwitchControlMode, "robot/SwitchControlMode", arg=mode.arg).ok
     assert not saving.done()
     held.release()
     assert wait_future(saving).msg
-
-
-def test_statistics_are_read_but_not_changed_by_an_observer(
-    simulator: SimulatorThread, start_agent: Callable[..., RunningAgent], client: Client
-) -> None:
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, observe_only=True)
-    agent.wait_connected()
-    request = CountData.Request()
-    client.call(CountData, "robot/CountData", arg=request.arg)
-    assert simulator.counts["woosh.robot.CountData"] == 1
-    request.arg.req_type.value = request.arg.req_type.K_SYNC
-    response = client.call(CountData, "robot/CountData", arg=request.arg)
-    assert not response.ok
-    assert "only observes the robot" in response.msg
-    assert simulator.counts["woosh.robot.CountData"] == 1

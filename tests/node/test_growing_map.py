@@ -212,11 +212,9 @@ def test_a_fault_without_reports_shows_the_scenes_map(mapping, grids):
     wait_until(lambda: scene_maps(grids) == 2)
 
 
-def test_an_agent_that_starts_meanwhile_shows_the_growing_map(
-    mapping, simulator, start_agent, client
-):
+def test_an_agent_that_starts_meanwhile_shows_the_growing_map(mapping, simulator, connect, client):
     mapping.state = robot.kMapping
-    start_agent(ip="127.0.0.1", port=simulator.port).wait_connected()
+    connect()
     grids = client.echo(OccupancyGrid, "map")
     mapping.grow(grids, 1)
     assert simulator.counts[SCENE_DATA] == 0
@@ -308,10 +306,9 @@ class TestBadReports:
 
 
 def test_tf_has_the_reported_pose_although_the_robot_has_no_map(
-    mapping, simulator, start_agent, client
+    mapping, simulator, connect, client
 ):
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
-    agent.wait_connected()
+    connect(publish_tf=True)
     transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
     transforms.wait_count(1)
     mapping.enter(robot.kMapping)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, RunningAgent, wait_future, wait_until
+from tests.harness import Client, Robot, RunningAgent, wait_future, wait_until
 from tests.node.goals import ABORTED, EXEC_TASK, EXECUTING, lift3, slow_down, step, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Speak as SpeakMsg
@@ -35,17 +35,15 @@ def speak(client: Client, text: str) -> Any:
 
 
 @pytest.mark.timeout(600)
-def test_a_half_open_link_is_noticed_and_reported(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    slow_down(simulator)
-    goals = [lift3(client, 0.4, speed=0.001), task(client, mark="A23")]
+def test_a_half_open_link_is_noticed_and_reported(robot: Robot) -> None:
+    slow_down(robot.chassis)
+    goals = [lift3(robot, 0.4, speed=0.001), task(robot, mark="A23")]
     goals[1].feedback.wait(lambda fb: fb.state.value == EXECUTING)
     goals[0].feedback.wait_count(1)
-    assert wait_future(speak(client, "before")).ok
-    injection = simulator.inject("half_open")
-    call = speak(client, "during")
-    chassis = agent.agent._chassis
+    assert wait_future(speak(robot, "before")).ok
+    injection = robot.chassis.inject("half_open")
+    call = speak(robot, "during")
+    chassis = robot.link
     wait_until(lambda: chassis.state.value != "ready", "the loss to be noticed")
     silence = re.search(r"nothing was heard for ([0-9.]+) s", str(chassis.last_error))
     assert silence
@@ -58,27 +56,25 @@ def test_a_half_open_link_is_noticed_and_reported(
         status, ret = goal.result()
         assert status == ABORTED
         assert "link was lost" in ret.msg
-    late = wait_future(speak(client, "late"))
+    late = wait_future(speak(robot, "late"))
     assert not late.ok
     assert "not connected" in late.msg
 
     injection.clear()
-    wait_until(lambda: wait_future(speak(client, "after")).ok, "the service")
-    texts = [each.message.text for each in simulator.received if each.type == SPEAK]
+    wait_until(lambda: wait_future(speak(robot, "after")).ok, "the service")
+    texts = [each.message.text for each in robot.chassis.received if each.type == SPEAK]
     assert set(texts) <= {"before", "during", "after"}
     assert texts.count("during") <= 1
-    assert simulator.counts[EXEC_TASK] == 1
+    assert robot.chassis.counts[EXEC_TASK] == 1
 
 
 @pytest.mark.parametrize("agent", ["websocket"], indirect=True)
-def test_a_short_interruption_is_not_noticed(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    goal = step(client, 8.0)
+def test_a_short_interruption_is_not_noticed(robot: Robot) -> None:
+    goal = step(robot, 8.0)
     goal.feedback.wait_count(2)
-    injection = simulator.inject("half_open")
-    call = speak(client, "held up")
+    injection = robot.chassis.inject("half_open")
+    call = speak(robot, "held up")
     injection.clear()
     assert wait_future(call).ok
     assert goal.result()[0] == 4
-    assert agent.agent._chassis.stats.connects == 1
+    assert robot.link.stats.connects == 1

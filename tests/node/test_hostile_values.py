@@ -23,15 +23,7 @@ from google.protobuf.descriptor import FieldDescriptor as Kind
 from PIL import Image
 from rclpy.qos import QoSProfile
 
-from tests.harness import TIMEOUT, Client, Collector, RunningAgent, wait_until
-from tests.node.tasks.scripted_chassis import (
-    EXEC_TASK,
-    ROBOT_INFO,
-    TASK_PROC,
-    Body,
-    ScriptedChassis,
-)
-from tests.random_messages import (
+from tests.convert.random_messages import (
     EXTREME_INTEGERS,
     EXTREMES,
     HUGE,
@@ -41,6 +33,14 @@ from tests.random_messages import (
     item_type,
     leaves,
     merged,
+)
+from tests.harness import TIMEOUT, Client, Collector, RunningAgent, wait_until
+from tests.node.tasks.scripted_chassis import (
+    EXEC_TASK,
+    ROBOT_INFO,
+    TASK_PROC,
+    Body,
+    ScriptedChassis,
 )
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import QUERIES, TOPICS
@@ -109,7 +109,7 @@ class Rig:
         self.chassis = chassis
         self.client = client
         self._agent = agent.agent
-        self.link = agent.agent._chassis
+        self.link = agent.agent.robot.chassis
         self.topics: dict[str, Collector] = {}
         for topic in TOPICS:
             self.topics[topic.name] = client.echo(class_of(topic.msg), topic.name)
@@ -139,7 +139,7 @@ class Rig:
             await self.link.request(SceneList(), tap=done.set_result)
             await done
 
-        self._agent._thread.run(ask(), TIMEOUT)
+        self._agent.robot.thread.run(ask(), TIMEOUT)
 
     def check_topics(self) -> None:
         """Check that the numbers on the topics of the standard layer are finite."""

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from nav_msgs.msg import OccupancyGrid
 
-from tests.harness import Client, RunningAgent, wait_until
+from tests.harness import Client, Robot, wait_until
 from tests.quick_chassis import quick_config
 from tests.ros2_commands import parse
 from woosh_robot_agent.robot.maps import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
@@ -55,25 +55,22 @@ def call(client: Client, line: str) -> None:
 
 def test_the_commands_of_the_page_work_in_its_order(
     first: SimulatorThread,
-    simulator: SimulatorThread,
-    agent: RunningAgent,
-    client: Client,
+    robot: Robot,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    robots = {"172.20.8.74": first, "172.20.8.75": simulator}
+    robots = {"172.20.8.74": first, "172.20.8.75": robot.chassis}
     printed = ""
 
     def run(line: str) -> None:
         nonlocal printed
         words = shlex.split(line)
         if words[:4] != ["ros2", "run", "woosh_robot_agent", "maps"]:
-            call(client, line)
+            call(robot, line)
             return
-        robot = robots[words[5]]
-        where = ["--ip", f"127.0.0.1:{robot.port}"]
+        where = ["--ip", f"127.0.0.1:{robots[words[5]].port}"]
         assert maps.main([*where, *words[6:]]) == 0, f"{line}: {capsys.readouterr().err}"
         printed += capsys.readouterr().out
 
@@ -91,17 +88,15 @@ def test_the_commands_of_the_page_work_in_its_order(
     assert consoles == 1
     marks = first.call(lambda s: dict(s.chassis.scenes["wooshmap"].maps[0].marks))
     assert (marks["A1"].pose.x, marks["A1"].pose.y) == (-3.0, 5.0)
-    assert set(simulator.call(lambda s: list(s.chassis.scenes))) == {"wooshmap", "hall"}
-    wait_until(lambda: abs(simulator.state.pose.x - 1.0) < 0.1)
-    assert simulator.state.pose.y == pytest.approx(2.0, abs=0.1)
+    assert set(robot.chassis.call(lambda s: list(s.chassis.scenes))) == {"wooshmap", "hall"}
+    wait_until(lambda: abs(robot.chassis.state.pose.x - 1.0) < 0.1)
+    assert robot.chassis.state.pose.y == pytest.approx(2.0, abs=0.1)
 
 
-def test_saved_map_equals_the_topic_map(
-    simulator: SimulatorThread, agent: RunningAgent, client: Client, tmp_path: Path
-) -> None:
+def test_saved_map_equals_the_topic_map(robot: Robot, tmp_path: Path) -> None:
     """The files for map_server say what the agent publishes."""
-    topic = client.echo(OccupancyGrid, "map").wait_count(1)[0]
-    where = ["--ip", f"127.0.0.1:{simulator.port}"]
+    topic = robot.echo(OccupancyGrid, "map").wait_count(1)[0]
+    where = ["--ip", f"127.0.0.1:{robot.chassis.port}"]
     assert maps.main([*where, "download", "wooshmap", "--output", str(tmp_path)]) == 0
     file = tmp_path / "wooshmap" / "maps" / "wooshmap.yaml"
     saved = yaml.safe_load(file.read_text())

@@ -9,7 +9,6 @@ import pytest
 
 from tests.harness import Client, RunningAgent, wait_until
 from woosh_robot_agent.parameters import EXECUTORS
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import PoseSpeed
 from woosh_ros_msgs.action import StepControl
 
@@ -27,11 +26,9 @@ def no_collection() -> Iterator[None]:
 def test_agent_and_client_leave_the_graph_when_they_are_closed(
     executor: str,
     domain: int,
-    simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
+    connect: Callable[..., RunningAgent],
 ) -> None:
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, executor=executor, publish_tf=True)
-    agent.wait_connected()
+    agent = connect(executor=executor, publish_tf=True)
     user = Client(domain)
     user.call(PoseSpeed, "robot/PoseSpeed")
     goal = user.send_goal(StepControl, "ros/StepControl", StepControl.Goal())

@@ -1,46 +1,50 @@
-"""odom and /tf, compared with the pose of the simulated robot."""
+"""odom and /tf, compared with the pose of the simulated robot.
+
+tests/standard has the rules for jumps and predictions, in simulated time.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
-from tests.harness import Client, wait_until
+from tests.harness import Client, Collector, wait_until
 from tests.node.goals import SUCCEEDED
+from tests.node.test_parameters import change
 from tests.quick_chassis import quick_config, set_speed
+from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.ros.standard.poses import Pose2D
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_msgs.srv import InitRobot, SetRobotPose, SwitchMap, Twist
-from woosh_robot_msgs.srv import PoseSpeed as PoseSpeedQuery
 from woosh_ros_msgs.action import StepControl
 from woosh_ros_msgs.msg import StepControlStep
 
 POSE_SPEED = "woosh.robot.PoseSpeed"
+BLEND = 0.15
+"""Time in which the error of a prediction disappears, in seconds."""
 STRAIGHT, ROTATE, LATERAL = 1, 2, 3
 EXECUTE = 1
 
 
 @pytest.fixture
-def slow_simulator() -> Any:
+def simulator() -> Any:
     """A simulator at three times real time. Faster motion would look like a jump of the pose."""
     with SimulatorThread(quick_config(port=0, tcp_port=0, speed=3, seed=1)) as running:
         yield running
 
 
 @pytest.fixture
-def truth(slow_simulator: SimulatorThread) -> list[Pose2D]:
+def truth(simulator: SimulatorThread) -> list[Pose2D]:
     """All poses that the robot has reported, oldest first."""
     poses: list[Pose2D] = []
 
@@ -49,18 +53,8 @@ def truth(slow_simulator: SimulatorThread) -> list[Pose2D]:
             poses.append(Pose2D.from_message(frame.body.pose))  # type: ignore[union-attr]
         return [frame]
 
-    slow_simulator.intercept(note)
+    simulator.intercept(note)
     return poses
-
-
-@pytest.fixture
-def start(slow_simulator: SimulatorThread, start_agent: Callable[..., Any]) -> Callable[..., Any]:
-    def start(**parameters: Any) -> Any:
-        agent = start_agent(ip="127.0.0.1", port=slow_simulator.port, backoff_min=0.1, **parameters)
-        agent.wait_connected()
-        return agent
-
-    return start
 
 
 def odoms(client: Client) -> Any:
@@ -87,16 +81,31 @@ def stamp(message: Any) -> float:
     return message.header.stamp.sec + message.header.stamp.nanosec / 1e9
 
 
-def drive(client: Client, *steps: tuple[int, float]) -> None:
-    """Execute steps, each a mode and a value, and wait for their end."""
+def step_goal(*steps: tuple[int, float], speed: float = 1.0) -> Any:
+    """Return a goal of steps, each a mode and a value."""
     goal = StepControl.Goal()
     goal.arg.action.value = EXECUTE
     for mode, value in steps:
-        step = StepControlStep(value=value, speed=1.0)
+        step = StepControlStep(value=value, speed=speed)
         step.mode.value = mode
         goal.arg.steps.append(step)
-    status, ret = client.send_goal(StepControl, "ros/StepControl", goal).result(60.0)
+    return goal
+
+
+def drive(client: Client, *steps: tuple[int, float]) -> None:
+    """Execute steps, and wait for their end."""
+    status, ret = client.send_goal(StepControl, "ros/StepControl", step_goal(*steps)).result(60.0)
     assert status == SUCCEEDED, ret
+
+
+def set_pose(client: Client, srv: Any, name: str, x: float, y: float, theta: float = 0.0) -> None:
+    arg = srv.Request().arg
+    arg.pose.x, arg.pose.y, arg.pose.theta = x, y, theta
+    assert client.call(srv, name, arg=arg).ok
+
+
+def frames(client: Client) -> Any:
+    return client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
 
 
 def start_pose(simulator: SimulatorThread) -> Pose2D:
@@ -110,17 +119,17 @@ def start_pose(simulator: SimulatorThread) -> Pose2D:
     [(True, 1.0, 2, 0.05), (False, 3.0, 4, 0.01)],
 )
 def test_odom_follows_a_square(
-    slow_simulator, truth, start, client, prediction, speed, sides, tolerance
+    simulator, truth, connect, client, prediction, speed, sides, tolerance
 ):
-    begin = start_pose(slow_simulator)
-    set_speed(slow_simulator, speed)
-    start(odom_prediction=prediction)
+    begin = start_pose(simulator)
+    set_speed(simulator, speed)
+    connect(odom_prediction=prediction)
     odom = odoms(client)
     first = odom.wait_count(1)[0]
     assert first.header.frame_id == "odom"
     assert first.child_frame_id == "base_link"
     drive(client, *[(STRAIGHT, 1.0), (ROTATE, math.pi / 2)] * sides)
-    end = start_pose(slow_simulator)
+    end = start_pose(simulator)
     odom.wait(lambda m: near(begin * planar_pose(m.pose.pose), end) and not m.twist.twist.angular.z)
     at = 0
     for message in odom.messages:
@@ -135,19 +144,19 @@ def test_odom_follows_a_square(
     assert 0.7 < max(m.twist.twist.linear.x for m in odom.messages) <= 1.0
 
 
-def test_odom_follows_a_sideways_drive(slow_simulator, start, client):
-    begin = start_pose(slow_simulator)
-    start()
+def test_odom_follows_a_sideways_drive(simulator, connect, client):
+    begin = start_pose(simulator)
+    connect()
     odom = odoms(client)
     drive(client, (LATERAL, 0.8))
-    end = start_pose(slow_simulator)
+    end = start_pose(simulator)
     odom.wait(lambda m: near(begin * planar_pose(m.pose.pose), end))
     speeds = [m.twist.twist.linear.y for m in odom.messages]
     assert max(speeds) > 0.3
     wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0, "standing still")
 
 
-def test_the_stamp_of_a_report_is_the_time_of_receipt(slow_simulator, start, client):
+def test_the_stamp_of_a_report_is_the_time_of_receipt(simulator, connect, client):
     """It lies between the sending of the report and the arrival of the message."""
     sent: dict[float, float] = {}
     arrived: list[tuple[float, Odometry]] = []
@@ -157,8 +166,8 @@ def test_the_stamp_of_a_report_is_the_time_of_receipt(slow_simulator, start, cli
             sent.setdefault(round(frame.body.pose.x, 4), time.time())  # type: ignore[union-attr]
         return [frame]
 
-    begin = start_pose(slow_simulator)
-    start(odom_prediction=False)
+    begin = start_pose(simulator)
+    connect(odom_prediction=False)
     client.node.create_subscription(
         Odometry,
         client.path("odom"),
@@ -166,7 +175,7 @@ def test_the_stamp_of_a_report_is_the_time_of_receipt(slow_simulator, start, cli
         QoSProfile(depth=1000),
     )
     wait_until(lambda: arrived, "odom")
-    slow_simulator.intercept(note)
+    simulator.intercept(note)
     drive(client, (STRAIGHT, 1.0))
     compared = 0
     for arrival, message in list(arrived):
@@ -177,45 +186,19 @@ def test_the_stamp_of_a_report_is_the_time_of_receipt(slow_simulator, start, cli
     assert compared > 5
 
 
-class TestAtRest:
-    """odom of a standing robot, which does not report its pose."""
-
-    def test_a_small_correction_does_not_move_odom(self, slow_simulator, start, client):
-        begin = start_pose(slow_simulator)
-        start()
-        odom = odoms(client)
-        odom.wait_count(1)
-        aside = begin * Pose2D(0.0, 0.03, 0.0)
-        request = SetRobotPose.Request()
-        request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = (
-            aside.x,
-            aside.y,
-            aside.theta,
-        )
-        assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
-        before = len(odom.messages)
-        odom.wait_count(before + 20)
-        assert all(near(planar_pose(m.pose.pose), Pose2D(), 0.001, 0.001) for m in odom.messages)
-        assert not any(m.twist.twist.linear.y for m in odom.messages)
-
-    def test_an_emergency_stop_ends_the_sideways_velocity(self, slow_simulator, start, client):
-        start()
-        odom = odoms(client)
-        goal = StepControl.Goal()
-        goal.arg.action.value = EXECUTE
-        step = StepControlStep(value=3.0, speed=0.5)
-        step.mode.value = LATERAL
-        goal.arg.steps.append(step)
-        running = client.send_goal(StepControl, "ros/StepControl", goal)
-        odom.wait(lambda m: m.twist.twist.linear.y > 0.2)
-        slow_simulator.set_emergency_stop(True)
-        running.result()
-        wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0)
-        odom.wait_count(len(odom.messages) + 10)
+def test_an_emergency_stop_ends_the_sideways_velocity(simulator, connect, client):
+    connect()
+    odom = odoms(client)
+    goal = step_goal((LATERAL, 3.0), speed=0.5)
+    running = client.send_goal(StepControl, "ros/StepControl", goal)
+    odom.wait(lambda m: m.twist.twist.linear.y > 0.2)
+    simulator.set_emergency_stop(True)
+    running.result()
+    wait_until(lambda: odom.messages[-1].twist.twist.linear.y == 0.0)
 
 
-def test_a_pose_set_by_another_client_ends_the_velocity(slow_simulator, start, client):
-    start(publish_tf=True)
+def test_a_pose_set_by_another_client_ends_the_velocity(simulator, connect, client):
+    connect(publish_tf=True)
     odom = odoms(client)
     twist = Twist.Request()
     twist.arg.linear = 0.2
@@ -225,15 +208,15 @@ def test_a_pose_set_by_another_client_ends_the_velocity(slow_simulator, start, c
     def set_aside(sim: Any) -> None:
         sim.chassis.localise(sim.chassis.base.pose.moved(0.0, 0.4, 0.0))
 
-    slow_simulator.call(set_aside)
+    simulator.call(set_aside)
     odom.wait(lambda m: not m.twist.twist.linear.x and m.pose.pose.position.x > 0.03)
     assert abs(odom.messages[-1].pose.pose.position.y) < 0.05
     assert max(abs(m.twist.twist.linear.y) for m in odom.messages) < 1.0
 
 
 @pytest.mark.parametrize("prediction", [True, False])
-def test_the_pose_of_a_standing_robot_is_repeated(start, client, prediction):
-    start(odom_rate=50.0, odom_prediction=prediction)
+def test_the_pose_of_a_standing_robot_is_repeated(connect, client, prediction):
+    connect(odom_rate=50.0, odom_prediction=prediction)
     odom = odoms(client)
     odom.wait_count(25)
     stamps = [stamp(m) for m in odom.messages]
@@ -242,38 +225,41 @@ def test_the_pose_of_a_standing_robot_is_repeated(start, client, prediction):
     assert len({(m.pose.pose.position.x, m.twist.twist.linear.x) for m in odom.messages}) == 1
 
 
-@pytest.mark.parametrize("field", ["x", "theta", "linear"])
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_report_with_non_finite_numbers_is_ignored(
-    slow_simulator, start, client, logs, field, value
+@pytest.mark.parametrize(
+    ("pose", "linear", "angular", "told"),
+    [
+        (Pose2D(0.0, 0.0, math.nan), 0.0, 0.0, "is not finite"),
+        (Pose2D(), math.inf, 0.0, "is not finite"),
+        (Pose2D(), 1e6, 0.0, "the robot cannot have them"),
+        (Pose2D(), 0.0, -1e6, "the robot cannot have them"),
+    ],
+)
+def test_an_impossible_report_does_not_move_odom_and_is_told_once(
+    reports, connect, client, logs, pose, linear, angular, told
 ):
-    start()
+    connect()
     odom = odoms(client)
-    odom.wait(lambda m: True)
-    info = client.call(PoseSpeedQuery, "robot/PoseSpeed").info
-    good = PoseSpeed(map_id=info.map_id)
-    good.pose.x, good.pose.y, good.pose.theta = info.pose.x, info.pose.y, info.pose.theta
-    bad = PoseSpeed(map_id=info.map_id)
-    setattr(bad.twist if field == "linear" else bad.pose, field, value)
-    slow_simulator.push(bad)
-    slow_simulator.push(bad)
-    wait_until(lambda: any("is not finite" in text for text in warnings_in(logs)), "the warning")
-    slow_simulator.push(good)
-    odom.wait_count(len(odom.messages) + 5)
-    for message in list(odom.messages):
-        assert planar_pose(message.pose.pose).distance == pytest.approx(0.0, abs=1e-6)
-        assert message.twist.twist.linear.x == 0.0
-    assert sum("is not finite" in text for text in warnings_in(logs)) == 1
+    odom.wait_count(1)
+    for _ in range(3):
+        reports.push(pose, linear, angular)
+    wait_until(lambda: any(told in text for text in warnings_in(logs)), "the warning")
+    odom.wait_count(len(odom.messages) + 10)
+    assert not any(moving(m) or planar_pose(m.pose.pose).distance for m in odom.messages)
+    assert sum(told in text for text in warnings_in(logs)) == 1
+    reports.move(odom, Pose2D())
 
 
 def warnings_in(logs: Any) -> list[str]:
     return [r.getMessage() for r in list(logs.messages) if r.levelname == "WARNING"]
 
 
-def test_covariances_are_configurable(start, client):
+def test_covariances_are_configurable_and_can_be_changed(connect, client):
     diagonal = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
-    start(pose_covariance=diagonal, twist_covariance=diagonal[::-1])
-    (message,) = odoms(client).wait_count(1)[:1]
+    connect(twist_covariance=diagonal[::-1])
+    odom = odoms(client)
+    odom.wait_count(1)
+    assert change(client, pose_covariance=diagonal) == (True, "")
+    message = odom.wait(lambda m: m.pose.covariance[0] == diagonal[0])
     for covariance, wanted in (
         (message.pose.covariance, diagonal),
         (message.twist.covariance, diagonal[::-1]),
@@ -282,115 +268,193 @@ def test_covariances_are_configurable(start, client):
         assert sum(covariance) == pytest.approx(sum(wanted))
 
 
-def test_covariance_can_be_changed_at_runtime(start, client):
-    start()
-    odom = odoms(client)
-    odom.wait_count(1)
-    diagonal = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
-    parameter = Parameter("pose_covariance", value=diagonal).to_parameter_msg()
-    (result,) = client.call(SetParameters, "agent/set_parameters", parameters=[parameter]).results
-    assert result.successful, result.reason
-    odom.wait(lambda m: [m.pose.covariance[7 * i] for i in range(6)] == diagonal)
-
-
-def test_odom_stops_while_the_link_is_lost(slow_simulator, start, client):
-    agent = start()
+def test_odom_stops_while_the_link_is_lost(simulator, connect, client):
+    agent = connect()
     odom = odoms(client)
     odom.wait_count(3)
-    slow_simulator.stop_listening()
-    wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
+    simulator.stop_listening()
+    link = agent.agent.robot.chassis
+    wait_until(lambda: link.state is not LinkState.READY, "the loss")
     diagnostics = client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
     first, second = map(stamp, diagnostics.wait_count(2)[:2])
-    slow_simulator.listen()
+    simulator.listen()
     agent.wait_connected(2)
     odom.wait(lambda m: stamp(m) > second)
     between = [stamp(m) for m in odom.messages if first < stamp(m) < second]
     assert not between, "odom was published between two messages of an agent without a link"
 
 
-def test_odom_can_be_switched_off(start, client):
-    start(disabled_parts=["odom"])
-    wait_until(lambda: client.publishers("robot/PoseSpeed"), "the agent")
-    assert not client.publishers("odom")
-    assert not client.publishers("/tf")
-
-
 class TestTransforms:
-    def test_odom_does_not_jump_with_the_map_pose(self, slow_simulator, start, client):
-        start(publish_tf=True)
+    def test_odom_does_not_jump_with_a_pose_or_map(self, simulator, connect, client):
+        connect(publish_tf=True)
         odom = odoms(client)
-        transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
+        transforms = frames(client)
         odom.wait_count(1)
         drive(client, (STRAIGHT, 0.5))
-        for x, y, theta in ((1.0, 1.5, 1.0), (2.0, -7.5, -3.0)):
-            request = SetRobotPose.Request()
-            request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = x, y, theta
-            assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
+        for srv, x, y, theta in ((SetRobotPose, 1.0, 1.5, 1.0), (InitRobot, 2.0, -7.5, -3.0)):
+            set_pose(client, srv, f"robot/{srv.__name__}", x, y, theta)
             transforms.wait(lambda m: near(chain(m), Pose2D(x, y, theta)))  # noqa: B023
             drive(client, (ROTATE, 0.5))
-        end = start_pose(slow_simulator)
+        switch = SwitchMap.Request()
+        switch.arg.scene_name = "scenex"
+        assert client.call(SwitchMap, "robot/SwitchMap", arg=switch.arg).ok
+        drive(client, (ROTATE, 0.5))
+        end = start_pose(simulator)
         transforms.wait(lambda m: near(chain(m), end))
-        self._is_continuous(odom.messages)
+        assert_continuous(odom.messages)
         for message in transforms.messages:
             assert [(t.header.frame_id, t.child_frame_id) for t in message.transforms] == [
                 ("map", "odom"),
                 ("odom", "base_link"),
             ]
         # the jumps did not change the pose in odom
-        assert near(planar_pose(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.0))
+        assert near(planar_pose(odom.messages[-1].pose.pose), Pose2D(0.5, 0.0, 1.5))
 
-    def test_odom_does_not_jump_with_a_new_pose_or_map(self, slow_simulator, start, client):
-        start(publish_tf=True)
+    def test_odom_does_not_jump_with_a_new_pose_while_driving(self, simulator, connect, client):
+        connect(publish_tf=True)
         odom = odoms(client)
-        transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
-        drive(client, (STRAIGHT, 0.5))
-        request = InitRobot.Request()
-        request.arg.pose.x, request.arg.pose.y, request.arg.pose.theta = 1.0, 1.5, 1.0
-        assert client.call(InitRobot, "robot/InitRobot", arg=request.arg).ok
-        transforms.wait(lambda m: near(chain(m), Pose2D(1.0, 1.5, 1.0)))
-        switch = SwitchMap.Request()
-        switch.arg.scene_name = "scenex"
-        assert client.call(SwitchMap, "robot/SwitchMap", arg=switch.arg).ok
-        drive(client, (ROTATE, 0.5))
-        end = start_pose(slow_simulator)
-        transforms.wait(lambda m: near(chain(m), end))
-        self._is_continuous(odom.messages)
-        odom.wait(lambda m: near(planar_pose(m.pose.pose), Pose2D(0.5, 0.0, 0.5)))
-
-    def test_odom_does_not_jump_with_a_new_pose_while_driving(self, slow_simulator, start, client):
-        start(publish_tf=True)
-        odom = odoms(client)
-        transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=1000))
+        transforms = frames(client)
         twist = Twist.Request()
         twist.arg.angular = 0.5
         for _ in range(3):
             assert client.call(Twist, "robot/Twist", arg=twist.arg).ok
         odom.wait(lambda m: m.twist.twist.angular.z > 0.2)
-        request = SetRobotPose.Request()
-        request.arg.pose.x, request.arg.pose.y = 1.0, 1.5
-        assert client.call(SetRobotPose, "robot/SetRobotPose", arg=request.arg).ok
+        set_pose(client, SetRobotPose, "robot/SetRobotPose", 1.0, 1.5)
         odom.wait(lambda m: m.twist.twist.angular.z == 0.0 and m.pose.pose.orientation.z)
-        wait_until(lambda: near(chain(transforms.messages[-1]), start_pose(slow_simulator)))
-        self._is_continuous(odom.messages)
+        wait_until(lambda: near(chain(transforms.messages[-1]), start_pose(simulator)))
+        assert_continuous(odom.messages)
 
-    def test_frames_have_the_configured_names_and_prefix(self, start, client):
-        start(
+    def test_frames_have_the_configured_names_and_prefix(self, connect, client):
+        connect(
             publish_tf=True, frame_prefix="r1/", map_frame="world", odom_frame="o", base_frame="b"
         )
-        transforms = client.echo_with(TFMessage, "/tf", QoSProfile(depth=10))
+        transforms = frames(client)
         message = transforms.wait_count(1)[0]
         assert [(t.header.frame_id, t.child_frame_id) for t in message.transforms] == [
             ("r1/world", "r1/o"),
             ("r1/o", "r1/b"),
         ]
 
-    @staticmethod
-    def _is_continuous(messages: list[Any]) -> None:
-        poses = [planar_pose(m.pose.pose) for m in messages]
-        for one, other in pairwise(poses):
-            assert near(one, other, 0.5, 0.6), f"{one} jumped to {other}"
+
+def assert_continuous(messages: list[Any]) -> None:
+    for one, other in pairwise(planar_pose(m.pose.pose) for m in messages):
+        assert near(one, other, 0.5, 0.6), f"{one} jumped to {other}"
 
 
 def chain(message: Any) -> Pose2D:
     to_odom, to_base = (transform_pose(t.transform) for t in message.transforms)
     return to_odom * to_base
+
+
+# Between the reports: the tests push them, or thin out those of the simulated robot
+
+
+class Reports:
+    """Pushes reports of a robot that drives away from where it stands."""
+
+    def __init__(self, robot: SimulatorThread) -> None:
+        self._robot = robot
+        self._origin = start_pose(robot)
+        self._map_id = robot.call(lambda sim: sim.chassis.map.id)
+
+    def push(self, pose: Pose2D, linear: float = 0.0, angular: float = 0.0) -> None:
+        """Push a report with a pose relative to the start."""
+        in_map = self._origin * pose
+        report = PoseSpeed(map_id=self._map_id)
+        report.pose.x, report.pose.y, report.pose.theta = in_map.x, in_map.y, in_map.theta
+        report.twist.linear, report.twist.angular = linear, angular
+        self._robot.push(report)
+
+    def move(self, odom: Collector, pose: Pose2D) -> Any:
+        """Push a report of a moving robot until odom moves; return the first such message.
+
+        A busy machine may publish nothing within the time for which a report is used.
+        """
+        while True:
+            self.push(pose, 0.5)
+            with contextlib.suppress(AssertionError):
+                return odom.wait(moving, 3.0)
+
+
+@pytest.fixture
+def reports(simulator: SimulatorThread) -> Reports:
+    return Reports(simulator)
+
+
+def moving(message: Any) -> bool:
+    return bool(message.twist.twist.linear.x or message.twist.twist.angular.z)
+
+
+def thin_out(simulator: SimulatorThread, period: float = 0.2) -> list[PoseSpeed]:
+    """Let the robot report once in a period while it moves; return the list of its reports."""
+    chassis = simulator.call(lambda sim: sim.chassis)
+    passed: list[PoseSpeed] = []
+    last = [-math.inf]
+
+    def pass_some(frame: Outgoing) -> list[Outgoing]:
+        if frame.type != POSE_SPEED or frame.request:
+            return [frame]
+        if chassis.base.moving and chassis.elapsed < last[0] + period - 1e-6:
+            return []
+        last[0] = chassis.elapsed
+        passed.append(frame.body)  # type: ignore[arg-type]
+        return [frame]
+
+    simulator.intercept(pass_some)
+    return passed
+
+
+class TestPrediction:
+    def test_a_moving_robot_has_several_messages_for_each_report(self, simulator, connect, client):
+        set_speed(simulator, 1.0)
+        connect(publish_tf=True)
+        odom = odoms(client)
+        transforms = frames(client)
+        odom.wait_count(1)
+        transforms.wait_count(1)
+        passed = thin_out(simulator)
+        drive(client, (STRAIGHT, 1.5))
+        odom.wait(lambda m: not moving(m) and near(planar_pose(m.pose.pose), Pose2D(1.5), 0.001))
+        sent = sum(1 for report in passed if report.twist.linear)
+        published = [m for m in odom.messages if moving(m)]
+        assert 5 < sent < 20, "the robot reports at 5 Hz"
+        # four at 20 Hz; a busy machine skips some
+        assert 1.5 * sent < len(published) < 5 * sent
+        stamps = [stamp(m) for m in odom.messages]
+        assert stamps == sorted(set(stamps)), "stamps increase"
+        poses = {stamp(m.transforms[1]): m.transforms[1].transform for m in transforms.messages}
+        both = [m for m in odom.messages if stamp(m) in poses]
+        assert len(both) > 5
+        for message in both:
+            assert near(transform_pose(poses[stamp(message)]), planar_pose(message.pose.pose))
+
+    @pytest.mark.parametrize("prediction", [True, False])
+    def test_a_robot_that_stays_silent_stands(self, reports, connect, client, prediction):
+        """A real robot does not report while it stands, and its last speed may be any."""
+        connect(odom_prediction=prediction)
+        odom = odoms(client)
+        odom.wait_count(1)
+        last = reports.move(odom, Pose2D(0.02))
+        stands = Pose2D(0.02)
+        first = odom.wait(lambda m: stamp(m) > stamp(last) and not moving(m))
+        odom.wait_count(len(odom.messages) + 20)
+        later = [m for m in odom.messages if stamp(m) > stamp(first) + BLEND]
+        assert later
+        assert all(near(planar_pose(m.pose.pose), stands, 1e-6) and not moving(m) for m in later)
+
+    def test_it_can_be_switched_off(self, reports, connect, client):
+        """Then each report is published once, with its own pose."""
+        connect(odom_rate=200.0)  # so that reports in quick succession are all published
+        odom = odoms(client)
+        odom.wait_count(1)
+        assert change(client, odom_prediction=False) == (True, "")
+        for number in range(1, 4):
+            reports.push(Pose2D(0.1 * number), 0.5)
+            wait_until(lambda: sum(map(moving, odom.messages)) == number)  # noqa: B023
+            reports.push(Pose2D(0.1 * number))
+            # wait several periods, so that the rate does not suppress the next report
+            odom.wait_count(len(odom.messages) + 5)
+        driven = [m for m in odom.messages if moving(m)]
+        places = [planar_pose(m.pose.pose).x for m in driven]
+        assert places == pytest.approx([0.1, 0.2, 0.3], abs=1e-5)
+        assert [m.twist.twist.linear.x for m in driven] == pytest.approx([0.5] * 3)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from std_msgs.msg import Bool
 
-from tests.harness import Client, Collector, RunningAgent, wait_until
+from tests.harness import Collector, Robot, wait_until
 from tests.node.goals import ABORTED, EXECUTING, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
@@ -30,83 +30,72 @@ def other() -> Iterator[SimulatorThread]:
 
 
 @pytest.fixture
-def long_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+def long_drive(robot: Robot) -> None:
     """Let the robot count as driving for the whole test, even on a slow machine."""
-    monkeypatch.setattr("woosh_robot_agent.motion.gate.DRIVING", 3600.0)
+    robot.set_motion_timing(driving=3600.0)
 
 
-@pytest.mark.usefixtures("agent")
 def test_another_robot_is_refused_and_the_first_one_taken_back(
-    client: Client, simulator: SimulatorThread, other: SimulatorThread, logs: Collector
+    robot: Robot, other: SimulatorThread, logs: Collector
 ) -> None:
-    connected = client.echo(Bool, "connected")
-    told = diagnostics(client)
-    goal = task(client)
+    connected = robot.echo(Bool, "connected")
+    told = diagnostics(robot)
+    goal = task(robot)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    assert change(client, port=other.port, goal_link_timeout=0.5) == (True, "")
+    assert change(robot, port=other.port, goal_link_timeout=0.5) == (True, "")
     refusal = "robot 30002 (serial number 30002) answers instead of robot 30001"
     logs.wait(lambda r: refusal in r.getMessage() and "restart this program" in r.getMessage())
     told.wait(lambda m: any(refusal in status.message for status in m.status))
     assert not connected.messages[-1].data
     assert goal.result()[0] == ABORTED
-    answer = client.call(Speak, "robot/Speak")
+    answer = robot.call(Speak, "robot/Speak")
     assert not answer.ok
     assert refusal in answer.msg
     # a query answers for the first robot, and says so in the log
-    assert client.call(RobotInfo, "robot/RobotInfo").info.genral.serial_number == FORMER
-    assert change(client, port=simulator.port) == (True, "")
+    assert robot.call(RobotInfo, "robot/RobotInfo").info.genral.serial_number == FORMER
+    assert change(robot, port=robot.chassis.port) == (True, "")
     connected.wait_count(len(connected.messages) + 1)
     assert connected.messages[-1].data
-    assert client.call(Speak, "robot/Speak").ok
+    assert robot.call(Speak, "robot/Speak").ok
     assert not other.counts["woosh.robot.Speak"]
 
 
 @pytest.mark.usefixtures("long_drive")
 @pytest.mark.parametrize("parameter", ["ip", "port", "robot_id"])
 def test_a_robot_gets_a_zero_before_its_link_closes_and_another_one_nothing(
-    agent: RunningAgent,
-    client: Client,
-    simulator: SimulatorThread,
-    other: SimulatorThread,
-    parameter: str,
+    robot: Robot, other: SimulatorThread, parameter: str
 ) -> None:
     new = {"ip": "localhost", "port": other.port, "robot_id": 5}[parameter]
-    answers([drive(client, 0.3)])
-    assert change(client, **{parameter: new}) == (True, "")
-    simulator.wait_received(TWIST, 2)
-    wait_until(lambda: other.connections or len(simulator.received) > 2)
-    assert speeds(simulator)[:2] == [0.3, 0.0]
-    agent.close()
-    assert not any(speeds(simulator)[2:])
+    answers([drive(robot, 0.3)])
+    assert change(robot, **{parameter: new}) == (True, "")
+    robot.chassis.wait_received(TWIST, 2)
+    wait_until(lambda: other.connections or len(robot.chassis.received) > 2)
+    assert speeds(robot.chassis)[:2] == [0.3, 0.0]
+    robot.agent.close()
+    assert not any(speeds(robot.chassis)[2:])
     assert speeds(other) == []
 
 
-def test_a_robot_that_stands_gets_no_zero(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    answers([drive(client, 0.3), drive(client, 0.0)])
-    assert change(client, port=1) == (True, "")
-    wait_until(lambda: simulator.connections == 0)
-    assert speeds(simulator) == [0.3, 0.0]
+def test_a_robot_that_stands_gets_no_zero(robot: Robot) -> None:
+    answers([drive(robot, 0.3), drive(robot, 0.0)])
+    assert change(robot, port=1) == (True, "")
+    wait_until(lambda: robot.chassis.connections == 0)
+    assert speeds(robot.chassis) == [0.3, 0.0]
 
 
-@pytest.mark.usefixtures("agent", "long_drive")
-def test_a_robot_that_does_not_answer_its_zero_is_told_of(
-    client: Client, simulator: SimulatorThread, logs: Collector
-) -> None:
-    answers([drive(client, 0.3)])
-    simulator.inject("freeze")
-    assert change(client, port=1) == (True, "")
+@pytest.mark.usefixtures("long_drive")
+def test_a_robot_that_does_not_answer_its_zero_is_told_of(robot: Robot, logs: Collector) -> None:
+    answers([drive(robot, 0.3)])
+    robot.chassis.inject("freeze")
+    assert change(robot, port=1) == (True, "")
     logs.wait(lambda r: r.levelname == "ERROR" and "was not stopped" in r.getMessage())
 
 
-def test_the_same_robot_over_another_encoding_keeps_its_topics(
-    agent: RunningAgent, client: Client
-) -> None:
-    batteries = client.echo(class_of("woosh_robot_msgs/Battery", "msg"), "robot/Battery")
+def test_the_same_robot_over_another_encoding_keeps_its_topics(robot: Robot) -> None:
+    batteries = robot.echo(class_of("woosh_robot_msgs/Battery", "msg"), "robot/Battery")
     batteries.wait_count(1)
-    assert change(client, encoding="protobuf") == (True, "")
-    agent.wait_connected(2)
-    late = client.echo(class_of("woosh_robot_msgs/Battery", "msg"), "robot/Battery")
+    assert change(robot, encoding="protobuf") == (True, "")
+    robot.agent.wait_connected(2)
+    late = robot.echo(class_of("woosh_robot_msgs/Battery", "msg"), "robot/Battery")
     assert late.wait_count(1)
-    assert client.publishers("robot/Battery") == 1
+    assert robot.publishers("robot/Battery") == 1

@@ -16,7 +16,7 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import Parameter
 
-from tests.harness import Client, RunningAgent, wait_until
+from tests.harness import Client, Robot, RunningAgent, wait_until
 from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, step, task
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARAMETERS
@@ -143,82 +143,62 @@ def test_integer_is_accepted_for_a_floating_point_parameter(
 
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
-def test_change_of_the_address_reconnects(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread, transport: str
-) -> None:
+def test_change_of_the_address_reconnects(robot: Robot, transport: str) -> None:
     with SimulatorThread(quick_config(port=0, tcp_port=0, seed=1)) as other:
         port = other.port if transport == "websocket" else other.tcp_port
-        assert change(client, port=port, transport=transport) == (True, "")
+        assert change(robot, port=port, transport=transport) == (True, "")
         other.wait_received(ROBOT_INFO)
-        wait_until(lambda: simulator.connections == 0)
-        agent.wait_connected()
-        client.call(Mode, "robot/Mode")
-        assert (other.counts[MODE], simulator.counts[MODE]) == (1, 0)
+        wait_until(lambda: robot.chassis.connections == 0)
+        robot.agent.wait_connected()
+        robot.call(Mode, "robot/Mode")
+        assert (other.counts[MODE], robot.chassis.counts[MODE]) == (1, 0)
 
 
-def test_change_of_ip_reconnects(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    assert change(client, ip="localhost") == (True, "")
-    simulator.wait_received(ROBOT_INFO, 2)
-    agent.wait_connected()
-    client.call(Mode, "robot/Mode")
-    assert simulator.counts[MODE] == 1
+def test_change_to_a_wrong_address_and_back(robot: Robot) -> None:
+    assert change(robot, port=1) == (True, "")
+    wait_until(lambda: robot.chassis.connections == 0)
+    assert "ws://127.0.0.1:1" in step(robot, 1.0).result()[1].msg
+    assert change(robot, port=robot.chassis.port) == (True, "")
+    robot.agent.wait_connected()
+    assert step(robot, 0.2).result()[0] == SUCCEEDED
 
 
-def test_change_to_a_wrong_address_and_back(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    assert change(client, port=1) == (True, "")
-    wait_until(lambda: simulator.connections == 0)
-    assert "ws://127.0.0.1:1" in step(client, 1.0).result()[1].msg
-    assert change(client, port=simulator.port) == (True, "")
-    agent.wait_connected()
-    assert step(client, 0.2).result()[0] == SUCCEEDED
-
-
-def test_goal_outlives_a_change_that_reconnects(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    goal = task(client)
+def test_goal_outlives_a_change_that_reconnects(robot: Robot) -> None:
+    goal = task(robot)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    assert change(client, encoding="protobuf") == (True, "")
+    assert change(robot, encoding="protobuf") == (True, "")
     assert goal.result()[0] == SUCCEEDED
-    assert simulator.counts[EXEC_TASK] == 1
+    assert robot.chassis.counts[EXEC_TASK] == 1
 
 
-def test_change_unrelated_to_the_link_does_not_reconnect(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    assert change(client, poll_timeout=200, goal_link_timeout=1.0) == (True, "")
-    assert change(client, port=simulator.port) == (True, ""), "the same as before"
-    simulator.mute("woosh.robot.Speak")
-    assert "within 0.2 s" in client.call(Speak, "robot/Speak").msg, "it counts at once"
-    assert simulator.counts[ROBOT_INFO] == 1
+def test_change_unrelated_to_the_link_does_not_reconnect(robot: Robot) -> None:
+    assert change(robot, poll_timeout=200, goal_link_timeout=1.0) == (True, "")
+    assert change(robot, port=robot.chassis.port) == (True, ""), "the same as before"
+    robot.chassis.mute("woosh.robot.Speak")
+    assert "within 0.2 s" in robot.call(Speak, "robot/Speak").msg, "it counts at once"
+    assert robot.chassis.counts[ROBOT_INFO] == 1
 
 
-def test_change_of_the_robot_id_reconnects(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    assert change(client, robot_id=5) == (True, "")
-    agent.wait_connected(2)
-    assert simulator.last(ROBOT_INFO).robot_id == 5
-    client.call(Mode, "robot/Mode")
-    assert simulator.last(MODE).robot_id == 5
+@pytest.mark.parametrize("changed", [{"ip": "localhost"}, {"robot_id": 5}], ids=str)
+def test_other_changes_of_the_link_reconnect(robot: Robot, changed: dict[str, Any]) -> None:
+    assert change(robot, **changed) == (True, "")
+    robot.agent.wait_connected(2)
+    robot.call(Mode, "robot/Mode")
+    assert robot.chassis.counts[MODE] == 1
+    for name in (ROBOT_INFO, MODE):
+        assert robot.chassis.last(name).robot_id == changed.get("robot_id", 0)
 
 
-def test_several_changes_at_once_are_checked_one_by_one(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
+def test_several_changes_at_once_are_checked_one_by_one(robot: Robot) -> None:
     """ROS tools set parameters one by one, so each change must be valid on its own."""
-    response = client.call(
+    response = robot.call(
         SetParameters,
         "agent/set_parameters",
         parameters=messages({"robot_id": 7, "encoding": "xml", "poll_timeout": 2000}),
     )
     assert [result.successful for result in response.results] == [True, False, True]
     assert "encoding" in response.results[1].reason
-    agent.wait_connected()
-    assert agent.agent.settings.link.request_timeout == 2.0
-    assert agent.agent.settings.link.robot_id == 7
-    assert agent.agent.settings.link.encoding == "json"
+    robot.agent.wait_connected()
+    assert robot.agent.agent.settings.link.request_timeout == 2.0
+    assert robot.agent.agent.settings.link.robot_id == 7
+    assert robot.agent.agent.settings.link.encoding == "json"

@@ -29,7 +29,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from tests.harness import HUMBLE, wait_until
-from tests.interface_facts import HASHES
+from tests.tooling.interface_facts import HASHES
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros.releases import PublisherEventCallbacks
@@ -60,11 +60,8 @@ def _count(path: Path, topic: str, _size: int) -> int:
     return found
 
 
-def test_ros_topics_are_recorded(
-    tmp_path: Path, simulator: Any, start_agent: Any, client: Any
-) -> None:
-    agent = start_agent(ip="127.0.0.1", port=simulator.port)
-    agent.wait_connected()
+def test_ros_topics_are_recorded(tmp_path: Path, simulator: Any, connect: Any, client: Any) -> None:
+    connect()
     path, ros = tmp_path / "a.mcap", tmp_path / "a_ros.mcap"
     mode = client.path("robot/Mode")
     namespace = mode.removesuffix("/robot/Mode")

@@ -52,7 +52,7 @@ def stamps(message: Any) -> Iterator[float]:
 
 def test_everything_works_and_no_stamp_comes_from_the_robot(
     simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
+    connect: Callable[..., RunningAgent],
     client: Client,
     offset: float,
 ) -> None:
@@ -67,8 +67,7 @@ def test_everything_works_and_no_stamp_comes_from_the_robot(
             else client.echo_with(msg, entry.name, QoSProfile(depth=100))
         )
     codes = client.echo(StatusCode, "robot/StatusCode")
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
-    agent.wait_connected()
+    connect(publish_tf=True)
 
     status, proc = short_task(client, 0.5).result()
     assert (status, proc.state.value) == (SUCCEEDED, 7)

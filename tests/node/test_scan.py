@@ -6,7 +6,6 @@ import itertools
 import math
 import random
 import time
-from array import array
 from typing import Any
 
 import pytest
@@ -18,7 +17,6 @@ from tf2_msgs.msg import TFMessage
 from tests.harness import wait_until
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
 from woosh_robot_agent.pb.util.common_pb2 import Vector3
-from woosh_robot_agent.ros.standard.scan import rep_117
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.simulator.world.laser import Laser
 
@@ -110,18 +108,19 @@ def test_ranges_out_of_range_are_infinite(simulator, agent, client):
     assert list(scan.ranges[1:]) == pytest.approx([math.inf, math.inf, -math.inf, 5.0, math.inf])
 
 
-def test_conversion_of_ranges_follows_rep_117():
-    ranges = array("f", [1.0, 0.0, 0.01, 30.0])
-    assert list(rep_117(ranges, 0.05, 25.0)) == [1.0, math.inf, -math.inf, math.inf]
-    assert not rep_117(array("f"), 0.05, 25.0)
-
-
 def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client):
+    def high(frame: Outgoing) -> list[Outgoing]:
+        if frame.request == SCANNER:
+            frame.body.offset.CopyFrom(Vector3(x=0.1, y=0.2, z=0.3))  # type: ignore[union-attr]
+        return [frame]
+
+    simulator.intercept(high)
     start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True, frame_prefix="a/")
     static = client.echo(TFMessage, "/tf_static")
     (transform,) = static.wait_count(1)[0].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("a/base_link", "a/laser")
-    assert transform.transform.translation.x == pytest.approx(0.25)
+    shift = transform.transform.translation
+    assert (shift.x, shift.y, shift.z) == pytest.approx((0.1, 0.2, 0.3))
     assert transform.transform.rotation.w == 1.0
     odom = client.echo_with(Odometry, "odom", QoSProfile(depth=100))
     odom.wait_count(10)  # meanwhile, five scans are due
@@ -151,16 +150,3 @@ def test_a_refusal_is_logged_once(simulator, agent, client, logs):
     assert len(told) == 1
     simulator.accept(SCANNER)
     received.wait_count(1)
-
-
-def test_tf_has_the_height_of_the_laser(simulator, start_agent, client):
-    def high(frame: Outgoing) -> list[Outgoing]:
-        if frame.request == SCANNER:
-            frame.body.offset.CopyFrom(Vector3(x=0.1, y=0.2, z=0.3))  # type: ignore[union-attr]
-        return [frame]
-
-    simulator.intercept(high)
-    start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
-    static = client.echo(TFMessage, "/tf_static")
-    shift = static.wait_count(1)[0].transforms[0].transform.translation
-    assert (shift.x, shift.y, shift.z) == pytest.approx((0.1, 0.2, 0.3))

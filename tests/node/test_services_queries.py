@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
+from tests.convert.random_messages import blank
+from tests.convert.type_pairs import field_class
 from tests.harness import RunningAgent, wait_until
-from tests.random_messages import blank
-from tests.type_pairs import field_class
+from tests.node.goals import answer_with_json
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import QUERIES
@@ -19,7 +19,7 @@ from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotState
 from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Battery as BatterySrv
-from woosh_robot_msgs.srv import NavPath, PlanPath, RobotInfo
+from woosh_robot_msgs.srv import RobotInfo
 from woosh_robot_msgs.srv import TaskProc as TaskProcSrv
 
 BATTERY = "woosh.robot.Battery"
@@ -46,11 +46,11 @@ def ask(client: Any, query: Any) -> Any:
 
 def lose_link(simulator: Any, agent: RunningAgent) -> None:
     simulator.stop_listening()
-    wait_until(lambda: agent.agent._chassis.state.value == "waiting", "the link's end")
+    wait_until(lambda: agent.agent.robot.chassis.state.value == "waiting", "the link's end")
 
 
 def known(agent: RunningAgent, name: str) -> Any:
-    return agent.agent._services.last_known.get(name)
+    return agent.agent.robot.last_known.get(name)
 
 
 def messages(logs: Any, text: str) -> list[tuple[str, str]]:
@@ -74,21 +74,10 @@ def test_each_call_asks_the_chassis(simulator, agent, client):
             assert simulator.counts[query.request] == asked + count, query.name
 
 
-def test_path_queries_have_their_own_response_fields(agent, client):
-    assert client.call(NavPath, "robot/NavPath").nav_path is not None
-    assert client.call(PlanPath, "robot/PlanPath").plan_path is not None
-
-
 def test_task_progress_query_sends_its_argument(simulator, agent, client):
     client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(robot_task_id=17, dest="A2"))
     sent = simulator.last("woosh.robot.TaskProc")
     assert (sent.robot_task_id, sent.dest) == (17, "A2")
-
-
-def test_the_replacement_character_is_sent(simulator, agent, client, logs):
-    client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(dest="a\ufffd"))
-    assert simulator.last("woosh.robot.TaskProc").dest == "a\ufffd"
-    assert not messages(logs, "robot/TaskProc answers")
 
 
 def test_response_is_blank_while_nothing_is_known(start_agent, client, logs):
@@ -166,14 +155,7 @@ def answer_an_unknown_type(simulator: Any) -> str:
 
 
 def answer_what_cannot_be_read(simulator: Any) -> str:
-    def garble(frame: Any) -> list[Any]:
-        if frame.request != BATTERY:
-            return [frame]
-        answer = {"type": BATTERY, "sn": frame.sn, "ok": True, "body": {"power": "full"}}
-        simulator._simulator.send_raw(json.dumps(answer))
-        return []
-
-    simulator.intercept(garble)
+    answer_with_json(simulator, BATTERY, body={"power": "full"})
     return "the answer cannot be read: woosh.robot.Battery: power"
 
 

@@ -15,7 +15,7 @@ from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARTS, StandardSettings
-from woosh_robot_agent.ros.standard.diagnostics import Diagnostics
+from woosh_robot_agent.ros.standard import diagnostics
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -94,15 +94,15 @@ def test_each_part_can_be_used_alone(part, start_agent, client):
 def test_a_part_that_failed_runs_again(
     monkeypatch: pytest.MonkeyPatch, start_agent: Any, client: Client, logs: Collector
 ) -> None:
-    messages = Diagnostics._message
+    link_status = diagnostics.link_status
     failures = iter([ZeroDivisionError("once")])
 
-    def fail_once(part: Diagnostics) -> DiagnosticArray:
+    def fail_once(*arguments: Any) -> Any:
         for error in failures:
             raise error
-        return messages(part)
+        return link_status(*arguments)
 
-    monkeypatch.setattr(Diagnostics, "_message", fail_once)
+    monkeypatch.setattr(diagnostics, "link_status", fail_once)
     start_agent(ip="127.0.0.1", port=1)
     client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10)).wait_count(2)
     restarts = [each for each in logs.messages if "restarting it" in each.getMessage()]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import Any
 
+import pytest
 from geometry_msgs.msg import PoseStamped
 from google.protobuf.message import Message
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Collector, RunningAgent, wait_future, wait_until
+from tests.harness import Collector, Robot, wait_future, wait_until
 from tests.motion.moving import MOVING
 from tests.motion.test_requests import COMMAND_MOTION
 from tests.node.cmd_vel import Sender
@@ -19,9 +19,7 @@ from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
 from woosh_robot_agent.link.protos import message_type
-from woosh_robot_agent.motion import gate
 from woosh_robot_agent.motion.requests import may_move
-from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import ExecPreTask, Speak, Twist
 from woosh_ros_msgs.action import StepControl
@@ -34,132 +32,97 @@ def is_standing(simulator: SimulatorThread) -> bool:
     return not (simulator.state.velocity.speed or simulator.state.velocity.turn)
 
 
-def test_stop_ends_a_task(simulator, agent, client):
-    goal = task(client)
-    wait_until(lambda: not is_standing(simulator))
-    answer = client.call(Trigger, "stop")
-    assert (answer.success, answer.message) == (True, "stopped; task cancelled")
+@pytest.mark.parametrize("kind", ["task", "StepControl"])
+def test_stop_ends_every_goal(robot: Robot, kind: str):
+    goal = task(robot) if kind == "task" else step(robot, 20.0)
+    wait_until(lambda: not is_standing(robot.chassis))
+    answer = robot.call(Trigger, "stop")
+    assert (answer.success, answer.message) == (True, f"stopped; {kind} cancelled")
     assert goal.result()[0] == ABORTED, "its own client did not cancel it"
-    wait_until(lambda: is_standing(simulator))
+    wait_until(lambda: is_standing(robot.chassis))
 
 
-def test_stop_ends_every_action(simulator, agent, client):
-    goal = step(client, 20.0)
-    wait_until(lambda: not is_standing(simulator))
-    answer = client.call(Trigger, "stop")
-    assert (answer.success, answer.message) == (True, "stopped; StepControl cancelled")
-    assert goal.result()[0] == ABORTED
-    wait_until(lambda: is_standing(simulator))
-
-
-def test_stop_ends_a_velocity(simulator, agent, client):
+def test_stop_ends_a_velocity(robot: Robot):
     request = Twist.Request()
     request.arg.angular = 0.5
-    assert client.call(Twist, "robot/Twist", arg=request.arg).ok
-    answer = client.call(Trigger, "stop")
+    assert robot.call(Twist, "robot/Twist", arg=request.arg).ok
+    answer = robot.call(Trigger, "stop")
     assert (answer.success, answer.message) == (True, "stopped")
-    last: Any = simulator.last(TWIST)
+    last: Any = robot.chassis.last(TWIST)
     assert (last.linear, last.angular) == (0.0, 0.0)
 
 
-def test_stop_of_a_standing_robot_succeeds(agent, client):
-    answer = client.call(Trigger, "stop")
-    assert (answer.success, answer.message) == (True, "stopped")
-
-
-def test_stop_without_a_link_says_what_to_do(simulator, start_agent, client):
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
-    agent.wait_connected()
-    simulator.stop_listening()
-    wait_until(lambda: agent.agent._chassis.state.value != "ready", "the loss")
-    answer = client.call(Trigger, "stop")
+def test_stop_without_a_link_says_what_to_do(robot: Robot):
+    robot.chassis.stop_listening()
+    robot.wait_lost()
+    answer = robot.call(Trigger, "stop")
     assert not answer.success
     assert "NOT STOPPED: not connected" in answer.message
     assert "emergency stop" in answer.message
 
 
-def test_stop_is_sent_even_when_too_many_requests_are_in_flight(simulator, start_agent, client):
-    start_agent(ip="127.0.0.1", port=simulator.port, max_in_flight=1).wait_connected()
+def test_stop_is_sent_even_when_too_many_requests_are_in_flight(simulator, connect, client):
+    connect(max_in_flight=1)
     simulator.mute(SPEAK)
     client.call_async(Speak, "robot/Speak")
     simulator.wait_received(SPEAK)
     assert client.call(Trigger, "stop").success
 
 
-def test_the_zero_is_sent_before_the_cancels(simulator, agent, client):
-    step(client, 20.0)
-    wait_until(lambda: not is_standing(simulator))
-    commands = (TWIST, "woosh.ros.CallAction", "woosh.robot.ActionOrder")
-    before = sum(simulator.counts[each] for each in commands)
-    assert client.call(Trigger, "stop").success
-    sent = [each.type for each in simulator.received if each.type in commands][before:]
-    assert sent[0] == TWIST
-    assert set(sent) == set(commands)
-
-
-def test_stop_withdraws_what_waits_to_be_sent(simulator, agent: RunningAgent, client):
+def test_stop_withdraws_what_waits_to_be_sent(robot: Robot):
     """The chassis does not read for a while. Later it must not get requests older than the stop."""
-    simulator.inject("half_open")
+    robot.chassis.inject("half_open")
     big = "x" * 1_000_000  # exceeds the socket buffers
-    loads = [client.call_async(Speak, "robot/Speak", arg=speak(big)) for _ in range(12)]
-    connection = agent.agent._chassis._connection
-    assert connection is not None
-    wait_until(lambda: len(connection._outbox) > 2, "a jam")
-    start = client.call_async(ExecPreTask, "robot/ExecPreTask")
-    wait_until(
-        lambda: any(isinstance(p.message, pack.ExecPreTask) for p in connection._pending.values())
-    )
-    stop = client.call_async(Trigger, "stop")
+    loads = [robot.call_async(Speak, "robot/Speak", arg=speak(big)) for _ in range(12)]
+    wait_until(lambda: robot.link.debug()["outbox"] > 2, "a jam")
+    before = robot.link.debug()["requests"]
+    start = robot.call_async(ExecPreTask, "robot/ExecPreTask")
+    wait_until(lambda: robot.link.debug()["requests"] > before, "the request")
+    stop = robot.call_async(Trigger, "stop")
     response = wait_future(start)
     assert not response.ok
     assert "cancelled by a stop of the robot" in response.msg
-    simulator.clear_faults()
+    robot.chassis.clear_faults()
     assert wait_future(stop).success
     for load in loads:
         assert wait_future(load).ok
-    assert simulator.counts["woosh.robot.ExecPreTask"] == 0
-    order = [each.type for each in simulator.received]
+    assert robot.chassis.counts["woosh.robot.ExecPreTask"] == 0
+    order = [each.type for each in robot.chassis.received]
     assert order.index(TWIST) < len(order) - 1 - order[::-1].index(SPEAK), "it overtook some"
 
 
-def test_a_goal_requested_before_the_stop_does_not_move_the_robot(
-    simulator, agent, client, monkeypatch
-):
+@pytest.mark.parametrize("turn", range(3))
+def test_a_goal_requested_before_the_stop_does_not_move_the_robot(robot: Robot, turn: int):
     """The goal may arrive before or after the stop."""
-    monkeypatch.setattr(gate, "HOLD", 3600.0)  # however slow the machine is
-    for _ in range(10):
-        agent.agent._gate._forbidden_until = -math.inf
-        action = client.action(StepControl, "ros/StepControl")
-        client.service(Trigger, "stop")
-        sent = client.in_executor(partial(action.send_goal_async, step_goal(20.0)))
-        assert client.call(Trigger, "stop").success
-        handle = wait_future(sent)
-        assert wait_future(client.in_executor(handle.get_result_async)).status == ABORTED
-        wait_until(lambda: is_standing(simulator))
-    assert is_standing(simulator)
+    robot.set_motion_timing(hold=3600.0)  # however slow the machine is
+    action = robot.action(StepControl, "ros/StepControl")
+    robot.service(Trigger, "stop")
+    sent = robot.in_executor(partial(action.send_goal_async, step_goal(20.0)))
+    assert robot.call(Trigger, "stop").success
+    handle = wait_future(sent)
+    assert wait_future(robot.in_executor(handle.get_result_async)).status == ABORTED
+    wait_until(lambda: is_standing(robot.chassis))
 
 
-def test_a_goal_some_time_after_the_stop_is_executed(simulator, agent, client):
-    assert client.call(Trigger, "stop").success
-    wait_until(lambda: short_task(client, 0.3).result()[0] != ABORTED, "the end of the hold")
+def test_a_goal_some_time_after_the_stop_is_executed(robot: Robot):
+    assert robot.call(Trigger, "stop").success
+    wait_until(lambda: short_task(robot, 0.3).result()[0] != ABORTED, "the end of the hold")
 
 
-def test_after_a_stop_no_request_moves_the_robot(
-    simulator: SimulatorThread, agent: RunningAgent, client: Client, logs: Collector, monkeypatch
-):
-    monkeypatch.setattr(gate, "HOLD", 3600.0)
-    velocities = Sender(client)
-    poses = client.node.create_publisher(PoseStamped, client.path("goal_pose"), 10)
+def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Collector):
+    robot.set_motion_timing(hold=3600.0)
+    velocities = Sender(robot)
+    poses = robot.node.create_publisher(PoseStamped, robot.path("goal_pose"), 10)
     wait_until(poses.get_subscription_count, "the agent's subscription")
     commands = [each for each in COMMANDS if each.request in COMMAND_MOTION]
     for endpoint in commands:
-        client.service(class_of(endpoint.srv, "srv"), endpoint.name)
-    assert client.call(Trigger, "stop").success
+        robot.service(class_of(endpoint.srv, "srv"), endpoint.name)
+    assert robot.call(Trigger, "stop").success
 
     for endpoint in commands:
         moving = next(each for each in MOVING if each.DESCRIPTOR.full_name == endpoint.request)
         srv = class_of(endpoint.srv, "srv")
-        response = client.call(srv, endpoint.name, arg=to_ros(srv.Request, moving))
+        response = robot.call(srv, endpoint.name, arg=to_ros(srv.Request, moving))
         assert not response.ok, endpoint.name
         assert "not sent: cancelled by a stop of the robot" in response.msg
     for action in ACTIONS:
@@ -168,7 +131,7 @@ def test_after_a_stop_no_request_moves_the_robot(
             command.action = EXECUTE
         action_class = class_of(action.action, "action")
         goal = action_class.Goal(arg=to_ros(action_class.Goal, command))
-        status, ret = client.send_goal(action_class, action.name, goal).result()
+        status, ret = robot.send_goal(action_class, action.name, goal).result()
         assert status == ABORTED, action.name
         assert "not sent: cancelled by a stop of the robot" in ret.msg
     velocities.send(x=0.3)
@@ -178,8 +141,8 @@ def test_after_a_stop_no_request_moves_the_robot(
     poses.publish(pose)
     logs.wait(lambda record: "goal_pose was not reached: not sent" in record.getMessage())
 
-    assert not [each.type for each in simulator.received if may_move(each.message)]
-    assert is_standing(simulator)
+    assert not [each.type for each in robot.chassis.received if may_move(each.message)]
+    assert is_standing(robot.chassis)
 
 
 def to_ros(parent: Any, message: Message) -> Any:

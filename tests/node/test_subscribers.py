@@ -19,7 +19,6 @@ from tests.harness import Client, Collector, RunningAgent, wait_until
 from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.ros import subscribers
 from woosh_robot_agent.ros.releases import UnsupportedEventTypeError
-from woosh_robot_agent.simulator import SimulatorThread
 
 NO_EVENTS = "a middleware without matched events"
 
@@ -42,8 +41,7 @@ def published(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 def start(
     request: pytest.FixtureRequest,
     published: Counter[str],
-    simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
+    connect: Callable[..., RunningAgent],
     monkeypatch: pytest.MonkeyPatch,
 ) -> Callable[..., RunningAgent]:
     if request.param == NO_EVENTS:
@@ -55,11 +53,7 @@ def start(
     executor = EXECUTORS[0] if request.param == NO_EVENTS else request.param
 
     def start(**parameters: Any) -> RunningAgent:
-        agent = start_agent(
-            ip="127.0.0.1", port=simulator.port, executor=executor, publish_tf=True, **parameters
-        )
-        agent.wait_connected()
-        return agent
+        return connect(executor=executor, publish_tf=True, **parameters)
 
     return start
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import pytest
-
 from tests.harness import Client, RunningAgent
 from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.link.protos import full_name
@@ -31,23 +29,10 @@ LONGEST_ANSWERS = {
 """Longest answer times of a real robot, in seconds."""
 
 
-@pytest.fixture
-def start(
-    simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
-) -> Callable[..., None]:
-    """Function that starts an agent with a given `poll_timeout`, in milliseconds."""
-
-    def start_with(poll_timeout: int) -> None:
-        agent = start_agent(ip="127.0.0.1", port=simulator.port, poll_timeout=poll_timeout)
-        agent.wait_connected()
-
-    return start_with
-
-
 def test_a_slow_request_may_take_longer_than_poll_timeout(
-    start: Callable[..., None], client: Client, simulator: SimulatorThread
+    connect: Callable[..., RunningAgent], client: Client, simulator: SimulatorThread
 ) -> None:
-    start(1000)
+    connect(poll_timeout=1000)
     simulator.delay(INIT_ROBOT, REAL_DELAY)
     arg: Any = InitRobot.Request().arg
     arg.is_record = True
@@ -56,9 +41,9 @@ def test_a_slow_request_may_take_longer_than_poll_timeout(
 
 
 def test_other_requests_still_end_at_poll_timeout(
-    start: Callable[..., None], client: Client, simulator: SimulatorThread
+    connect: Callable[..., RunningAgent], client: Client, simulator: SimulatorThread
 ) -> None:
-    start(1000)
+    connect(poll_timeout=1000)
     for name in (full_name(General), "woosh.robot.Speak", INIT_ROBOT):
         simulator.mute(name)
     slow = client.call_async(InitRobot, "robot/InitRobot")
@@ -70,10 +55,9 @@ def test_other_requests_still_end_at_poll_timeout(
 
 
 def test_a_poll_timeout_beyond_the_minimum_wins(
-    simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+    connect: Callable[..., RunningAgent],
 ) -> None:
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, poll_timeout=40_000)
-    chassis = agent.agent._chassis
+    chassis = connect(poll_timeout=40_000).agent.robot.chassis
     assert chassis.timeout_of(INIT_ROBOT) == 40.0
     assert chassis.timeout_of("woosh.robot.BuildMap") == minimum_timeouts()["woosh.robot.BuildMap"]
     assert chassis.timeout_of("woosh.robot.Speak") == 40.0

@@ -208,8 +208,8 @@ def test_once_says_that_no_message_came_on_connected(watching, agent_without_con
     assert status == 0
 
 
-def test_once_works_with_an_agent_that_does_not_publish_connected(watching, start_agent, simulator):
-    start_agent(ip="127.0.0.1", port=simulator.port, disabled_parts=["connected"]).wait_connected()
+def test_once_works_with_an_agent_that_does_not_publish_connected(watching, connect):
+    connect(disabled_parts=["connected"])
     status, text = Output(watching).wait()
     assert "it is unknown whether it is connected to 127.0.0.1" in text
     assert "disabled_parts" in text

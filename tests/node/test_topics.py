@@ -12,8 +12,8 @@ import pytest
 from google.protobuf.message import Message
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from tests.convert.random_messages import random_proto
 from tests.harness import HUMBLE, wait_until
-from tests.random_messages import random_proto
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
@@ -192,7 +192,7 @@ def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
     agent = connect(surround)
     echo = client.echo(TaskProcMsg, "robot/TaskProc")
     assert [m.robot_task_id for m in echo.wait_count(3)] == [1, 2, 3]
-    wait_until(lambda: agent.agent._services.last_known.get(TASK_PROC).robot_task_id == 3)
+    wait_until(lambda: agent.agent.robot.last_known.get(TASK_PROC).robot_task_id == 3)
 
 
 def test_nothing_is_published_until_the_chassis_is_back(connect, client, push, simulator):

@@ -64,9 +64,12 @@ class Publisher:
         self._thread = threading.Thread(target=run)
         self._thread.start()
 
-    def close(self) -> None:
+    def stop(self) -> None:
         self._end.set()
         self._thread.join()
+
+    def close(self) -> None:
+        self.stop()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
 
@@ -91,7 +94,7 @@ def test_who_drives_is_shown(simulator, agent, client, arrays, publish):
     status = wait_message(arrays, "motion", "cmd_vel")
     assert values(status)["driver"] == "cmd_vel"
     assert status.level == DiagnosticStatus.OK
-    joystick._end.set()
+    joystick.stop()
     wait_until(lambda: find(arrays.messages[-1], "motion").message == "nobody")
 
 
@@ -108,10 +111,8 @@ def test_cmd_vel_and_the_service_at_the_same_time_are_a_warning(
 
 @pytest.mark.skipif(HUMBLE, reason="rclpy of Humble does not tell the numbers of messages")
 @pytest.mark.parametrize("executor", ["events", "single"])
-def test_two_publishers_of_cmd_vel_are_named(
-    simulator, start_agent, client, arrays, publish, executor
-):
-    start_agent(ip="127.0.0.1", port=simulator.port, executor=executor).wait_connected()
+def test_two_publishers_of_cmd_vel_are_named(connect, client, arrays, publish, executor):
+    connect(executor=executor)
     publish("joystick", 0.0)
     publish("navigation", 0.2)
     status = wait_message(arrays, "motion", "/joystick (on cmd_vel) and /navigation (on cmd_vel)")

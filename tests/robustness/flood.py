@@ -9,25 +9,26 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
+import subprocess
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.figures import Figure, print_and_judge
-from benchmarks.processes import MIB
+from benchmarks.processes import MIB, start_module
 from tests.harness import Client
 from tests.quick_chassis import quick_config
 from tests.robustness.agent_process import DebugAgentProcess, connected_agent
-from tests.robustness.bystander import Bystander
-from tests.robustness.flood_callers import calling_programs
-from tests.robustness.flood_frames import FIRST_MAP, big_frames, pose, push_mixed
+from tests.robustness.traffic import DuplicateAnswers
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import own_domain
+from woosh_robot_agent.testing import own_domain, wait_until
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
+from woosh_robot_msgs.srv import General, Twist
 
 MAX_GROWTH = 1.2
 """Highest memory after a flood, as a multiple of the idle memory."""
@@ -39,6 +40,15 @@ SLOW_RATE = 200.0
 """Rate of the calls to a slow chassis, in Hz."""
 _MAX_WARNINGS = 20
 """Highest number of warnings and errors in the log."""
+_CALLERS = 2
+"""Number of calling processes, because one Python process does not reach the rate."""
+_FIRST_MAP = 1_000_000
+"""Map id of push number 0. It distinguishes the pushes of a flood from the simulator's own."""
+_CALLS: tuple[tuple[Any, str], ...] = (
+    (General, "robot/General"),
+    (Twist, "robot/Twist"),
+)
+"""Services that the bystander calls, by ROS type and name."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +88,7 @@ class Bench:
         self._agent = agent
         self._domain = domain
         self._client = Client(domain)
-        self._bystander = Bystander(self._client, simulator, TIMEOUT)
+        self._bystander = _Bystander(self._client, simulator)
         self._poses = self._client.echo(PoseSpeedMsg, "robot/PoseSpeed")
         self._codes = self._client.echo(StatusCodeMsg, "robot/StatusCode", depth=5000)
 
@@ -109,7 +119,7 @@ class Bench:
         before = self._counters()
         with (
             self._agent.watch_rss() as samples,
-            calling_programs(self._domain, rate, seconds) as reports,
+            _calling_programs(self._domain, rate, seconds) as reports,
         ):
             end = time.monotonic() + seconds
             self.figures += self._bystander.run(part, lambda: time.monotonic() > end)
@@ -173,9 +183,9 @@ class Bench:
             while (elapsed := time.monotonic() - begin) < size.seconds:
                 missing = int(elapsed * size.pushes) - sum(sent.values())
                 if missing > 0:
-                    self._simulator.call(lambda chassis, n=missing: push_mixed(chassis, sent, n))
+                    self._simulator.call(lambda chassis, n=missing: _push_mixed(chassis, sent, n))
                 time.sleep(0.005)
-            self._simulator.call(lambda chassis: push_mixed(chassis, sent, 10))
+            self._simulator.call(lambda chassis: _push_mixed(chassis, sent, 10))
 
         with self._agent.watch_rss() as samples:
             begin = time.monotonic()
@@ -206,14 +216,14 @@ class Bench:
         """Send frames of almost the largest size that the agent accepts."""
         part = f"Frames of {size.frame} MiB"
         before = self._counters()
-        frames = big_frames(size.frame * MIB)
+        frames = _big_frames(size.frame * MIB)
         self._poses.messages.clear()
 
         def send() -> None:
             for number, frame in enumerate(frames, 1):
                 # one at a time, because two would exceed the simulator's outbox
                 self._simulator.send_raw(frame)
-                self._simulator.send_raw(pose(number))
+                self._simulator.send_raw(_pose(number))
                 self._wait_pose(number)
 
         with self._agent.watch_rss() as samples:
@@ -237,7 +247,7 @@ class Bench:
         flooding.join()
 
     def _wait_pose(self, number: int) -> None:
-        self._poses.wait(lambda message: message.map_id == FIRST_MAP + number, TIMEOUT)
+        self._poses.wait(lambda message: message.map_id == _FIRST_MAP + number, TIMEOUT)
 
     # Results
 
@@ -272,6 +282,135 @@ class Bench:
         depends_on_machine: bool = False,
     ) -> None:
         self.figures.append(Figure(part, name, value, limit, ok, depends_on_machine))
+
+
+class _Bystander:
+    """Another client of a flooded agent, whose calls must not be lost.
+
+    Args:
+        client: The ROS client that it uses.
+        simulator: The chassis of the agent.
+    """
+
+    def __init__(self, client: Client, simulator: SimulatorThread) -> None:
+        self._client = client
+        self._simulator = simulator
+        self._duplicates = DuplicateAnswers()
+        for srv, name in _CALLS:
+            self._duplicates.watch(client.service(srv, name))
+
+    def run(self, part: str, until: Callable[[], bool]) -> list[Figure]:
+        """Query and stop the robot every 0.1 s, and check that nothing is lost.
+
+        Args:
+            part: Part of the benchmark to which the figures belong.
+            until: Ends the calls when it returns True.
+        """
+        asked: list[tuple[str, Any]] = []
+        waits: dict[Any, float] = {}
+        twists = self._simulator.counts["woosh.robot.Twist"]
+        while not until():
+            for srv, name in _CALLS:
+                begin = time.monotonic()
+                future = self._client.call_async(srv, name)
+                future.add_done_callback(
+                    lambda done, begin=begin: waits.setdefault(done, time.monotonic() - begin)
+                )
+                asked.append((name, future))
+            threading.Event().wait(0.1)
+        wait_until(
+            lambda: len(waits) == len(asked),  # a future is done before its callbacks run
+            f"answers to the bystander during {part}",
+            TIMEOUT,
+        )
+        stops = [future.result() for name, future in asked if name == "robot/Twist"]
+        received = self._simulator.counts["woosh.robot.Twist"] - twists
+        return [
+            Figure(
+                part,
+                "calls of a bystander answered, each once",
+                f"{len(waits)} of {len(asked)}",
+                "all",
+                len(waits) == len(asked) and not self._duplicates.found,
+            ),
+            Figure(
+                part,
+                "its zero velocities that reached the chassis",
+                f"{received} of {len(stops)}",
+                "all",
+                received == len(stops) and all(stop.ok for stop in stops),
+            ),
+            Figure(part, "longest wait of the bystander", f"{max(waits.values()):.2f} s"),
+        ]
+
+
+@contextlib.contextmanager
+def _calling_programs(domain: int, rate: float, seconds: float) -> Iterator[list[Any]]:
+    """Run the calling programs; the yielded list contains their reports after the block."""
+    arguments = (str(rate / _CALLERS), str(seconds))
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with contextlib.ExitStack() as stack:
+        callers = []
+        for _ in range(_CALLERS):
+            caller = start_module(
+                "benchmarks.programs.flood_caller", *arguments, domain=domain, **pipes
+            )
+            stack.callback(_kill, caller)
+            callers.append(caller)
+        for caller in callers:
+            assert caller.stdout.readline().strip() == "ready"
+        for caller in callers:
+            caller.stdin.write("go\n")
+            caller.stdin.flush()
+        reports: list[Any] = []
+        yield reports
+        reports += [json.loads(caller.stdout.readline()) for caller in callers]
+
+
+def _kill(process: subprocess.Popen[str]) -> None:
+    process.kill()
+    process.wait()
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.close()
+    process.stdout.close()
+
+
+def _push_mixed(chassis: Any, sent: dict[str, int], count: int) -> None:
+    """Push states and status codes, four states for each code.
+
+    Args:
+        chassis: The simulator, in its own thread.
+        sent: Numbers of `poses` and `codes` pushed so far, updated by each push.
+        count: Number of further pushes.
+    """
+    for _ in range(count):
+        kind = "codes" if sent["codes"] * 4 < sent["poses"] else "poses"
+        sent[kind] += 1
+        chassis.send_raw(_pose(sent[kind]) if kind == "poses" else _code(sent[kind]))
+
+
+def _pose(number: int) -> str:
+    """Return the push of a pose with this number."""
+    return f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":{_FIRST_MAP + number}}}}}'
+
+
+def _code(number: int) -> str:
+    """Return the push of a status code with this number."""
+    return f'{{"type":"woosh.robot.count.StatusCode","body":{{"code":"{number}"}}}}'
+
+
+def _big_frames(size: int) -> list[str]:
+    """Return large frames: two pushes without a subscription, and two with unknown fields."""
+    text = "x" * size
+    row = '{"id":1,"x":0.25,"y":-1.5,"name":"A1"}'
+    rows = ",".join([row] * (size // (len(row) + 1)))
+    return [
+        f'{{"type":"woosh.map.SceneData","body":{{"name":"{text}"}}}}',
+        f'{{"type":"woosh.map.SceneDataEasy","sn":2000000000,"ok":true,"body":{{"x":[{rows}]}}}}',
+        f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":6,"extra":"{text}"}}}}',
+        f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":6,"extra":[{rows}]}}}}',
+    ]
 
 
 def run(size: Size, *, measure_memory: bool = True) -> list[Figure]:

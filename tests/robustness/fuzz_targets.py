@@ -21,9 +21,9 @@ from typing import Any
 import websockets
 from google.protobuf.message import Message
 
+from tests.link import fuzz_inputs as inputs
 from tests.link.link_peer import INFO, Frame, Packed, Peer, Wire
 from tests.quick_chassis import quick_config
-from tests.robustness import fuzz_inputs as inputs
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
@@ -36,7 +36,7 @@ from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
 
 try:
-    from tests.type_pairs import PAIRS
+    from tests.convert.type_pairs import PAIRS
     from woosh_robot_agent.convert import BadFieldError, converter
 except ImportError:  # without ROS
     PAIRS = {}

@@ -25,7 +25,6 @@ from tests.quick_chassis import quick_config
 from tests.robustness.traffic import DuplicateAnswers, Traffic
 from woosh_robot_agent.link.transport import TcpTransport, WebSocketTransport
 from woosh_robot_agent.robot import code_log
-from woosh_robot_agent.ros.actions import goal
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import AgentInProcess, own_domain
 
@@ -111,7 +110,6 @@ class Rig:
             domain = stack.enter_context(own_domain())
             stack.enter_context(self._record_errors())
             stack.enter_context(self._count_twists())
-            stack.enter_context(_short_poll_period())
             self.simulator = stack.enter_context(
                 SimulatorThread(quick_config(port=0, tcp_port=0, speed=SPEED))
             )
@@ -119,6 +117,8 @@ class Rig:
             values = {**(SHORT_TIMEOUTS if parameters is None else parameters), **kind}
             self.agent = AgentInProcess(domain, ip="127.0.0.1", port=port, **values)
             stack.callback(self.agent.close)
+            actions = self.agent.agent.actions
+            actions.timing = replace(actions.timing, poll_period=_POLL_PERIOD)
             stack.enter_context(self._only_errors_on_terminal())
             self._client = Client(domain)
             stack.callback(self._client.close)
@@ -254,14 +254,3 @@ def is_twist(data: str | bytes) -> bool:
     """Return True if a frame is a velocity command."""
     name = "woosh.robot.Twist"
     return f'"{name}"' in data if isinstance(data, str) else name.encode() in data
-
-
-@contextlib.contextmanager
-def _short_poll_period() -> Iterator[None]:
-    """Let silent goals be queried more often than usual."""
-    default = goal.DEFAULT_TIMING
-    goal.DEFAULT_TIMING = replace(default, poll_period=_POLL_PERIOD)
-    try:
-        yield
-    finally:
-        goal.DEFAULT_TIMING = default

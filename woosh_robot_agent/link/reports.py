@@ -182,10 +182,12 @@ class DropLog:
 
     Args:
         logger: gets the first drop of a series at WARNING, and their number at INFO.
+        quiet: time without drops that ends a series, in seconds.
     """
 
-    def __init__(self, logger: logging.Logger) -> None:
+    def __init__(self, logger: logging.Logger, quiet: float = QUIET) -> None:
         self._logger = logger
+        self._quiet = quiet
         self._series: dict[str, _Series] = {}
         """Series that have not ended, by kind."""
 
@@ -201,7 +203,7 @@ class DropLog:
         series = self._series.get(kind)
         if series is None:
             self._logger.warning("%s", text)
-            timer = loop.call_at(now + QUIET, self._check, kind)
+            timer = loop.call_at(now + self._quiet, self._check, kind)
             self._series[kind] = _Series(now, now, 1, timer)
         else:
             series.last = now
@@ -215,8 +217,8 @@ class DropLog:
     def _check(self, kind: str) -> None:
         series = self._series[kind]
         loop = asyncio.get_running_loop()
-        if loop.time() < series.last + QUIET:
-            series.timer = loop.call_at(series.last + QUIET, self._check, kind)
+        if loop.time() < series.last + self._quiet:
+            series.timer = loop.call_at(series.last + self._quiet, self._check, kind)
         else:
             self._end(kind)
 

@@ -14,6 +14,7 @@ from woosh_robot_agent.motion.gate import (
     StopReport,
     ZeroRefusedError,
 )
+from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.motion.velocity_driver import (
     MAX_VELOCITY,
     UnusableVelocityError,
@@ -25,6 +26,7 @@ __all__ = [
     "MAX_VELOCITY",
     "AnsweredCommand",
     "MotionGate",
+    "MotionTiming",
     "Sender",
     "StopReport",
     "UnusableVelocityError",

@@ -44,7 +44,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
-from woosh_robot_agent.motion.timeliness import MAX_AGE, STALL, LatestWins, StallWatch
+from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
@@ -115,16 +115,6 @@ def _reason(answer: Answer | LinkError) -> str:
 
 _LOG = logging.getLogger(__name__)
 
-DRIVING = 3 * MAX_AGE
-"""Time for which the robot may keep driving after a velocity command, in seconds.
-
-The chassis keeps a velocity for a while, and then slows down by itself.
-"""
-HOLD = 0.5
-"""Time after a stop in which nothing that moves the robot is sent, in seconds.
-
-A goal that a client sent before the stop may arrive after it.
-"""
 _STOPPED = "cancelled by a stop of the robot"
 
 
@@ -141,7 +131,7 @@ class Sender:
         published: loop time (monotonic) at which a sender outside of this process published the
             command, as far as that is known; None for a command of this process.
         max_age: maximum age at which a velocity is sent, in seconds, if it is shorter than the
-            gate's own limit, `timeliness.MAX_AGE`.
+            gate's own limit, `MotionTiming.max_age`.
     """
 
     name: str = ""
@@ -172,23 +162,19 @@ class MotionGate:
     Args:
         chassis: the link.
         open_goals: returns the number of goals that the robot may be executing.
-        stall: time for which the event loop must stand still for rule 8 to apply, in seconds.
 
     Attributes:
         superseded: number of velocities that were not sent because they were out of date.
+        timing: times in the rules; may be replaced at any time.
     """
 
-    def __init__(
-        self,
-        chassis: ChassisClient,
-        open_goals: Callable[[], int] = lambda: 0,
-        stall: float = STALL,
-    ) -> None:
+    def __init__(self, chassis: ChassisClient, open_goals: Callable[[], int] = lambda: 0) -> None:
         self._chassis = chassis
         self._send = chassis.reserve(commands_motion)  # rule 1
         self._open_goals = open_goals
         self._reported_owner = WheelOwner(chassis, self._start_reported)
-        self._velocities = LatestWins[Answer]()
+        self.timing = MotionTiming()
+        self._velocities = LatestWins[Answer](lambda: self.timing)
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._drives_until = -math.inf
@@ -201,7 +187,7 @@ class MotionGate:
         """Loop time until which requests that move the robot are refused."""
         self._stop_called = -math.inf
         """Loop time of the last call of `announce_stop`."""
-        self._stalls = StallWatch(stall)
+        self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
         self._drops = DropLog(_LOG)
@@ -240,7 +226,7 @@ class MotionGate:
         return answer
 
     def announce_stop(self) -> None:
-        """Forbid all motion for `HOLD`, until the following call of `stop` has its turn.
+        """Forbid all motion for `timing.hold`, until the following call of `stop` has its turn.
 
         Thread-safe. What waits for the event loop ahead of that call is not sent.
         """
@@ -254,7 +240,7 @@ class MotionGate:
         """
         for callback in self._stop_callbacks:
             callback()
-        self._forbid(_STOPPED, HOLD)  # rule 4
+        self._forbid(_STOPPED, self.timing.hold)  # rule 4
         orders = [Twist(), *cancel_orders().values()]
         # each goes to the front of the queue, so the first one to send is queued last
         answers = await asyncio.gather(
@@ -357,7 +343,7 @@ class MotionGate:
         if isinstance(message, Twist):
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
-                self._drives_until = time.monotonic() + DRIVING
+                self._drives_until = time.monotonic() + self.timing.driving
         answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
             return answer
@@ -377,7 +363,7 @@ class MotionGate:
         now = asyncio.get_running_loop().time()
         if now < self._forbidden_until:  # rules 4 and 5
             raise SupersededError(f"not sent: {self._forbidden}")
-        if now < self._stop_called + HOLD:  # rule 4, while the stop waits for its turn
+        if now < self._stop_called + self.timing.hold:  # rule 4, while the stop waits for its turn
             raise SupersededError(f"not sent: {_STOPPED}")
         self._stalls.check()
         if published is not None and self._stalls.is_from_before(published):  # rule 8
@@ -418,7 +404,7 @@ class MotionGate:
         """Forget the last velocity, because a task or an action has taken the wheels after it."""
         # the velocity may have been sent after the start if it is unanswered, or if this gate
         # commanded the start, which is reported some time after it was accepted
-        own_start = time.monotonic() < self._wheels_taken + DRIVING
+        own_start = time.monotonic() < self._wheels_taken + self.timing.driving
         if not self._velocities.in_flight and not own_start:  # rule 6
             self._drives_until = -math.inf
 

@@ -6,6 +6,7 @@ import asyncio
 import math
 import time
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from woosh_robot_agent.link import SupersededError
@@ -19,18 +20,31 @@ _WINDOW = 10.0
 After a clock was set forward, or for a sender whose clock is behind those of others, messages count
 as old for that time.
 """
-STALL = 0.5
-"""Default delay of a heartbeat that counts as a stall, in seconds."""
-MAX_AGE = 0.5
-"""Maximum age at which a velocity is sent, in seconds.
-
-It is also the time without an answer after which further velocities are held back. The chassis
-itself keeps the last velocity that it received for the same time.
-"""
-SETTLE = 0.5
-"""Time after a stall in which commands may still come from before its end, in seconds."""
 _PERIOD = 0.25
 """Period of the heartbeat, in seconds."""
+
+
+@dataclass(frozen=True)
+class MotionTiming:
+    """Times in the rules of motion, in seconds."""
+
+    max_age: float = 0.5
+    """Maximum age at which a velocity is sent. The chassis itself keeps the last velocity that it
+    received for the same time."""
+    unanswered: float = 0.5
+    """Time without an answer to a velocity after which further velocities are held back."""
+    driving: float = 1.5
+    """Time for which the robot may keep driving after a velocity. The chassis keeps a velocity for
+    a while, and then slows down by itself."""
+    hold: float = 0.5
+    """Time after a stop in which nothing that moves the robot is sent. A goal that a client sent
+    before the stop may arrive after it."""
+    stall: float = 0.5
+    """Delay of a heartbeat that counts as a stall."""
+    settle: float = 0.5
+    """Time after a stall in which commands may still come from before its end."""
+    pause: float = 2.0
+    """Time without any velocity of a stream after which its sender counts as paused."""
 
 
 class SenderClock:
@@ -69,17 +83,17 @@ class StallWatch:
     """Notices that the event loop, or the whole process, stood still.
 
     Args:
-        limit: delay of a heartbeat that counts as a stall, in seconds.
+        timing: returns the current `MotionTiming`.
 
     Attributes:
         ended: loop time at which the last stall had ended at the latest; -inf before the first.
         duration: duration of the last stall, in seconds.
     """
 
-    def __init__(self, limit: float) -> None:
+    def __init__(self, timing: Callable[[], MotionTiming]) -> None:
+        self._timing = timing
         self.ended = -math.inf
         self.duration = 0.0
-        self._limit = limit
         self._due = math.inf
         """Loop time of the next heartbeat."""
         self._timer: asyncio.TimerHandle | None = None
@@ -99,7 +113,7 @@ class StallWatch:
     def check(self) -> None:
         """Notice a stall that has just ended, even before the next heartbeat."""
         now = asyncio.get_running_loop().time()
-        if now - self._due > self._limit:
+        if now - self._due > self._timing().stall:
             self.ended, self.duration = now, now - self._due + _PERIOD
             self._due = now + _PERIOD
 
@@ -109,7 +123,7 @@ class StallWatch:
         Args:
             published: loop time at which it was sent, or taken from the middleware.
         """
-        return published < self.ended + SETTLE
+        return published < self.ended + self._timing().settle
 
     def _schedule(self, loop: asyncio.AbstractEventLoop) -> None:
         # multiples of the period, so that all watches of a loop wake it together
@@ -130,9 +144,13 @@ class LatestWins(Generic[T]):
     """Sends velocities at once while the chassis answers, and holds only the newest otherwise.
 
     A zero is never held back, and no older velocity overtakes it.
+
+    Args:
+        timing: returns the current `MotionTiming`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, timing: Callable[[], MotionTiming]) -> None:
+        self._timing = timing
         self._unanswered: dict[int, float] = {}
         """Loop times at which unanswered velocities were sent, by serial number."""
         self._held: asyncio.Future[None] | None = None
@@ -154,7 +172,8 @@ class LatestWins(Generic[T]):
             send: sends it and returns its answer; called with the maximum time that it may wait to
                 be sent, in seconds.
             published: loop time at which its sender published it.
-            max_age: maximum age at which it is sent, in seconds, if that is less than `MAX_AGE`.
+            max_age: maximum age at which it is sent, in seconds, if that is less than
+                `MotionTiming.max_age`.
 
         Raises:
             SupersededError: a newer velocity replaced it, or it became too old.
@@ -162,7 +181,7 @@ class LatestWins(Generic[T]):
         """
         now = asyncio.get_running_loop().time
         moves = may_move(velocity)
-        limit = min(max_age, MAX_AGE)
+        limit = min(max_age, self._timing().max_age)
         if moves and (age := now() - published) > limit:  # it does not replace a newer one
             raise SupersededError(f"not sent: it is {age:.2f} s old, and {limit:g} s are allowed")
         self._newest += 1
@@ -195,8 +214,8 @@ class LatestWins(Generic[T]):
             self._held.set_result(None)
 
     def _stalled(self) -> bool:
-        now = asyncio.get_running_loop().time()
-        return any(now - sent > MAX_AGE for sent in self._unanswered.values())
+        since = asyncio.get_running_loop().time() - self._timing().unanswered
+        return any(sent < since for sent in self._unanswered.values())
 
     async def _hold(self, timeout: float) -> None:
         held: asyncio.Future[None] = asyncio.get_running_loop().create_future()

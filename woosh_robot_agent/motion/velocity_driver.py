@@ -12,7 +12,6 @@ from functools import partial
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.tasks import start_task
-from woosh_robot_agent.motion import timeliness
 from woosh_robot_agent.motion.gate import MotionGate, Sender
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
@@ -48,8 +47,6 @@ class Pace:
 _LOG = logging.getLogger(__name__)
 MAX_VELOCITY = 10.0
 """Greatest velocity that a sender can mean, and greatest limit, in m/s and rad/s."""
-_PAUSE = 2.0
-"""Time without any velocity after which the sender counts as paused, in seconds."""
 
 
 class UnusableVelocityError(ValueError):
@@ -67,7 +64,7 @@ class VelocityLimits:
         timeout: time without a velocity after which the robot is stopped, in seconds.
         override: drive even while a goal, a task or an action drives the robot.
         max_age: maximum age at which a velocity is sent, in seconds; never more than `timeout` and
-            `timeliness.MAX_AGE`.
+            `MotionTiming.max_age`.
     """
 
     max_linear: float
@@ -201,7 +198,7 @@ class VelocityDriver:
             self.refuse("value", str(error))
             return
         now = asyncio.get_running_loop().time()
-        paused, self._heard = now - self._heard > _PAUSE, now
+        paused, self._heard = now - self._heard > self._gate.timing.pause, now
         published = min(published, now)
         moves = any(values)
         if not moves or paused:
@@ -212,7 +209,9 @@ class VelocityDriver:
             self.refuse("not permitted", reason)
         elif moves and self._silenced:  # rule 3
             self.refuse(
-                "silenced", f"{self._silenced}; send a zero velocity, or nothing for {_PAUSE:g} s"
+                "silenced",
+                f"{self._silenced}; send a zero velocity, or nothing for "
+                f"{self._gate.timing.pause:g} s",
             )
         elif moves and not self._limits().override and (owner := self._gate.owner):  # rule 2
             self.refuse(
@@ -245,7 +244,7 @@ class VelocityDriver:
     @property
     def _max_age(self) -> float:
         limits = self._limits()
-        return min(limits.max_age, limits.timeout, timeliness.MAX_AGE)
+        return min(limits.max_age, limits.timeout, self._gate.timing.max_age)
 
     def _has_to_stop(self) -> bool:
         """Return True if a zero would stop something."""

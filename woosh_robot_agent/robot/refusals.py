@@ -59,12 +59,16 @@ class RefusalExplainer:
     Args:
         chassis: the link.
         last_known: last values that the chassis reported.
+
+    Attributes:
+        code_delay: maximum time from a refusal to its status code, in seconds; `CODE_DELAY`.
     """
 
     def __init__(self, chassis: ChassisClient, last_known: LastKnown) -> None:
+        self.code_delay = CODE_DELAY
         self._last_known = last_known
         self._refusals: deque[_Refusal] = deque(maxlen=_MAX_REFUSALS)
-        """The refusals of the last `CODE_DELAY` seconds, oldest first."""
+        """The refusals of the last `code_delay` seconds, oldest first."""
         self._noted = asyncio.Event()
         """Set when a refusal is noted."""
         chassis.on_refused(self._refused)
@@ -73,7 +77,7 @@ class RefusalExplainer:
     async def reason(self, request_type: str) -> str:
         """Return why the chassis has just refused a request; empty if that is not known.
 
-        Call it within `CODE_DELAY` after the answer. It returns at the end of this time, or as
+        Call it within `code_delay` after the answer. It returns at the end of this time, or as
         soon as the status code has come.
 
         Args:
@@ -85,7 +89,7 @@ class RefusalExplainer:
     async def reasons(self, request_type: str) -> list[Objection]:
         """Return the reasons as in `reason`, with the known remedies."""
         try:
-            refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type))
+            refusal = await run_with_timeout(self.code_delay, self._latest(request_type))
         except TimeoutError:
             return []
         code = await asyncio.shield(refusal.code)  # others may wait for it too
@@ -114,7 +118,7 @@ class RefusalExplainer:
         refusal = _Refusal(name, state, loop.create_future())
         self._refusals.append(refusal)
         self._noted.set()
-        loop.call_later(CODE_DELAY, self._end, refusal)
+        loop.call_later(self.code_delay, self._end, refusal)
 
     def _end(self, refusal: _Refusal) -> None:
         """Stop waiting for the status code of a refusal."""

@@ -147,9 +147,15 @@ class Standstill:
         chassis: the link; used in its event loop only.
         gate: sender of the commands.
         last_known: last values that the chassis reported.
+
+    Attributes:
+        limit: time after which a robot that has not moved is reported, in seconds; `LIMIT`.
+        kept: time for which a warning of a velocity remains, in seconds; `KEPT`.
     """
 
     def __init__(self, chassis: ChassisClient, gate: MotionGate, last_known: LastKnown) -> None:
+        self.limit = LIMIT
+        self.kept = KEPT
         self._chassis = chassis
         self._last_known = last_known
         self._demand: _Demand | None = None
@@ -169,7 +175,7 @@ class Standstill:
         demand = self._demand
         if demand is None or not demand.reported:
             return ""
-        if demand.is_velocity and asyncio.get_running_loop().time() - demand.last > KEPT:
+        if demand.is_velocity and asyncio.get_running_loop().time() - demand.last > self.kept:
             return ""
         return self._text(demand)
 
@@ -198,7 +204,7 @@ class Standstill:
     def _velocity_accepted(self, name: str) -> None:
         now = asyncio.get_running_loop().time()
         demand = self._demand
-        if demand is None or not demand.is_velocity or now - demand.last > KEPT:
+        if demand is None or not demand.is_velocity or now - demand.last > self.kept:
             demand = self._expect(name, _VELOCITY)
         demand.last = now
         if demand.since is None:
@@ -220,7 +226,7 @@ class Standstill:
     def _may_not_stand(self, demand: _Demand) -> None:
         loop = asyncio.get_running_loop()
         demand.since = loop.time()
-        loop.call_later(LIMIT, self._check, demand, demand.since)
+        loop.call_later(self.limit, self._check, demand, demand.since)
 
     def _check(self, demand: _Demand, since: float) -> None:
         """Warn if the robot has not moved since `since`, and should have."""
@@ -231,7 +237,7 @@ class Standstill:
             return
         demand.reported = True
         now = asyncio.get_running_loop().time()
-        if now - self._logged > KEPT:
+        if now - self._logged > self.kept:
             self._log.clear()
             self._logged = now
         text = self._text(demand)
@@ -244,7 +250,7 @@ class Standstill:
         if demand is None:  # usually; then the body need not be decoded
             return
         now = asyncio.get_running_loop().time()
-        if demand.is_velocity and demand.since is None and now - demand.last > LIMIT:
+        if demand.is_velocity and demand.since is None and now - demand.last > self.limit:
             self._demand = None  # the stream has ended
             return
         pose: PoseSpeed = body.message()

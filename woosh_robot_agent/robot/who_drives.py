@@ -63,11 +63,13 @@ class VelocitySources:
     Attributes:
         last: source of the last velocity, zero included; empty before the first.
         last_time: monotonic time of that velocity.
+        overlap: time after which a silent source no longer drives, in seconds; `OVERLAP`.
     """
 
     def __init__(self, chassis: ChassisClient, gate: MotionGate) -> None:
         self.last = ""
         self.last_time = -math.inf
+        self.overlap = OVERLAP
         self._driving: dict[str, float] = {}
         """Monotonic time of the last velocity of each driving source, by name."""
         self._simultaneous: tuple[str, ...] = ()
@@ -86,7 +88,7 @@ class VelocitySources:
 
     def driving(self, now: float) -> bool:
         """Return True if a velocity that is not zero was sent less than `OVERLAP` ago."""
-        return any(now - sent < OVERLAP for sent in self._driving.values())
+        return any(now - sent < self.overlap for sent in self._driving.values())
 
     def report(self, *sources: str) -> None:
         """Report sources that command velocities at the same time."""
@@ -115,7 +117,7 @@ class VelocitySources:
         self.last, self.last_time = source, now
         others = [name for name, sent in self._driving.items() if name != source]
         for name in others:
-            if now - self._driving[name] < OVERLAP:
+            if now - self._driving[name] < self.overlap:
                 self.report(source, name)
             else:
                 del self._driving[name]

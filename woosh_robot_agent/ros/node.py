@@ -22,7 +22,6 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.motion.timeliness import STALL
 from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check, check_names
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
@@ -121,13 +120,14 @@ class Agent:
 
     Attributes:
         node: the node, to be added to an executor.
+        robot: the link, the motion gate and what else the parts of the agent share.
+        actions: the goals.
 
     Args:
         node: the node; by default a new one.
         thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
             after closing the agent.
         link: fields of `LinkConfig` that are no parameters, e.g. `backoff_min`.
-        stall: as in `MotionGate`.
         options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
 
     Raises:
@@ -140,60 +140,44 @@ class Agent:
         thread: LoopThread | None = None,
         *,
         link: Mapping[str, Any] | None = None,
-        stall: float = STALL,
         **options: Any,
     ) -> None:
         self.node = node or ParameterNode(**options)
         log_to_ros()
         used = thread or LoopThread()
         self._own_thread = None if thread else used
-        self._thread = LinkThread(used, context_of(self.node.get_logger()))
+        link_thread = LinkThread(used, context_of(self.node.get_logger()))
         self._link_fields = dict(link or {})
-        self._chassis = ChassisClient(
-            config=self._link_config(), minimum_timeouts=minimum_timeouts()
-        )
-        self._requests = RequestMaker(self.settings.link.robot_id)
+        chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
         # first: it reports unreadable pushes before others see them
-        self._topics = Topics(self.node, self._thread, self._chassis)
-        self._gate = MotionGate(self._chassis, lambda: self._actions.running_goals, stall)
-        last_known = LastKnown(self._chassis)
-        explainer = RefusalExplainer(self._chassis, last_known)
-        watch = Watch(
-            self._chassis,
-            self._gate,
-            last_known,
-            explainer,
-            lambda: self._actions.accepted_goals,
-        )
-        robot = RobotContext(
-            self.node, self._thread, self._chassis, self._gate, last_known, self._requests
-        )
+        self._topics = Topics(self.node, link_thread, chassis)
+        gate = MotionGate(chassis, lambda: self.actions.running_goals)
+        last_known = LastKnown(chassis)
+        explainer = RefusalExplainer(chassis, last_known)
+        watch = Watch(chassis, gate, last_known, explainer, lambda: self.actions.accepted_goals)
+        requests = RequestMaker(self.settings.link.robot_id)
+        self.robot = RobotContext(self.node, link_thread, chassis, gate, last_known, requests)
         self._services = Services(
-            robot, watch.velocities, lambda: self.settings.standard.velocity_limits
+            self.robot, watch.velocities, lambda: self.settings.standard.velocity_limits
         )
-        self._actions = Actions(
-            robot,
+        self.actions = Actions(
+            self.robot,
             explainer.reason,
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
         self._second_agent = SecondAgent(self.node)
         self._standard = StandardLayer(
-            PartContext(
-                robot,
-                watch,
-                self._second_agent,
-                lambda: self.settings.standard,
-            )
+            PartContext(self.robot, watch, self._second_agent, lambda: self.settings.standard)
         )
         self._lock = threading.Lock()
         self._end: Future[None] | None = None
         self.node.on_change(self._change)
         if self.settings.observe_only:
-            self._chassis.permit_only(only_reads, self._observes_only)
-        self._thread.call(self._chassis.start)
+            chassis.permit_only(only_reads, self._observes_only)
+        link_thread.call(chassis.start)
         self._standard.start()
-        self._thread.spawn(self._second_agent.run)
+        link_thread.spawn(self._second_agent.run)
 
     @property
     def settings(self) -> Settings:
@@ -222,17 +206,17 @@ class Agent:
         Raises:
             TimeoutError: The link thread did not answer in time.
         """
-        return self._thread.run(self._debug(), timeout)
+        return self.robot.thread.run(self._debug(), timeout)
 
     async def _debug(self) -> dict[str, Any]:
         tasks = asyncio.all_tasks() - {asyncio.current_task()}
-        stats = self._chassis.stats
+        stats = self.robot.chassis.stats
         return {
-            **self._chassis.debug(),
-            "state": self._chassis.state.value,
+            **self.robot.chassis.debug(),
+            "state": self.robot.chassis.state.value,
             "counters": {each.name: getattr(stats, each.name) for each in fields(stats)},
-            "goals": self._actions.open_goals,
-            "running_goals": self._actions.running_goals,
+            "goals": self.actions.open_goals,
+            "running_goals": self.actions.running_goals,
             "tasks": sorted(task.get_name() for task in tasks),
         }
 
@@ -244,7 +228,7 @@ class Agent:
         with self._lock:
             if self._end is None:
                 expect_losses(self.node.get_logger(), expected=True)
-                self._end = self._thread.begin(self._close())
+                self._end = self.robot.thread.begin(self._close())
 
     def close(self, spin_once: Callable[[], None]) -> None:
         """Stop the robot if the agent drove it, abort the open goals, close the link, clean up.
@@ -263,12 +247,12 @@ class Agent:
     async def _close(self) -> None:
         # run every step; the gate's own timeout is shorter because its error is more specific
         await self._end_step("stopping the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
-        await self._end_step("aborting the goals", self._actions.stop, _GOALS_TIMEOUT)
-        await self._end_step("closing the link", self._chassis.close, _LINK_TIMEOUT)
+        await self._end_step("aborting the goals", self.actions.stop, _GOALS_TIMEOUT)
+        await self._end_step("closing the link", self.robot.chassis.close, _LINK_TIMEOUT)
 
     async def _stop_robot(self) -> None:
         try:
-            await self._gate.close(_ZERO_TIMEOUT)
+            await self.robot.gate.close(_ZERO_TIMEOUT)
         except LinkError as error:
             _LOG.error(
                 "the robot was not stopped; if it moves, press its emergency stop: %s", error
@@ -298,28 +282,28 @@ class Agent:
         settings = self.settings
         if settings.observe_only != before.observe_only:
             # not a task: it would begin after commands that come right after this change
-            self._thread.call(self._set_observing, settings.observe_only)
+            self.robot.thread.call(self._set_observing, settings.observe_only)
         if settings.link != before.link:
-            self._thread.spawn(partial(self._reconfigure, self._link_config()))
+            self.robot.thread.spawn(partial(self._reconfigure, self._link_config()))
 
     def _link_config(self) -> LinkConfig:
         return replace(self.settings.link, **self._link_fields)
 
     def _set_observing(self, observe_only: bool) -> None:
         if not observe_only:
-            self._chassis.permit_only(None)
+            self.robot.chassis.permit_only(None)
             _LOG.info("observe_only is false: commands are sent to the robot")
             return
-        self._chassis.permit_only(only_reads, self._observes_only)
-        self._actions.give_up(f"{self._observes_only}; the robot may still be executing the goal")
+        self.robot.chassis.permit_only(only_reads, self._observes_only)
+        self.actions.give_up(f"{self._observes_only}; the robot may still be executing the goal")
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
-        self._thread.spawn(partial(self._gate.leave, self._observes_only, _ZERO_TIMEOUT))
+        self.robot.thread.spawn(partial(self.robot.gate.leave, self._observes_only, _ZERO_TIMEOUT))
 
     async def _reconfigure(self, config: LinkConfig) -> None:
-        self._requests.robot_id = config.robot_id
-        if not config.keeps_connection(self._chassis.config):
-            await self._gate.leave("the settings of the link have changed", _ZERO_TIMEOUT)
-        await self._chassis.reconfigure(config)
+        self.robot.requests.robot_id = config.robot_id
+        if not config.keeps_connection(self.robot.chassis.config):
+            await self.robot.gate.leave("the settings of the link have changed", _ZERO_TIMEOUT)
+        await self.robot.chassis.reconfigure(config)
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
@@ -328,7 +312,7 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
         agent.begin_close()
     ends = [agent._end for agent in agents if agent._end is not None]
     _spin_while(lambda: not all(end.done() for end in ends), spin_once, _CLOSE_TIMEOUT)
-    rests = [(agent, agent._thread.begin(agent._thread.cancel())) for agent in agents]
+    rests = [(agent, agent.robot.thread.begin(agent.robot.thread.cancel())) for agent in agents]
     until = time.monotonic() + _REST_TIMEOUT
     for agent, rest in rests:
         try:

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, Protocol
 
 import rclpy
@@ -217,19 +217,19 @@ class AgentInProcess:
         link = {name: parameters.pop(name) for name in _LINK_FIELDS & parameters.keys()}
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         try:
-            self.agent = Agent(
-                context=self.context, parameter_overrides=overrides, link=link, stall=_STALL
-            )
+            self.agent = Agent(context=self.context, parameter_overrides=overrides, link=link)
         except BaseException:
             rclpy.try_shutdown(context=self.context)
             raise
+        gate = self.agent.robot.gate
+        gate.timing = replace(gate.timing, stall=_STALL)
         self.executor = make_executor(self.agent.settings.executor, self.context)
         self.executor.add_node(self.agent.node)
         self._spinner = Spinner(self.executor)
         self._closed = False
 
     def wait_connected(self, times: int = 1) -> None:
-        chassis = self.agent._chassis
+        chassis = self.agent.robot.chassis
         wait_until(
             lambda: chassis.stats.connects >= times and chassis.state.value == "ready", "the link"
         )

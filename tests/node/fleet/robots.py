@@ -53,7 +53,9 @@ def running_fleet(folder: Path, chassis: dict[str, SimulatorThread]) -> Iterator
         spinner = Spinner(executor)
         try:
             for agent in fleet.agents:
-                wait_until(lambda agent=agent: agent._chassis.state.value == "ready", "the link")
+                wait_until(
+                    lambda agent=agent: agent.robot.chassis.state.value == "ready", "the link"
+                )
             yield fleet
         finally:
             spinner.stop()

@@ -173,15 +173,14 @@ def test_an_error_is_logged_by_the_robot_that_has_it(
         def fail(*_arguments: Any) -> None:
             raise ZeroDivisionError
 
-        for each in agent._services._servers:
-            monkeypatch.setattr(each, "_handle", fail)
-        send = second._chassis.send
+        monkeypatch.setattr(agent.robot.requests, "make", fail)
+        send = second.robot.chassis.send
 
         def fail_to_speak(message: Any, *rest: Any, **named: Any) -> Any:
             is_it = type(message).__name__ == "Speak"
             return fail() if is_it else send(message, *rest, **named)
 
-        monkeypatch.setattr(second._chassis, "send", fail_to_speak)
+        monkeypatch.setattr(second.robot.chassis, "send", fail_to_speak)
         assert "ZeroDivisionError" in clients[failing].call(Speak, "robot/Speak").msg
         assert "ZeroDivisionError" in clients[other].call(Speak, "robot/Speak").msg
         told = capfd.readouterr().err.splitlines()
@@ -204,7 +203,7 @@ def test_a_failing_shutdown_of_one_robot_still_stops_the_others(
         async def fail(_timeout: float) -> None:
             raise ZeroDivisionError
 
-        monkeypatch.setattr(fleet.agents[0]._gate, "close", fail)
+        monkeypatch.setattr(fleet.agents[0].robot.gate, "close", fail)
     assert not chassis[ROBOTS[1]].last(TWIST).ListFields()
     wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.harness import Client, RunningAgent, own_domain
-from tests.node.goals import set_timing
-from tests.node.tasks.reports import IDLE, empty
+from tests.harness import RunningAgent, own_domain
+from tests.node.tasks.reports import IDLE, ScriptedRobot, empty
 from tests.node.tasks.scripted_chassis import MODE, ROBOT_STATE, TASK_PROC, ScriptedChassis
+from woosh_robot_agent.ros.actions.goal import GoalTiming
 
 
 @pytest.fixture(scope="module")
@@ -49,16 +49,17 @@ def agent(
 
 
 @pytest.fixture(scope="module")
-def client(agent: RunningAgent, domain: int) -> Iterator[Client]:
-    running = Client(domain)
+def robot(agent: RunningAgent, chassis: ScriptedChassis) -> Iterator[ScriptedRobot]:
+    running = ScriptedRobot(agent, chassis)  # type: ignore[arg-type]
     yield running
     running.close()
 
 
 @pytest.fixture
-def normal(chassis: ScriptedChassis, monkeypatch: pytest.MonkeyPatch) -> None:
+def normal(robot: ScriptedRobot) -> None:
     """Poll often, and let the chassis start the test in its normal state."""
-    set_timing(monkeypatch, poll_period=0.1, in_doubt_poll_factor=0.5)
+    robot.agent.agent.actions.timing = GoalTiming(poll_period=0.1, in_doubt_poll_factor=0.5)
+    chassis = robot.chassis
     chassis.refused.clear()
     chassis.silent.clear()
     chassis.push(MODE, {"ctrl": 1, "work": 2})

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import count
 from typing import Any
 
-from tests.harness import Client, GoalClient
+from tests.harness import Client, GoalClient, Robot
 from tests.node.goals import ABORTED, COMPLETED, FAILED, SUCCEEDED, TASK_CANCELED
 from tests.node.tasks.scripted_chassis import (
     EXEC_TASK,
@@ -88,23 +88,35 @@ def send(client: Client, task_id: int) -> GoalClient:
     return client.send_goal(ExecTask, "robot/ExecTask", goal)
 
 
-def start(chassis: ScriptedChassis, client: Client, task_id: int, *first: Body) -> GoalClient:
-    """Start a task that the chassis accepts, and that it executes from now on.
+class ScriptedRobot(Robot):
+    """A client of an agent that is connected to a scripted chassis."""
 
-    Args:
-        chassis: The chassis.
-        client: The client that sends the goal.
-        task_id: Id of the task.
-        first: The first reports on the task. The client has them when this function returns.
-    """
-    asked = chassis.count(EXEC_TASK)
-    chassis.expect(EXEC_TASK, chassis.answer)
-    goal = send(client, task_id)
-    chassis.wait_request(EXEC_TASK, asked + 1)
-    chassis.push(ROBOT_STATE, TASK)
-    chassis.push_all(TASK_PROC, first)
-    goal.feedback.wait_count(len(first))
-    return goal
+    chassis: ScriptedChassis  # type: ignore[assignment]
+
+    def start(self, task_id: int, *first: Body) -> GoalClient:
+        """Start a task that the chassis accepts, and that it executes from now on.
+
+        Args:
+            task_id: Id of the task.
+            first: The first reports on the task. The client has them when this function returns.
+        """
+        chassis = self.chassis
+        asked = chassis.count(EXEC_TASK)
+        chassis.expect(EXEC_TASK, chassis.answer)
+        goal = send(self, task_id)
+        chassis.wait_request(EXEC_TASK, asked + 1)
+        chassis.push(ROBOT_STATE, TASK)
+        chassis.push_all(TASK_PROC, first)
+        goal.feedback.wait_count(len(first))
+        return goal
+
+    def reconnect(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Lose the link, call `meanwhile`, and wait until the agent is connected again."""
+        known = self.chassis.count(ROBOT_INFO)
+        self.chassis.vanish()
+        meanwhile()
+        self.chassis.listen()
+        self.chassis.wait_request(ROBOT_INFO, known + 1)
 
 
 def assert_ended(goal: GoalClient, expected: list[Body]) -> None:
@@ -114,15 +126,6 @@ def assert_ended(goal: GoalClient, expected: list[Body]) -> None:
     assert wire(ret) == expected[-1]
     goal.feedback.wait_count(len(expected))
     assert [wire(fb) for fb in goal.feedback.messages] == expected
-
-
-def reconnect(chassis: ScriptedChassis, meanwhile: Callable[[], None] = lambda: None) -> None:
-    """Lose the link, call `meanwhile`, and wait until the agent is connected again."""
-    known = chassis.count(ROBOT_INFO)
-    chassis.vanish()
-    meanwhile()
-    chassis.listen()
-    chassis.wait_request(ROBOT_INFO, known + 1)
 
 
 def wire(proc: Any) -> Body:

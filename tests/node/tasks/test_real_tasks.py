@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, GoalClient, RunningAgent
+from tests.harness import Client, GoalClient
 from tests.node.goals import ABORTED, COMPLETED, FAILED, SUCCEEDED, TASK_CANCELED
-from tests.node.tasks.reports import wire
+from tests.node.tasks.reports import ScriptedRobot, wire
 from tests.node.tasks.scripted_chassis import EXEC_TASK, TASK_PROC, Body, ScriptedChassis
 from woosh_robot_msgs.action import ExecTask
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
@@ -73,19 +73,19 @@ def send(client: Client, task: dict[str, Any]) -> GoalClient:
 @pytest.mark.parametrize("pace", ["at once", "one by one"])
 @pytest.mark.parametrize("number", GOALS)
 def test_goal_ends_as_the_robot_ended_the_task(
-    chassis: ScriptedChassis, agent: RunningAgent, client: Client, number: int, pace: str
+    robot: ScriptedRobot, number: int, pace: str
 ) -> None:
     task = TASKS[number]
-    steps = script(chassis, task)
+    steps = script(robot.chassis, task)
     expected = reports(task, task["task_id"])
-    asked = chassis.count(EXEC_TASK)
+    asked = robot.chassis.count(EXEC_TASK)
     if pace == "at once":
-        chassis.expect(EXEC_TASK, lambda: play(steps))
-        goal = send(client, task)
+        robot.chassis.expect(EXEC_TASK, lambda: play(steps))
+        goal = send(robot, task)
     else:
-        chassis.expect(EXEC_TASK)
-        goal = send(client, task)
-        chassis.wait_request(EXEC_TASK, asked + 1)
+        robot.chassis.expect(EXEC_TASK)
+        goal = send(robot, task)
+        robot.chassis.wait_request(EXEC_TASK, asked + 1)
         told = 0
         for (_, kind, name, body), step in zip(frames(task), steps, strict=True):
             assert kind == "answer" or told == len(expected) or not goal.done
@@ -94,8 +94,8 @@ def test_goal_ends_as_the_robot_ended_the_task(
                 told += 1
                 goal.feedback.wait_count(told)
     if "link_lost_at" in task:
-        chassis.wait_request(EXEC_TASK, asked + 1)
-        chassis.vanish()
+        robot.chassis.wait_request(EXEC_TASK, asked + 1)
+        robot.chassis.vanish()
 
     status, ret = goal.result()
 
@@ -104,8 +104,8 @@ def test_goal_ends_as_the_robot_ended_the_task(
     if "link_lost_at" in task:
         assert (status, ret.state.value) == (ABORTED, FAILED)
         assert "the link was lost" in ret.msg
-        chassis.listen()
-        agent.wait_connected()
+        robot.chassis.listen()
+        robot.agent.wait_connected()
     elif task["refused"]:
         assert (status, ret.state.value) == (ABORTED, FAILED)
         assert ret.msg.split(" (")[0] == task["refused"]
@@ -119,22 +119,20 @@ def frames(task: dict[str, Any]) -> list[Any]:
 
 
 @pytest.mark.parametrize("number", SETS)
-def test_each_report_on_a_set_of_tasks_is_published(
-    chassis: ScriptedChassis, client: Client, number: int
-) -> None:
+def test_each_report_on_a_set_of_tasks_is_published(robot: ScriptedRobot, number: int) -> None:
     task = TASKS[number]
-    steps = script(chassis, task)
-    topic = client.echo(TaskProcMsg, "robot/TaskProc", depth=1000)
+    steps = script(robot.chassis, task)
+    topic = robot.echo(TaskProcMsg, "robot/TaskProc", depth=1000)
     # the start is known when the last value has arrived, and a push after it
-    chassis.push(TASK_PROC, {"msg": f"start {number}"})
+    robot.chassis.push(TASK_PROC, {"msg": f"start {number}"})
     topic.wait(lambda message: message.msg == f"start {number}")
-    chassis.expect(EXEC_PRE_TASK, lambda: play(steps))
-    response = client.call(ExecPreTask, "robot/ExecPreTask")
+    robot.chassis.expect(EXEC_PRE_TASK, lambda: play(steps))
+    response = robot.call(ExecPreTask, "robot/ExecPreTask")
     assert (response.ok, response.msg) == (
         task["refused"] is None,
         task["refused"] or "Request succeed",
     )
-    chassis.push(TASK_PROC, {"msg": f"end {number}"})
+    robot.chassis.push(TASK_PROC, {"msg": f"end {number}"})
     topic.wait(lambda message: message.msg == f"end {number}")
     texts = [message.msg for message in topic.messages]
     published = topic.messages[texts.index(f"start {number}") + 1 : texts.index(f"end {number}")]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import pytest
 
-from tests.harness import Client
 from tests.node.goals import ABORTED, FAILED
 from tests.node.tasks.reports import (
     IDLE,
@@ -16,20 +15,18 @@ from tests.node.tasks.reports import (
     RUNS,
     SEQUENCES,
     TASK,
+    ScriptedRobot,
     assert_ended,
     empty,
-    reconnect,
     report,
     reports,
     send,
-    start,
 )
 from tests.node.tasks.scripted_chassis import (
     EXEC_TASK,
     ROBOT_STATE,
     TASK_PROC,
     Body,
-    ScriptedChassis,
 )
 
 pytestmark = pytest.mark.usefixtures("normal")
@@ -41,7 +38,7 @@ every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
 @pytest.mark.parametrize("answer", ["first", "after the state", "after a report", "last", "never"])
 @every_sequence
 def test_goal_ends_with_the_task(
-    chassis: ScriptedChassis, client: Client, sequence: str, answer: str, noise: str
+    robot: ScriptedRobot, sequence: str, answer: str, noise: str
 ) -> None:
     task_id = next(IDS)
     pushed = reports(task_id, sequence)
@@ -63,37 +60,41 @@ def test_goal_ends_with_the_task(
         place = {"first": 0, "after the state": 1, "after a report": 2, "last": len(pushes)}
         for number, push in enumerate([*pushes, None]):
             if number == place.get(answer):
-                chassis.answer()
+                robot.chassis.answer()
             if push is not None:
-                chassis.push(*push)
+                robot.chassis.push(*push)
 
-    chassis.expect(EXEC_TASK, play)
+    robot.chassis.expect(EXEC_TASK, play)
     expected = pushed[:-1] if noise == "twice" else pushed  # the goal ends with the first end
-    assert_ended(send(client, task_id), expected)
+    assert_ended(send(robot, task_id), expected)
 
 
 @pytest.mark.parametrize("told", ["by the history", "by nobody"])
 @pytest.mark.parametrize("seen", ["an empty report", "another task", "only the state", "nothing"])
 @every_sequence
 def test_an_end_that_was_not_seen_is_noticed(
-    chassis: ScriptedChassis, client: Client, sequence: str, seen: str, told: str
+    robot: ScriptedRobot, sequence: str, seen: str, told: str
 ) -> None:
     task_id = next(IDS)
     first = report(task_id, (3, NAV, RUNS))
     *_, end = reports(task_id, sequence)
-    goal = start(chassis, client, task_id, first)
+    goal = robot.start(task_id, first)
 
     def finish() -> None:
-        chassis.keep(TASK_PROC, end)
+        robot.chassis.keep(TASK_PROC, end)
         if told == "by nobody":
-            chassis.forget_history()
+            robot.chassis.forget_history()
         now = report(task_id * 100 + 53, (3, NAV, RUNS)) if seen == "another task" else empty()
-        tell = chassis.push if seen in ("an empty report", "another task") else chassis.keep
+        tell = (
+            robot.chassis.push
+            if seen in ("an empty report", "another task")
+            else robot.chassis.keep
+        )
         tell(TASK_PROC, now)
         if seen != "nothing":
-            chassis.push(ROBOT_STATE, IDLE)
+            robot.chassis.push(ROBOT_STATE, IDLE)
 
-    chassis.at_once(finish)
+    robot.chassis.at_once(finish)
     if told == "by the history":
         assert_ended(goal, [first, end])
     else:
@@ -103,30 +104,28 @@ def test_an_end_that_was_not_seen_is_noticed(
 
 
 @every_sequence
-def test_goal_goes_on_after_a_lost_link(
-    chassis: ScriptedChassis, client: Client, sequence: str
-) -> None:
+def test_goal_goes_on_after_a_lost_link(robot: ScriptedRobot, sequence: str) -> None:
     task_id = next(IDS)
     expected = [report(task_id, (3, NAV, RUNS)), *reports(task_id, sequence)[1:]]
     if sequence == "only the end":
         expected = [expected[0], *reports(task_id, sequence)]
-    goal = start(chassis, client, task_id, expected[0])
-    reconnect(chassis)
-    chassis.push_all(TASK_PROC, expected[1:])
+    goal = robot.start(task_id, expected[0])
+    robot.reconnect()
+    robot.chassis.push_all(TASK_PROC, expected[1:])
     assert_ended(goal, expected)
 
 
 @every_sequence
 def test_an_end_without_a_link_is_noticed_after_the_reconnect(
-    chassis: ScriptedChassis, client: Client, sequence: str
+    robot: ScriptedRobot, sequence: str
 ) -> None:
     task_id = next(IDS)
     first, end = report(task_id, (3, NAV, RUNS)), reports(task_id, sequence)[-1]
-    goal = start(chassis, client, task_id, first)
+    goal = robot.start(task_id, first)
 
     def meanwhile() -> None:
-        chassis.keep(TASK_PROC, end)
-        chassis.keep(TASK_PROC, empty())
+        robot.chassis.keep(TASK_PROC, end)
+        robot.chassis.keep(TASK_PROC, empty())
 
-    reconnect(chassis, meanwhile)
+    robot.reconnect(meanwhile)
     assert_ended(goal, [first, end])

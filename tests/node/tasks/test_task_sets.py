@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.harness import Client, GoalClient, RunningAgent
+from tests.harness import GoalClient
 from tests.node.goals import (
     ABORTED,
     ACTION_ORDER,
@@ -18,9 +18,8 @@ from tests.node.goals import (
     FAILED,
     SUCCEEDED,
     TASK_CANCELED,
-    set_timing,
 )
-from tests.node.tasks.reports import IDLE, TASK, empty, wire
+from tests.node.tasks.reports import IDLE, TASK, ScriptedRobot, empty, wire
 from tests.node.tasks.scripted_chassis import (
     ROBOT_STATE,
     TASK_HISTORY,
@@ -37,9 +36,9 @@ SET = 1719959961
 
 
 @pytest.fixture(autouse=True)
-def nothing_ended(chassis: ScriptedChassis, normal: None) -> None:
+def nothing_ended(robot: ScriptedRobot, normal: None) -> None:
     """Let the chassis forget the tasks of earlier tests, which have the same ids."""
-    chassis.forget_history()
+    robot.chassis.forget_history()
 
 
 def proc(task_id: int, state: int, time: int = 1719991764) -> Body:
@@ -47,11 +46,12 @@ def proc(task_id: int, state: int, time: int = 1719991764) -> Body:
     return {"robotTaskId": str(SET * 100 + task_id), "type": 1, "state": state, "time": time}
 
 
-def started(chassis: ScriptedChassis, client: Client) -> GoalClient:
+def started(robot: ScriptedRobot) -> GoalClient:
     """Start the set; its first task is running."""
+    chassis = robot.chassis
     asked = chassis.count(EXEC_PRE_TASK)
     chassis.expect(EXEC_PRE_TASK, chassis.answer)
-    goal = send(client, SET)
+    goal = send(robot, SET)
     assert chassis.wait_request(EXEC_PRE_TASK, asked + 1)["taskSetId"] == SET
     chassis.push(ROBOT_STATE, TASK)
     chassis.push(TASK_PROC, proc(1, EXECUTING))
@@ -84,55 +84,53 @@ def fed_back(goal: GoalClient) -> list[tuple[int, int]]:
     ],
 )
 def test_a_set_ends_as_its_last_task_does(
-    chassis: ScriptedChassis, client: Client, first: int, last: int, status: int
+    robot: ScriptedRobot, first: int, last: int, status: int
 ) -> None:
-    goal = started(chassis, client)
-    end_task(chassis, 1, first)
-    chassis.push(ROBOT_STATE, TASK)
-    wait_polls(chassis)
+    goal = started(robot)
+    end_task(robot.chassis, 1, first)
+    robot.chassis.push(ROBOT_STATE, TASK)
+    wait_polls(robot.chassis)
     assert not goal.done, "the next task begins only about a second later"
-    chassis.push(TASK_PROC, proc(2, EXECUTING))
+    robot.chassis.push(TASK_PROC, proc(2, EXECUTING))
     goal.feedback.wait_count(3)
-    end_task(chassis, 2, last)
+    end_task(robot.chassis, 2, last)
     ended, ret = goal.result()
     assert (ended, ret.robot_task_id, ret.state.value) == (status, SET * 100 + 2, last)
     assert fed_back(goal) == [(1, EXECUTING), (1, first), (2, EXECUTING), (2, last)]
 
 
 def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(
-    chassis: ScriptedChassis, client: Client, monkeypatch: pytest.MonkeyPatch
+    robot: ScriptedRobot,
 ) -> None:
-    goal = started(chassis, client)
-    end_task(chassis, 1)
+    goal = started(robot)
+    end_task(robot.chassis, 1)
     assert goal.result()[0] == SUCCEEDED
-    set_timing(monkeypatch, first_report_timeout=0.3, poll_period=0.1)
-    chassis.expect(EXEC_PRE_TASK, chassis.answer)
-    status, ret = send(client, SET).result()
+    robot.set_goal_timing(first_report_timeout=0.3, poll_period=0.1)
+    robot.chassis.expect(EXEC_PRE_TASK, robot.chassis.answer)
+    status, ret = send(robot, SET).result()
     assert (status, "does not execute the task set any more" in ret.msg) == (ABORTED, True)
 
 
-def test_a_refusal_reaches_the_client(chassis: ScriptedChassis, client: Client) -> None:
-    chassis.expect(EXEC_PRE_TASK, lambda: chassis.answer(False, "Request failed"))
-    status, ret = send(client, SET).result()
+def test_a_refusal_reaches_the_client(robot: ScriptedRobot) -> None:
+    robot.chassis.expect(EXEC_PRE_TASK, lambda: robot.chassis.answer(False, "Request failed"))
+    status, ret = send(robot, SET).result()
     assert (status, ret.state.value) == (ABORTED, FAILED)
     assert ret.msg.startswith("Request failed")
 
 
-def test_a_cancel_is_repeated_until_the_whole_set_has_ended(
-    chassis: ScriptedChassis, client: Client
-) -> None:
+def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot: ScriptedRobot) -> None:
     """A real robot went on with the third task when the second one was cancelled."""
-    orders = chassis.count(ACTION_ORDER)
-    goal = started(chassis, client)
+    orders = robot.chassis.count(ACTION_ORDER)
+    goal = started(robot)
     goal.cancel()
-    chassis.wait_request(ACTION_ORDER, orders + 1)
-    end_task(chassis, 1, TASK_CANCELED)
-    chassis.push(ROBOT_STATE, TASK)
-    wait_polls(chassis)
-    assert chassis.count(ACTION_ORDER) == orders + 1, "no task is running that it could end"
-    chassis.push(TASK_PROC, proc(2, EXECUTING))
-    chassis.wait_request(ACTION_ORDER, orders + 2)
-    end_task(chassis, 2, TASK_CANCELED)
+    robot.chassis.wait_request(ACTION_ORDER, orders + 1)
+    end_task(robot.chassis, 1, TASK_CANCELED)
+    robot.chassis.push(ROBOT_STATE, TASK)
+    wait_polls(robot.chassis)
+    assert robot.chassis.count(ACTION_ORDER) == orders + 1, "no task is running that it could end"
+    robot.chassis.push(TASK_PROC, proc(2, EXECUTING))
+    robot.chassis.wait_request(ACTION_ORDER, orders + 2)
+    end_task(robot.chassis, 2, TASK_CANCELED)
     status, ret = goal.result()
     assert (status, ret.robot_task_id) == (CANCELED, SET * 100 + 2)
 
@@ -140,62 +138,53 @@ def test_a_cancel_is_repeated_until_the_whole_set_has_ended(
 @pytest.mark.parametrize(("last", "status"), [(COMPLETED, SUCCEEDED), (FAILED, ABORTED)])
 @pytest.mark.parametrize("seen", [EXECUTING, COMPLETED])
 def test_an_end_during_a_lost_link_is_found(
-    chassis: ScriptedChassis,
-    agent: RunningAgent,
-    client: Client,
-    seen: int,
-    last: int,
-    status: int,
+    robot: ScriptedRobot, seen: int, last: int, status: int
 ) -> None:
-    goal = started(chassis, client)
+    goal = started(robot)
     if seen == COMPLETED:
-        chassis.push(TASK_PROC, proc(1, COMPLETED))
+        robot.chassis.push(TASK_PROC, proc(1, COMPLETED))
         goal.feedback.wait_count(2)
-    chassis.vanish()
-    chassis.keep(TASK_PROC, proc(1, COMPLETED, 1719991765))
-    chassis.keep(TASK_PROC, proc(2, last, 1719991790))
-    chassis.keep(TASK_PROC, empty())
-    chassis.keep(ROBOT_STATE, IDLE)
-    chassis.listen()
+    robot.chassis.vanish()
+    robot.chassis.keep(TASK_PROC, proc(1, COMPLETED, 1719991765))
+    robot.chassis.keep(TASK_PROC, proc(2, last, 1719991790))
+    robot.chassis.keep(TASK_PROC, empty())
+    robot.chassis.keep(ROBOT_STATE, IDLE)
+    robot.chassis.listen()
     ended, ret = goal.result()
     assert (ended, ret.robot_task_id, ret.state.value) == (status, SET * 100 + 2, last)
 
 
-def test_a_task_of_another_client_ends_the_set(chassis: ScriptedChassis, client: Client) -> None:
+def test_a_task_of_another_client_ends_the_set(robot: ScriptedRobot) -> None:
     """The robot executes a task all the time, but not one of the set."""
-    goal = started(chassis, client)
-    chassis.push(TASK_PROC, proc(1, TASK_CANCELED))
-    chassis.push(
+    goal = started(robot)
+    robot.chassis.push(TASK_PROC, proc(1, TASK_CANCELED))
+    robot.chassis.push(
         TASK_PROC, {"robotTaskId": "77", "type": 1, "state": EXECUTING, "time": 1719991770}
     )
     status, ret = goal.result()
     assert (status, ret.state.value) == (ABORTED, TASK_CANCELED)
 
 
-def test_without_the_history_the_last_report_counts(
-    chassis: ScriptedChassis, client: Client
-) -> None:
-    chassis.refused.add(TASK_HISTORY)
-    goal = started(chassis, client)
-    end_task(chassis, 1)
+def test_without_the_history_the_last_report_counts(robot: ScriptedRobot) -> None:
+    robot.chassis.refused.add(TASK_HISTORY)
+    goal = started(robot)
+    end_task(robot.chassis, 1)
     assert goal.result()[0] == SUCCEEDED
 
 
 @pytest.mark.parametrize("number", SETS)
-def test_recorded_sets_of_a_real_robot(
-    chassis: ScriptedChassis, client: Client, number: int
-) -> None:
+def test_recorded_sets_of_a_real_robot(robot: ScriptedRobot, number: int) -> None:
     """Most records end while the set goes on."""
     recorded = TASKS[number]
-    steps = script(chassis, recorded)
+    steps = script(robot.chassis, recorded)
     first = recorded["task_id"]
     number = SET if recorded["refused"] else int(first) // 100
     expected = [
         body for body in reports(recorded, None) if body.get("robotTaskId", "")[:-2] == str(number)
     ]
 
-    chassis.expect(EXEC_PRE_TASK, lambda: play(steps))
-    goal = send(client, number)
+    robot.chassis.expect(EXEC_PRE_TASK, lambda: play(steps))
+    goal = send(robot, number)
     goal.feedback.wait_count(len(expected))
     assert [wire(fb) for fb in goal.feedback.messages] == expected
     if recorded["refused"]:
@@ -203,11 +192,11 @@ def test_recorded_sets_of_a_real_robot(
         assert (status, ret.msg.split(" (")[0]) == (ABORTED, recorded["refused"])
         return
     if recorded["end"] != "kCanceled":
-        wait_polls(chassis)
+        wait_polls(robot.chassis)
         assert not goal.done
         ended = {**expected[-1], "state": TASK_CANCELED}
         expected.append(ended)
         for name, body in ((TASK_PROC, ended), (TASK_PROC, empty()), (ROBOT_STATE, IDLE)):
-            chassis.push(name, body)
+            robot.chassis.push(name, body)
     status, ret = goal.result()
     assert (status, wire(ret)) == (ABORTED, expected[-1]), "another client cancelled it"

@@ -19,7 +19,6 @@ from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
-from woosh_robot_agent.ros.actions import goal as goals
 from woosh_robot_agent.ros.actions.calls import CallActionGoal
 from woosh_robot_agent.ros.actions.goal import (
     CancelRequested,
@@ -44,6 +43,10 @@ class Actions:
         explain: returns why the chassis has just refused a request, given its type.
         link_timeout: returns `GoalTiming.link_timeout`, in seconds.
         result_timeout: time for which results are kept, in seconds.
+
+    Attributes:
+        servers: the action servers.
+        timing: timing of the goals that start from now on, except for `link_timeout`.
     """
 
     def __init__(
@@ -63,6 +66,7 @@ class Actions:
         self._last_feedback: dict[str, Feedback] = {}
         """The last feedback on each call action, by its protobuf full name."""
         self.servers: list[GoalServer] = []
+        self.timing = GoalTiming()
         self._last_reports = LastReports()
         task_ids = TaskIds()
         for action in ACTIONS:
@@ -145,7 +149,7 @@ class Actions:
         return [name for each in open_goals for name in each.accepted_names]
 
     def _timing(self) -> GoalTiming:
-        return replace(goals.DEFAULT_TIMING, link_timeout=self._link_timeout())
+        return replace(self.timing, link_timeout=self._link_timeout())
 
     def _start(self, make_kind: Callable[[Any], GoalKind], context: Context, goal: Goal) -> None:
         run = GoalRun(goal, make_kind(goal.request.arg), context)

@@ -133,10 +133,6 @@ class GoalTiming:
         return max(2 * self.link_timeout, self.min_cancel_timeout)
 
 
-DEFAULT_TIMING = GoalTiming()
-"""Timing of all goals, except for `link_timeout`."""
-
-
 class Attribution:
     """Decides which reports with the name of a goal belong to that goal.
 

@@ -1,0 +1,244 @@
+"""Goals whose link is lost, whose chassis falls silent, or whose start request gets no answer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.harness import GoalClient, Robot, RunningAgent, wait_until
+from tests.node.goals import (
+    ABORTED,
+    ACTION,
+    CALL_ACTION,
+    EXEC_TASK,
+    FEEDBACKS,
+    STEP,
+    SUCCEEDED,
+    TASK,
+    Kind,
+    each_kind,
+    feedbacks,
+    hurry,
+    short_task,
+    slow_down,
+    step,
+    task,
+    until,
+    without_reports,
+)
+from tests.quick_chassis import quick_config
+from woosh_robot_agent.simulator import SimulatorThread
+
+ROBOT_INFO = "woosh.robot.RobotInfo"
+
+
+@pytest.fixture
+def timeouts() -> dict[str, Any]:
+    """Timeouts long enough for a slow machine to find the link and the goal again."""
+    return {"goal_link_timeout": 10.0, "poll_timeout": 1000}
+
+
+short_timeouts = pytest.mark.parametrize(
+    "timeouts", [{"goal_link_timeout": 0.8, "poll_timeout": 300}], ids=["short"]
+)
+"""Timeouts with which a goal is given up soon."""
+medium_timeouts = pytest.mark.parametrize(
+    "timeouts", [{"goal_link_timeout": 3.0, "poll_timeout": 1000}], ids=["medium"]
+)
+"""Timeouts with which a goal is given up, but not before the test makes the chassis hang."""
+
+
+@pytest.fixture
+def agent(connect: Callable[..., RunningAgent], timeouts: dict[str, Any]) -> RunningAgent:
+    return connect(backoff_max=0.1, **timeouts)
+
+
+@pytest.fixture(autouse=True)
+def frequent_polls(robot: Robot) -> None:
+    robot.set_goal_timing(poll_period=0.6)
+
+
+def switch_off(simulator: SimulatorThread) -> None:
+    simulator.stop_listening()
+    wait_until(lambda: simulator.connections == 0)
+
+
+def wait_back(simulator: SimulatorThread) -> None:
+    """Drop the link, and wait until the agent asks for the first values again."""
+    known = simulator.counts[ROBOT_INFO]
+    simulator.drop()
+    simulator.wait_received(ROBOT_INFO, known + 1)
+
+
+def medium(robot: Robot, kind: Kind) -> GoalClient:
+    """Start a goal that ends within a second once the simulator hurries."""
+    return task(robot) if kind is TASK else step(robot, 8.0)
+
+
+# The link is lost and comes back
+
+
+@each_kind
+def test_goal_goes_on_after_a_reconnect(robot: Robot, kind: Kind) -> None:
+    slow_down(robot.chassis)
+    goal = medium(robot, kind)
+    goal.feedback.wait_count(3)
+    wait_back(robot.chassis)
+    count = len(goal.feedback.messages)
+    hurry(robot.chassis)
+    goal.feedback.wait_count(count + 1)
+    assert goal.result()[0] == SUCCEEDED
+    assert robot.chassis.counts[kind.starts] == 1, "nothing is replayed"
+
+
+def test_action_that_ended_without_a_link_succeeds(robot: Robot) -> None:
+    """tasks/test_sequences.py has the same for tasks."""
+    goal = until(step(robot, 2.0), ACTION.runs)
+    switch_off(robot.chassis)
+    chassis = robot.chassis
+    wait_until(lambda: chassis.call(lambda sim: sim.chassis.actions.last[STEP].state == 1))
+    robot.chassis.listen()
+    status, ret = goal.result()
+    assert (status, ret.state.value) == (SUCCEEDED, ACTION.done)
+
+
+@short_timeouts
+@each_kind
+def test_goal_unknown_to_the_chassis_is_aborted(robot: Robot, kind: Kind) -> None:
+    goal = kind.running(robot)
+    switch_off(robot.chassis)
+    with SimulatorThread(quick_config(port=robot.chassis.port, tcp_port=0)):
+        status, ret = goal.result()
+    assert (status, ret.state.value) == (ABORTED, kind.failed)
+    assert "link was lost" in ret.msg or (kind is TASK and "does not know the task" in ret.msg)
+
+
+# The link does not come back
+
+
+@short_timeouts
+@each_kind
+def test_goal_is_aborted_if_the_link_stays_lost(robot: Robot, kind: Kind) -> None:
+    slow_down(robot.chassis)
+    goal = kind.running(robot)
+    robot.chassis.stop_listening()
+    status, ret = goal.result()
+    assert (status, ret.state.value) == (ABORTED, kind.failed)
+    assert "link was lost" in ret.msg
+    assert "0.8 s" in ret.msg
+
+
+def test_new_goal_without_a_link_is_aborted_and_not_sent_later(robot: Robot) -> None:
+    switch_off(robot.chassis)
+    status, ret = task(robot).result()
+    assert status == ABORTED
+    assert "not connected to ws://127.0.0.1" in ret.msg
+    robot.chassis.listen()
+    robot.chassis.wait_received(ROBOT_INFO, 2)
+    assert robot.chassis.counts[EXEC_TASK] == 0
+
+
+# The chassis keeps the connection, but does not answer
+
+
+@medium_timeouts
+@each_kind
+def test_goal_is_aborted_if_the_chassis_hangs(robot: Robot, kind: Kind) -> None:
+    """It answers pings, which keeps the link, and nothing else."""
+    slow_down(robot.chassis)
+    goal = kind.running(robot)
+    robot.chassis.inject("freeze")
+    status, ret = goal.result()
+    assert status == ABORTED
+    assert "does not answer" in ret.msg
+    assert "the robot may still be executing it" in ret.msg
+
+
+@each_kind
+def test_goal_goes_on_if_the_chassis_hung_for_a_while(robot: Robot, kind: Kind) -> None:
+    goal = medium(robot, kind)
+    goal.feedback.wait_count(2)
+    mute = robot.chassis.inject("lose_answer", type=kind.polls, count=1)
+    silence = robot.chassis.intercept(lambda out: [out] if out.sn else [])
+    wait_until(lambda: not mute.active, "a poll without an answer")
+    robot.chassis.wait_received(kind.polls, 2)
+    silence()
+    assert goal.result()[0] == SUCCEEDED
+
+
+# The start request gets no answer
+
+
+def ignore(simulator: SimulatorThread, request: str) -> None:
+    """Let the chassis neither execute nor answer requests of a type."""
+    simulator.refuse(request, "")
+    simulator.mute(request)
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["by reports", "by polls"])
+@each_kind
+def test_goal_goes_on_without_an_answer_to_its_start(robot: Robot, kind: Kind, told: bool) -> None:
+    robot.chassis.mute(kind.starts)
+    if not told:
+        robot.chassis.intercept(without_reports)
+        # if the first poll found an end, it might be that of an earlier goal
+        slow_down(robot.chassis)
+    goal = medium(robot, kind)
+    if not told:
+        robot.chassis.wait_received(kind.polls)
+        hurry(robot.chassis)
+    assert goal.result()[0] == SUCCEEDED
+
+
+@short_timeouts
+@each_kind
+def test_goal_that_never_arrived_is_aborted(robot: Robot, kind: Kind) -> None:
+    """The chassis reports the end of an earlier goal with the same name."""
+
+    def start() -> GoalClient:
+        return short_task(robot, 0.2, task_id=3) if kind is TASK else step(robot, 0.3)
+
+    assert start().result()[0] == SUCCEEDED
+    ignore(robot.chassis, kind.starts)
+    status, ret = start().result()
+    assert status == ABORTED
+    assert "no answer to the goal" in ret.msg
+    assert "did not answer" in ret.msg
+
+
+@short_timeouts
+def test_newer_action_that_never_arrived_does_not_replace_the_older_one(robot: Robot) -> None:
+    old = ACTION.running(robot)
+    ignore(robot.chassis, CALL_ACTION)
+    status, ret = step(robot, 1.0).result()
+    assert (status, "no answer to the goal" in ret.msg) == (ABORTED, True)
+    assert not old.done
+    robot.chassis.push(feedbacks(1, "the end"))
+    assert old.result()[0] == SUCCEEDED
+
+
+def test_goal_is_not_polled_before_its_answer(robot: Robot) -> None:
+    """A report before the answer may be on an earlier goal."""
+    robot.set_goal_timing(poll_period=0.02)
+    robot.chassis.mute(CALL_ACTION)
+    robot.chassis.intercept(without_reports)
+    slow_down(robot.chassis)
+    begun = time.monotonic()
+    goal = step(robot, 8.0)
+    robot.chassis.wait_received(FEEDBACKS)
+    assert time.monotonic() - begun >= 1.0, "the timeout of the answer"
+    hurry(robot.chassis)
+    assert goal.result()[0] == SUCCEEDED
+
+
+def test_goal_goes_on_if_the_link_is_lost_before_its_answer(robot: Robot) -> None:
+    robot.chassis.mute(EXEC_TASK)
+    robot.chassis.intercept(without_reports)
+    goal = task(robot)
+    robot.chassis.wait_received(EXEC_TASK)
+    robot.chassis.drop()
+    assert goal.result()[0] == SUCCEEDED
+    assert robot.chassis.counts[EXEC_TASK] == 1

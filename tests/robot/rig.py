@@ -1,0 +1,76 @@
+"""The observers of a robot with a scripted chassis behind a real socket."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator
+from typing import Any
+
+from tests.link.link_peer import Frame, Peer, Wire, eventually
+from woosh_robot_agent.link import Answer
+from woosh_robot_agent.motion import MotionGate, Sender
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.refusals import RefusalExplainer
+from woosh_robot_agent.robot.standstill import LIMIT
+from woosh_robot_agent.robot.watch import Watch
+from woosh_robot_agent.robot.who_drives import OVERLAP
+
+READY = {
+    "mode": {"ctrl": 1, "work": 2},
+    "state": 2,
+    "deviceState": {"software": 1},
+    "poseSpeed": {"pose": {"x": 1.0, "y": 2.0, "theta": 3.0}, "mapId": 3},
+}
+
+
+class Rig:
+    """A client with all observers, and the chassis's end of its link.
+
+    Attributes:
+        goals: names of the goals that count as accepted.
+        refusal: text with which the chassis refuses all further requests; empty to accept them.
+
+    Args:
+        info: the first RobotInfo.
+        limit: time after which a robot that stands is reported, in seconds.
+        overlap: time after which a silent source of velocities no longer drives, in seconds.
+    """
+
+    def __init__(self, info: Any, limit: float = LIMIT, overlap: float = OVERLAP) -> None:
+        self._limit, self._overlap = limit, overlap
+        self.peer = Peer(info=info, script=self._handle)
+        self.goals: list[str] = []
+        self.refusal = ""
+
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncIterator[Rig]:
+        async with self.peer:
+            client = self.peer.client()
+            self.last_known = LastKnown(client)
+            self.gate = MotionGate(client, lambda: len(self.goals))
+            explainer = RefusalExplainer(client, self.last_known)
+            self.watch = Watch(client, self.gate, self.last_known, explainer, lambda: self.goals)
+            self.watch.standstill.limit = self._limit
+            self.watch.velocities.overlap = self._overlap
+            async with client:
+                await eventually(lambda: self.last_known.get("woosh.robot.RobotInfo"))
+                self.client = client
+                self.wire = await self.peer.wire()
+                yield self
+
+    async def send(self, message: Any, source: str = "") -> Answer:
+        return await self.gate.request(message, sender=Sender(source))
+
+    async def push(self, message: Any, body: Any) -> None:
+        """Push a message, and wait until it has been delivered."""
+        seen: list[Any] = []
+        end = self.client.subscribe_raw(type(message), seen.append)
+        await self.wire.push(message.DESCRIPTOR.full_name, body)
+        await eventually(lambda: seen)
+        end()
+
+    async def _handle(self, wire: Wire, frame: Frame) -> bool:
+        if "sn" not in frame or frame["type"] == "woosh.robot.RobotInfo":
+            return False
+        await wire.answer(frame, ok=not self.refusal, msg=self.refusal)
+        return True

@@ -1,0 +1,242 @@
+"""Reasons of refusals, with a scripted chassis behind a real socket."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+
+from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually
+from woosh_robot_agent.link import ChassisClient
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    ActionOrder,
+    BuildMap,
+    ChangeNavMode,
+    Deployment,
+    ExecTask,
+    InitRobot,
+    Speak,
+    Twist,
+)
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
+from woosh_robot_agent.pb.util.action_pb2 import kPause
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.readiness import (
+    DEPLOYMENT,
+    EMERGENCY_STOP,
+    MAINTENANCE,
+    MANUAL,
+    NO_TASK,
+    NOT_DEPLOYMENT,
+    NOT_INITIALISED,
+)
+from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
+
+READY = {"mode": {"ctrl": 1, "work": 2}, "state": 2}
+NAVIGATING = {**READY, "state": 4, "taskProc": {"robotTaskId": "17", "state": 3}}
+STEP = CallAction(step_control=StepControl(action=1))
+STATUS_CODE = "woosh.robot.count.StatusCode"
+NOT_NAVIGATING = 140801000071
+NOT_AUTOMATIC = 140801000081
+NO_SPEED_CONTROL = 140801000091
+NO_INITIALISATION = 140801000232
+STEP_OCCUPIED = 120301000022
+BY_KEY = "set by its key switch or by software"
+UNRELATED = 130104000000
+
+
+class Chassis:
+    """A chassis that refuses every request.
+
+    Args:
+        info: its RobotInfo.
+        before: status codes that it sends just before the answer.
+        after: status codes that it sends just after the answer.
+        patient: wait for a status code as long as a busy machine may need.
+    """
+
+    def __init__(
+        self,
+        info: Any,
+        before: tuple[Any, ...] = (),
+        after: tuple[Any, ...] = (),
+        patient: bool = False,
+    ) -> None:
+        self.before, self.after, self.patient = before, after, patient
+        self.peer = Peer(info=info, script=self.handle)
+
+    @contextlib.asynccontextmanager
+    async def connected(self) -> AsyncIterator[tuple[ChassisClient, RefusalExplainer, LastKnown]]:
+        """Connect to it, and wait until its RobotInfo is known."""
+        async with self.peer:
+            client = self.peer.client()
+            last_known = LastKnown(client)
+            explainer = RefusalExplainer(client, last_known)
+            if self.patient:
+                explainer.code_delay = TIMEOUT
+            async with client:
+                await eventually(lambda: last_known.get("woosh.robot.RobotInfo"))
+                yield client, explainer, last_known
+
+    async def handle(self, wire: Wire, frame: Frame) -> bool:
+        if "sn" not in frame or frame["type"] == "woosh.robot.RobotInfo":
+            return False
+        for code in self.before:
+            await wire.push(STATUS_CODE, code)
+        await wire.answer(frame, ok=False, msg="Request failed")
+        for code in self.after:
+            await wire.push(STATUS_CODE, code)
+        return True
+
+
+async def reason_of(chassis: Chassis, request: Any) -> str:
+    """Send a request; return the reason of its refusal."""
+    async with chassis.connected() as (client, explainer, _):
+        return await ask(client, explainer, request)
+
+
+async def ask(client: ChassisClient, explainer: RefusalExplainer, request: Any) -> str:
+    answer = await MotionGate(client).request(request)
+    assert (answer.ok, answer.msg) == (False, "Request failed")
+    return await explainer.reason(type_of(request))
+
+
+@pytest.mark.parametrize(
+    ("request_", "number", "meaning"),
+    [
+        (ExecTask(task_id=1), NOT_AUTOMATIC, "action refused: not in automatic mode"),
+        (Twist(linear=0.1), NO_SPEED_CONTROL, "speed control refused in the present state"),
+        (InitRobot(), NO_INITIALISATION, "initialisation refused in the present state"),
+        (ChangeNavMode(), NOT_NAVIGATING, "navigation mode unchanged: robot is not navigating"),
+        (STEP, STEP_OCCUPIED, "step control is already in use"),
+    ],
+)
+@aio
+async def test_the_status_code_after_the_answer_gives_the_reason(
+    request_: Any, number: int, meaning: str
+) -> None:
+    chassis = Chassis(
+        NAVIGATING, (), ({"code": str(UNRELATED)}, {"code": str(number)}), patient=True
+    )
+    reason = await reason_of(chassis, request_)
+    assert reason.endswith(f"status code {number}: {meaning}")
+
+
+@aio
+async def test_the_meaning_stands_beside_a_text_in_another_language():
+    chassis = Chassis(READY, (), ({"code": str(NOT_AUTOMATIC), "msg": "非自动模式"},), patient=True)
+    assert await reason_of(chassis, ExecTask(task_id=1)) == (
+        f"status code {NOT_AUTOMATIC}: 非自动模式 (action refused: not in automatic mode)"
+    )
+
+
+@aio
+async def test_an_earlier_status_code_gives_no_reason():
+    chassis = Chassis(READY, before=({"code": str(NOT_AUTOMATIC)},))
+    assert await reason_of(chassis, ExecTask(task_id=1)) == ""
+
+
+@aio
+async def test_an_unrelated_status_code_gives_no_reason():
+    codes = (UNRELATED, NO_SPEED_CONTROL, NOT_NAVIGATING, STEP_OCCUPIED)
+    chassis = Chassis(READY, after=tuple({"code": str(code)} for code in codes))
+    assert await reason_of(chassis, ExecTask(task_id=1)) == ""
+
+
+@aio
+async def test_a_late_status_code_gives_no_reason():
+    chassis = Chassis(READY)
+    async with chassis.connected() as (client, explainer, _):
+        assert await ask(client, explainer, ExecTask(task_id=1)) == ""
+        codes: list[StatusCode] = []
+        client.subscribe(StatusCode, codes.append)
+        await (await chassis.peer.wire()).push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
+        await eventually(lambda: codes)
+        assert await explainer.reason("woosh.robot.ExecTask") == ""
+
+
+@aio
+async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code():
+    chassis = Chassis(READY, after=({"code": str(NOT_AUTOMATIC)},), patient=True)
+    async with chassis.connected() as (client, explainer, _):
+        codes: list[StatusCode] = []
+        client.subscribe(StatusCode, codes.append)
+        await client.request(ExecTask(task_id=1))
+        await eventually(lambda: codes)
+        assert "action refused" in await explainer.reason("woosh.robot.ExecTask")
+
+
+@pytest.mark.parametrize(
+    ("request_", "info", "reason"),
+    [
+        (
+            ExecTask(task_id=1),
+            {**READY, "mode": {"ctrl": 2, "work": 2}},
+            f"{MANUAL.reason}, {BY_KEY}",
+        ),
+        (STEP, {**READY, "mode": {"ctrl": 1, "work": 1}}, DEPLOYMENT.reason),
+        (ExecTask(task_id=1), {**READY, "state": 1}, NOT_INITIALISED.reason),
+        (Twist(linear=0.1), {**READY, "deviceState": {"hardware": 1024}}, EMERGENCY_STOP.reason),
+        (ExecTask(task_id=1), NAVIGATING, "the robot is executing task 17"),
+        (Twist(linear=0.1), {**READY, "state": 4}, "the robot is executing a task"),
+        (Twist(linear=0.1), {**READY, "mode": {"ctrl": 2, "work": 2}}, ""),
+        (ChangeNavMode(), READY, NO_TASK.reason),
+        (ActionOrder(order=kPause), READY, NO_TASK.reason),
+        (ActionOrder(order=kPause), NAVIGATING, ""),
+        (InitRobot(), {**READY, "mode": {"ctrl": 3, "work": 2}}, MAINTENANCE.reason),
+        (ExecTask(task_id=1), READY, ""),
+        (RepeatTask(order=RepeatTask.kExec), NAVIGATING, "the robot is executing task 17"),
+        (RepeatTask(order=RepeatTask.kPut), NAVIGATING, ""),
+        (BuildMap(), READY, NOT_DEPLOYMENT.reason),
+        (BuildMap(), {**READY, "mode": {"ctrl": 1, "work": 1}}, ""),
+        (
+            BuildMap(),
+            {**READY, "mode": {"ctrl": 2, "work": 1}},
+            f"{MANUAL.reason}, {BY_KEY}",
+        ),
+        (BuildMap(), {**READY, "mode": {"ctrl": 1, "work": 1}, "state": 9}, ""),
+        (Deployment(), READY, NOT_DEPLOYMENT.reason),
+        (
+            Deployment(),
+            NAVIGATING,
+            f"the robot is executing task 17; {NOT_DEPLOYMENT.reason}",
+        ),
+        (Deployment(), {**READY, "mode": {"ctrl": 2, "work": 1}}, ""),
+        (Speak(), {**READY, "deviceState": {"hardware": 1024}}, ""),
+    ],
+)
+@aio
+async def test_the_state_gives_the_reason(request_: Any, info: Any, reason: str) -> None:
+    assert await reason_of(Chassis(info), request_) == reason
+
+
+@aio
+async def test_state_and_status_code_are_both_given():
+    info = {**READY, "deviceState": {"hardware": 1024, "software": 1}}
+    chassis = Chassis(info, after=({"code": str(NO_SPEED_CONTROL)},), patient=True)
+    assert await reason_of(chassis, Twist(linear=0.1)) == (
+        f"{EMERGENCY_STOP.reason}; status code {NO_SPEED_CONTROL}: "
+        "speed control refused in the present state"
+    )
+
+
+@aio
+async def test_the_state_at_the_time_of_the_refusal_counts():
+    chassis = Chassis(NAVIGATING, patient=True)
+    async with chassis.connected() as (client, explainer, last_known):
+        refused: list[Any] = []
+        client.on_refused(refused.append)
+        await client.request(ExecTask(task_id=1))
+        reason = asyncio.ensure_future(explainer.reason("woosh.robot.ExecTask"))
+        await eventually(lambda: refused)
+        last_known.remember(TaskProc())
+        await (await chassis.peer.wire()).push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
+        assert (await reason).startswith("the robot is executing task 17; ")

@@ -1,0 +1,274 @@
+"""Commands that the chassis accepts but that move nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import pytest
+
+from tests.link.link_peer import aio, eventually, turns
+from tests.robot.rig import READY, Rig
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
+from woosh_robot_agent.pb.ros.action_pb2 import (
+    ChargeControl,
+    LiftControl,
+    MoveBase,
+    StepControl,
+    kExecute,
+)
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
+from woosh_robot_agent.pb.util.action_pb2 import kContinue
+from woosh_robot_agent.robot.standstill import likely_causes
+
+LIMIT = 0.3
+"""Time after which a robot that stands is reported, in seconds."""
+FORWARD, ZERO = Twist(linear=0.2), Twist()
+STRAIGHT = StepControl.Step(mode=StepControl.Step.kStraight, value=1.0)
+STEP = CallAction(step_control=StepControl(steps=[STRAIGHT], action=kExecute))
+DRIVING = {"robotTaskId": "17", "type": 1, "state": 3, "action": {"type": 1, "state": 1}}
+MOVING = {"pose": {"x": 1.1, "y": 2.0, "theta": 3.0}, "twist": {"linear": 0.2}, "mapId": 3}
+
+
+def quick() -> Rig:
+    """Return a ready robot, of which a standstill is reported soon."""
+    return Rig(READY, limit=LIMIT)
+
+
+async def no_warning(rig: Rig) -> None:
+    """Check that there is no warning after the limit."""
+    await after_limit()
+    assert rig.watch.standstill.warning == ""
+
+
+async def after_limit() -> None:
+    """Wait for a timer that is later than that of a warning."""
+    passed = asyncio.Event()
+    asyncio.get_running_loop().call_later(1.5 * LIMIT, passed.set)
+    await passed.wait()
+    await turns()
+
+
+async def warned(rig: Rig) -> str:
+    return str(await eventually(lambda: rig.watch.standstill.warning))
+
+
+def warnings(caplog: pytest.LogCaptureFixture) -> list[logging.LogRecord]:
+    found = [each for each in caplog.records if each.levelno == logging.WARNING]
+    return [each for each in found if "does not move" in each.getMessage()]
+
+
+@pytest.mark.parametrize(
+    ("request_", "source", "name"),
+    [
+        (FORWARD, "cmd_vel", "cmd_vel"),
+        (Twist(angular=0.3), "robot/Twist", "robot/Twist"),
+        (ExecTask(task_id=17), "", "robot/ExecTask"),
+        (STEP, "", "ros/StepControl"),
+        (CallAction(move_base=MoveBase(action=kExecute)), "", "ros/MoveBase"),
+    ],
+)
+@aio
+async def test_a_robot_that_does_not_move_is_reported_until_it_moves(
+    request_: Any, source: str, name: str
+) -> None:
+    async with quick().running() as rig:
+        await rig.send(request_, source)
+        text = await warned(rig)
+        assert text.startswith(f"{name} was accepted, but the robot does not move: ")
+        assert "key switch" in text
+        await rig.push(PoseSpeed(), MOVING)
+        await eventually(lambda: not rig.watch.standstill.warning)
+
+
+@aio
+async def test_it_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    async with quick().running() as rig:
+        await rig.send(FORWARD, "cmd_vel")
+        await warned(rig)
+        for _ in range(3):
+            await rig.send(FORWARD, "cmd_vel")
+            await rig.send(ZERO, "cmd_vel")
+        await after_limit()
+        assert rig.watch.standstill.warning
+        await rig.push(PoseSpeed(), MOVING)
+    assert len(warnings(caplog)) == 1
+    assert any("the robot moves after cmd_vel" in r.getMessage() for r in caplog.records)
+
+
+@aio
+async def test_each_command_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    async with quick().running() as rig:
+        for request, source in ((ExecTask(task_id=17), ""), (STEP, ""), (FORWARD, "cmd_vel")):
+            await rig.send(request, source)
+            await after_limit()
+    names = [record.getMessage().split()[0] for record in warnings(caplog)]
+    assert names == ["robot/ExecTask", "ros/StepControl", "cmd_vel"]
+
+
+@pytest.mark.parametrize("request_", [STEP, FORWARD])
+@aio
+async def test_the_same_command_is_logged_again_after_a_while(
+    request_: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with quick().running() as rig:
+        for kept, count in ((30.0, 1), (30.0, 1), (0.1, 2)):
+            rig.watch.standstill.kept = kept
+            await rig.send(request_)
+            await after_limit()
+            assert len(warnings(caplog)) == count
+
+
+@aio
+async def test_a_robot_that_is_only_observed_now_is_not_expected_to_move() -> None:
+    async with quick().running() as rig:
+        await rig.send(FORWARD, "cmd_vel")
+        rig.client.permit_only(lambda _: False, "this agent only observes the robot")
+        await no_warning(rig)
+
+
+@aio
+async def test_a_stream_that_comes_to_nothing_after_a_drive_is_reported():
+    async with quick().running() as rig:
+        await rig.send(FORWARD, "cmd_vel")
+        await rig.push(PoseSpeed(), MOVING)
+        await no_warning(rig)
+        await rig.send(FORWARD, "cmd_vel")
+        await warned(rig)
+
+
+@pytest.mark.parametrize(
+    "pose", [{"x": 1.01, "y": 2.0, "theta": 3.0}, {"x": 1, "y": 2, "theta": -3.2}]
+)
+@aio
+async def test_a_change_of_the_pose_is_a_movement(pose: Any) -> None:
+    async with quick().running() as rig:
+        await rig.send(FORWARD)
+        await rig.push(PoseSpeed(), {"pose": pose})
+        await no_warning(rig)
+
+
+@aio
+async def test_the_same_pose_is_no_movement():
+    async with quick().running() as rig:
+        await rig.send(FORWARD)
+        await rig.push(PoseSpeed(), READY["poseSpeed"])
+        await warned(rig)
+
+
+@aio
+async def test_a_velocity_that_ends_with_a_zero_is_not_reported():
+    async with quick().running() as rig:
+        await rig.send(FORWARD)
+        await rig.send(ZERO)
+        await no_warning(rig)
+
+
+@aio
+async def test_refused_commands_are_not_reported():
+    rig = quick()
+    rig.refusal = "Request failed"
+    async with rig.running():
+        await rig.send(FORWARD)
+        await rig.send(STEP)
+        await no_warning(rig)
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        ZERO,
+        Follow(type=True),
+        CallAction(lift_control=LiftControl(action=kExecute)),
+        CallAction(charge_control=ChargeControl(action=kExecute)),
+        CallAction(
+            step_control=StepControl(
+                steps=[StepControl.Step(mode=StepControl.Step.kRotate, value=0.005)],
+                action=kExecute,
+            )
+        ),
+    ],
+)
+@aio
+async def test_commands_that_need_not_move_the_robot_are_not_reported(request_: Any) -> None:
+    async with quick().running() as rig:
+        await rig.send(request_)
+        await no_warning(rig)
+
+
+@pytest.mark.parametrize(
+    "report",
+    [
+        {**DRIVING, "state": 4, "action": {"type": 1, "state": 10}},  # paused
+        {**DRIVING, "state": 4, "action": {"type": 1, "state": 2}},  # an obstacle
+        {**DRIVING, "state": 5, "action": {"type": 6, "state": 1}},  # a wait
+        {**DRIVING, "action": {"type": 7, "state": 1}},  # charging
+        {**DRIVING, "action": {"type": 5, "state": 1}},  # lifting
+        {**DRIVING, "state": 7},  # completed at once
+    ],
+)
+@aio
+async def test_a_task_that_may_stand_is_not_reported(report: Any) -> None:
+    async with quick().running() as rig:
+        await rig.send(ExecTask(task_id=17))
+        await rig.push(TaskProc(), DRIVING)
+        await rig.push(TaskProc(), report)
+        await no_warning(rig)
+
+
+@aio
+async def test_a_task_that_goes_on_after_a_pause_is_reported_if_it_stands():
+    async with quick().running() as rig:
+        await rig.send(ExecTask(task_id=17))
+        await rig.push(TaskProc(), {**DRIVING, "state": 4})
+        await no_warning(rig)
+        await rig.push(TaskProc(), {**DRIVING, "robotTaskId": "16", "state": 7})  # another task
+        await rig.push(TaskProc(), DRIVING)
+        await warned(rig)
+        await rig.push(TaskProc(), {**DRIVING, "state": 9})
+        await eventually(lambda: not rig.watch.standstill.warning)
+
+
+@aio
+async def test_a_task_that_is_resumed_but_waits_is_not_reported():
+    async with quick().running() as rig:
+        await rig.send(ActionOrder(order=kContinue))
+        await rig.push(TaskProc(), {**DRIVING, "state": 4, "action": {"type": 1, "state": 2}})
+        await no_warning(rig)
+        await rig.push(TaskProc(), DRIVING)
+        await warned(rig)
+
+
+@aio
+async def test_an_action_that_is_paused_or_ends_is_not_reported():
+    name = "woosh.ros.action.StepControl"
+    async with quick().running() as rig:
+        for state in (3, 1):
+            await rig.send(STEP)
+            await rig.push(Feedbacks(), {"fbs": [{"action": name, "state": state}]})
+            await no_warning(rig)
+
+
+@aio
+async def test_a_stop_ends_the_observation():
+    async with quick().running() as rig:
+        await rig.send(FORWARD)
+        await rig.gate.stop(1.0)
+        await no_warning(rig)
+
+
+def test_what_the_robot_reports_comes_first_and_what_it_rules_out_last():
+    info = RobotInfo()
+    info.device_state.hardware = 1024
+    text = likely_causes(info)
+    assert text.startswith("the robot reports that the emergency stop is pressed")
+    assert "perhaps the key switch is at manual" in text
+    info.device_state.hardware = 0
+    info.mode.ctrl = 2
+    text = likely_causes(info)
+    assert text.startswith("the robot reports that the key switch is at manual")
+    assert text.index("brake") < text.index("less likely") < text.index("emergency stop")
+    assert "perhaps the emergency stop is pressed" in likely_causes(RobotInfo())

@@ -1,0 +1,171 @@
+"""Codecs, client and simulator survive malformed input; `scripts/bench --fuzz` sends much more."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import json
+import math
+import random
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from tests.convert.random_messages import extremes
+from tests.link.fuzz_inputs import blob, text
+from tests.link.link_peer import TIMEOUT, Peer, Wire, aio, eventually, turns
+from tests.robustness.fuzz import fuzz
+from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Requests, Target, batches
+from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.link.codecs.json_codec import from_json
+from woosh_robot_agent.link.frames import FieldError
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.tools.dashboard.robot import Robot
+from woosh_robot_agent.tools.doctor.checks import (
+    check_codes,
+    check_initialisation,
+    check_localisation,
+    check_mode,
+)
+from woosh_robot_agent.tools.monitor.screen import draw
+from woosh_robot_agent.tools.robot_view import link_report
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
+from woosh_robot_agent.vda5050.robot.status import factsheet, robot_status
+
+SEED = 1
+FEEDBACKS = "woosh.ros.Feedbacks"
+
+
+@pytest.mark.parametrize(
+    ("key", "count"),
+    [
+        ("json", 4000),
+        ("protobuf", 4000),
+        ("framing", 2000),
+        ("json-client", 1000),
+        ("tcp-client", 1000),
+    ],
+)
+def test_no_input_breaks_the_target(key: str, count: int) -> None:
+    result = fuzz(key, count, SEED)
+    assert not result.crashes, result.crashes[0]
+    assert result.inputs == count
+    assert result.kinds[ACCEPTED] > count / 10, "most inputs are noise"
+    assert result.kinds.total() - result.kinds[ACCEPTED] > count / 20
+
+
+@pytest.mark.parametrize(("key", "count"), [("requests", 1000), ("raw", 500)])
+def test_simulator_serves_the_next_client_after_any_input(key: str, count: int) -> None:
+    result = fuzz(key, count, SEED)
+    assert not result.crashes, result.crashes[0]
+    assert result.inputs == count
+    if key == "requests":
+        assert result.kinds[ACCEPTED] > count / 10
+        assert result.kinds["refused with a text"] > count / 20
+
+
+def test_check_notices_a_state_that_is_not_finite() -> None:
+    """No request may cause such a state, so the test sets it directly."""
+    target = Requests()
+    try:
+        target.simulator.chassis.base.pose = Pose(math.nan)
+        with pytest.raises(AssertionError):
+            target.loop.run_until_complete(target.check())
+    finally:
+        target.close()
+
+
+def test_input_depends_on_its_seed_and_number_alone() -> None:
+    for target in (TARGETS["json"](), TARGETS["protobuf"](), TARGETS["framing"]()):
+        ((_, first),) = batches(target, SEED, 1, first=37)
+        inputs = [each for _, batch in batches(target, SEED, 40) for each in batch]
+        assert inputs[37] == first[0]
+        assert len(set(inputs)) > 30
+
+
+def test_crash_is_reported_with_the_command_that_repeats_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    feed = TARGETS["json"].feed
+
+    def broken(target: Target, batch: list[object]) -> object:
+        if len(batch[0]) % 7 == 0:  # type: ignore[arg-type]
+            raise ZeroDivisionError
+        return feed(target, batch)
+
+    monkeypatch.setattr(TARGETS["json"], "feed", broken)
+    result = fuzz("json", 100, SEED)
+    assert 0 < len(result.crashes) < 100
+    assert "ZeroDivisionError" in result.crashes[0]
+    assert f"--target json --seed {SEED} --first " in result.crashes[0]
+    assert "input " in result.crashes[0]
+
+
+def test_inputs_include_the_extremes() -> None:
+    texts = [text(random.Random(f"x{n}")) for n in range(20_000)]
+    for odd in ("[" * 1000, "1e999", "\\ud800", "9" * 500, "null", "\\u0000", "kNoSuchName"):
+        assert any(odd in each for each in texts), odd
+    blobs = [blob(random.Random(f"x{n}")) for n in range(20_000)]
+    for odd in (b"\x0b" * 1000, b"\xff" * 10):
+        assert any(odd in each for each in blobs), odd
+
+
+def _strict_json(text: str) -> Any:
+    """Return the value of a JSON text, which must have no NaN and no infinity."""
+    return json.loads(text, parse_constant=pytest.fail)
+
+
+@aio
+async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """The dashboard receives it from a chassis, and the other programs show what it knows."""
+    scans = [*extremes("woosh.robot.ScannerData")]
+    scans += [{"rangeMin": -3e38, "ranges": [-5.0]}, {"rangeMax": math.inf, "ranges": [1e9]}]
+    unsent = iter(scans)
+
+    async def answer(wire: Wire, frame: Any) -> bool:
+        if frame["type"] == "woosh.robot.ScannerData":
+            await wire.answer(frame, next(unsent, {}))
+        return frame["type"] == "woosh.robot.ScannerData"
+
+    async with Peer(script=answer) as peer:
+        shown = Robot(peer.config(), control=False, scan_rate=200.0, update_period=0.0)
+        shown.start()
+        shown.parts.watch(object(), lambda names: None)
+        wire = await peer.wire()
+        await shown.chassis.wait_ready(TIMEOUT)
+        for name in (*(topic.push for topic in TOPICS if not topic.on_demand), FEEDBACKS):
+            for body in extremes(name):
+                received = shown.chassis.stats.rx
+                await wire.push(name, body)
+                await eventually(lambda received=received: shown.chassis.stats.rx > received)
+                await turns()
+                _show(shown)
+        await eventually(lambda: next(unsent, None) is None)
+        await turns()
+        assert "no longer shows" not in caplog.text
+        await shown.close()
+    for body in extremes("woosh.robot.RobotInfo"):
+        info = RobotInfo()
+        with contextlib.suppress(FieldError):
+            from_json(body, info)
+        shown.view.update(info)
+        _show(shown)
+
+
+def _show(shown: Robot) -> None:
+    """Show the state of a robot in all ways."""
+    shown.parts.publish("pose", "robot", "outline", "path", "codes", "map", "link")
+    for part in shown.parts.messages.values():
+        if isinstance(part, str):
+            _strict_json(part)
+    Console(file=io.StringIO()).print(draw("it", link_report(shown.chassis), shown.view))
+    info = shown.view.info
+    for check in (check_mode, check_initialisation, check_localisation, check_codes):
+        assert check(info).status
+    for vehicle in (robot_status(info), factsheet(info, Limits(), ())):
+        json.dumps(dataclasses.asdict(vehicle), default=str, allow_nan=False)

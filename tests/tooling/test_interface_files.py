@@ -1,0 +1,262 @@
+"""The generator of interface files: its conventions, proven by the manufacturer's interfaces."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from scripts.interface_files import (
+    InterfaceError,
+    Schema,
+    enum_constant,
+    interface_files,
+    message_file,
+    oneof_file,
+    superfluous_files,
+)
+from tests.tooling.interface_facts import PACKAGES, facts_of, parts_of
+
+ROOT = Path(__file__).parents[2]
+PROTO = ROOT / "proto"
+SAMPLE = """
+syntax = "proto3";
+package woosh.robot;
+import "google/protobuf/any.proto";
+
+// A message with one of everything,
+// described in two lines
+message Sample {
+  // A nested message
+  message Part {}
+
+  oneof first_choice {
+    // A number
+    uint32 number = 1;
+    // A part
+    Part part = 2;
+  }
+  // Some bytes
+  bytes data = 3;
+  // Anything
+  google.protobuf.Any any = 4;
+  repeated Part parts = 5;
+  fixed32 plain = 6;
+  sint64 signed = 7;
+  double exact = 8;
+  string text = 9;
+}
+"""
+SAMPLE_MESSAGE = """\
+# A message with one of everything,
+# described in two lines
+# Mirrors woosh.robot.Sample.
+
+# Bits of `has_field`
+uint16 ANY_FIELD_SET=8
+
+# Some bytes
+uint8[] data
+# Anything
+woosh_common_msgs/AnyProto any
+woosh_robot_msgs/SamplePart[] parts
+uint32 plain
+int64 signed
+float64 exact
+string text
+# The oneof `first_choice`: at most one of its members is set
+woosh_robot_msgs/SampleOneOfFirstChoice first_choice
+# Presence of the message-typed fields, one bit each; all ones means that all are present
+uint16 has_field 65535
+"""
+SAMPLE_ONEOF = """\
+# Which member of the oneof `first_choice` of woosh.robot.Sample is set, and its value.
+
+# Values of `which`
+int8 FIRST_CHOICE_NOT_SET=0
+int8 FIRST_CHOICE_NUMBER_SET=1
+int8 FIRST_CHOICE_PART_SET=2
+
+# A number
+uint32 number
+# A part
+woosh_robot_msgs/SamplePart part
+# Same as `which`, for older clients; used if `which` is 0
+int8 first_choice_choice
+# Constant of the member that is set
+int8 which
+"""
+
+
+@pytest.fixture(scope="module")
+def generated() -> dict[str, str]:
+    return interface_files(PROTO)
+
+
+@pytest.fixture
+def proto(tmp_path: Path) -> Path:
+    """A copy of proto/ to change."""
+    return shutil.copytree(PROTO, tmp_path / "proto")
+
+
+def generated_parts(
+    generated: dict[str, str], package: str
+) -> dict[str, list[dict[str, list[str]]]]:
+    """Return the parts of a package's files by name (`msg/Mode`), as the facts have them."""
+    prefix = f"{package}/"
+    return {
+        path.removeprefix(prefix).rpartition(".")[0]: parts_of(text)
+        for path, text in generated.items()
+        if path.startswith(prefix)
+    }
+
+
+ADDED = {
+    "woosh_action_msgs": set(),
+    "woosh_common_msgs": set(),
+    "woosh_map_msgs": {
+        "msg/StorageCreate",
+        "msg/StorageDelete",
+        "msg/StorageFind",
+        "msg/StorageStorages",
+        "msg/StorageUpdate",
+        "srv/Delete",
+        "srv/Download",
+        "srv/Rename",
+        "srv/SceneData",
+        "srv/SceneList",
+        "srv/SceneMd5",
+        "srv/SceneSync",
+        "srv/StorageCreate",
+        "srv/StorageDelete",
+        "srv/StorageFind",
+        "srv/StorageStorages",
+        "srv/StorageUpdate",
+        "srv/Upload",
+    },
+    "woosh_nav_msgs": set(),
+    "woosh_robot_msgs": {
+        "action/ExecPreTask",
+        "msg/AgentInfo",
+        "msg/LED",
+        "msg/RfRemoteController",
+        "srv/BuildMap",
+        "srv/CountData",
+        "srv/Deployment",
+        "srv/ExecTaskSet",
+        "srv/LED",
+        "srv/PlanNavPath",
+    },
+    "woosh_ros_msgs": {"action/ChargeControl", "action/LiftControl2", "action/NavigationMode"},
+    "woosh_task_msgs": {"srv/RepeatTask"},
+}
+"""Types that the manufacturer's packages lack."""
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_manufacturers_definitions_are_reproduced(
+    generated: dict[str, str], package: str
+) -> None:
+    ours = generated_parts(generated, package)
+    facts = facts_of(package)
+    assert {name: ours.get(name) for name in facts} == facts
+    assert ours.keys() - facts.keys() == ADDED[package]
+
+
+def test_each_field_and_enum_constant_has_a_comment(generated: dict[str, str]) -> None:
+    bare = [
+        f"{path}: {line}"
+        for path, text in generated.items()
+        for before, line in pairwise(text.splitlines())
+        if re.match(r"[a-z]\S+ (K_|[a-z])\w*", line) and not before.startswith("#")
+    ]
+    assert not bare
+
+
+def test_each_package_declares_the_packages_that_it_uses(generated: dict[str, str]) -> None:
+    for package in PACKAGES:
+        declared = set(
+            re.findall(r"<depend>(\w+)</depend>", (ROOT / package / "package.xml").read_text())
+        )
+        texts = [text for path, text in generated.items() if path.startswith(f"{package}/")]
+        used = {name for text in texts for name in re.findall(r"^(\w+)/\w", text, re.M)}
+        if any(path.startswith(f"{package}/action/") for path in generated):
+            used.add("action_msgs")
+        assert used - {package} <= declared, package
+
+
+def test_a_message_with_everything(tmp_path: Path) -> None:
+    (tmp_path / "sample.proto").write_text(SAMPLE)
+    schema = Schema(tmp_path)
+    message = schema.message("woosh.robot.Sample")
+
+    assert message_file(message, schema) == SAMPLE_MESSAGE
+    assert oneof_file(message.oneofs[0], schema) == SAMPLE_ONEOF
+
+
+@pytest.mark.parametrize(
+    ("value", "constant"),
+    [
+        ("kNone", "K_NONE"),
+        ("kRosWiFiCode", "K_ROS_WI_FI_CODE"),
+        ("kQRCode", "K_QR_CODE"),
+        ("kToAP", "K_TO_AP"),
+        ("kBaseRobot_200", "K_BASE_ROBOT_200"),
+        ("kTimeEnd_Desc", "K_TIME_END_DESC"),
+        ("kBtn1", "K_BTN1"),
+    ],
+)
+def test_names_of_enum_constants(value: str, constant: str) -> None:
+    assert enum_constant(value) == constant
+
+
+def test_a_changed_comment_changes_the_file(generated: dict[str, str], proto: Path) -> None:
+    path = proto / "woosh/proto/util/common.proto"
+    path.write_text(path.read_text().replace("// Name of the file\n", "// Path of the file\n"))
+
+    changed = interface_files(proto)
+
+    assert {name for name in generated if changed[name] != generated[name]} == {
+        "woosh_common_msgs/msg/FileData.msg",
+        "woosh_common_msgs/msg/FileMD5.msg",
+    }
+    assert "# Path of the file\nstring name\n" in changed["woosh_common_msgs/msg/FileData.msg"]
+
+
+@pytest.mark.parametrize(
+    ("addition", "error"),
+    [
+        ("message ScannerDataOneOfCommu {}", "two definitions .*msg/ScannerDataOneOfCommu.msg"),
+        ("message Far { woosh.custom.Anchor anchor = 1; }", "has no ROS message.*custom.Anchor"),
+        ("message Broken {", "do not compile: .*robot_pack.proto"),
+    ],
+)
+def test_an_unsuitable_schema_is_refused(proto: Path, addition: str, error: str) -> None:
+    path = proto / "woosh/proto/robot/robot_pack.proto"
+    text = path.read_text().replace(
+        "import", 'import "woosh/proto/custom/custom.proto";\nimport', 1
+    )
+    path.write_text(f"{text}\n{addition}\n")
+
+    with pytest.raises(InterfaceError, match=error):
+        interface_files(proto)
+
+
+def test_a_message_that_an_endpoint_needs_is_missed(proto: Path) -> None:
+    path = proto / "woosh/proto/robot/robot_pack.proto"
+    path.write_text(path.read_text().replace("message Speak ", "message Talk "))
+
+    with pytest.raises(InterfaceError, match=r"proto/ does not define: woosh\.robot\.Speak"):
+        interface_files(proto)
+
+
+def test_files_that_nothing_defines_are_found(tmp_path: Path, generated: dict[str, str]) -> None:
+    folder = tmp_path / "woosh_nav_msgs/msg"
+    folder.mkdir(parents=True)
+    for name in ("Old.msg", "Path.msg", "README"):
+        (folder / name).write_text("")
+
+    assert list(superfluous_files(tmp_path, generated)) == [folder / "Old.msg"]

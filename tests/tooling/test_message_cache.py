@@ -1,0 +1,235 @@
+"""The cache of built message packages, scripts/message_cache."""
+
+import gzip
+import io
+import os
+import re
+import subprocess
+import sys
+import tarfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+LIBRARY = b"\x7fELF\0" + bytes(range(256)) * 100
+
+
+class Cache:
+    """The program message_cache, with a cache folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.home = folder / "cache"
+        self.archives = self.home / "woosh_robot_agent" / "messages"
+
+    def run(self, *arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, SCRIPTS / "message_cache", *map(str, arguments)],
+            env=os.environ | {"XDG_CACHE_HOME": str(self.home)},
+            cwd=cwd,
+            capture_output=True,
+            text=True,
+        )
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Cache:
+    return Cache(tmp_path)
+
+
+def checkout(folder: Path, library: bytes = LIBRARY) -> Path:
+    """Make an install folder with one package."""
+    install = folder / "install"
+    package = install / "some_msgs"
+    (package / "lib").mkdir(parents=True)
+    (package / "share").mkdir()
+    (package / "lib" / "library.so").write_bytes(library)
+    (package / "share" / "package.sh").write_text(
+        f'prefix="{install}/some_msgs" PATH={folder}/.venv/bin:$PATH\n'
+    )
+    (package / "share" / "package.sh").chmod(0o755)
+    return install
+
+
+def test_packages_work_in_another_checkout(cache: Cache, tmp_path: Path) -> None:
+    first = checkout(tmp_path / "first")
+    assert cache.run("store", "--key", "k", first, "some_msgs").returncode == 0
+    second = tmp_path / "the second" / "install"
+    (second / "some_msgs" / "share").mkdir(parents=True)
+    (second / "some_msgs" / "share" / "old").touch()
+    (second / "agent").mkdir()
+    assert cache.run("restore", "--key", "k", second).returncode == 0
+    package = second / "some_msgs"
+    assert (package / "lib" / "library.so").read_bytes() == LIBRARY
+    assert (package / "share" / "package.sh").read_text() == (
+        f'prefix="{package}" PATH={second.parent}/.venv/bin:$PATH\n'
+    )
+    assert os.access(package / "share" / "package.sh", os.X_OK)
+    assert not (package / "share" / "old").exists()
+    assert sorted(file.name for file in second.iterdir()) == ["agent", "some_msgs"]
+
+
+def test_nothing_is_restored_without_an_archive(cache: Cache, tmp_path: Path) -> None:
+    install = checkout(tmp_path / "first")
+    assert cache.run("restore", "--key", "k", install).returncode == 1
+    assert (install / "some_msgs" / "share" / "package.sh").exists()
+
+
+def test_only_paths_of_the_build_are_changed(cache: Cache, tmp_path: Path) -> None:
+    """A checkout in /srv would otherwise change `some_msgs/srv/Some`."""
+    install = checkout(tmp_path / "first")
+    text = f"/elsewhere{tmp_path}/first/Some.srv"
+    (install / "some_msgs" / "share" / "names").write_text(text)
+    assert cache.run("store", "--key", "k", install, "some_msgs").returncode == 0
+    second = tmp_path / "second" / "install"
+    assert cache.run("restore", "--key", "k", second).returncode == 0
+    assert (second / "some_msgs" / "share" / "names").read_text() == text
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:200] + b"x" * 50 + data[250:],
+        # Inside of the library, where only the checksum tells.
+        lambda data: data[:3000] + bytes([data[3000] ^ 1]) + data[3001:],
+    ],
+)
+def test_a_damaged_archive_is_removed_and_the_packages_stay(
+    cache: Cache, tmp_path: Path, damage
+) -> None:
+    library = os.urandom(5000) + b"\0"
+    install = checkout(tmp_path / "first", library)
+    cache.run("store", "--key", "k", install, "some_msgs")
+    (archive,) = cache.archives.iterdir()
+    archive.write_bytes(damage(archive.read_bytes()))
+    restored = cache.run("restore", "--key", "k", install)
+    assert restored.returncode == 1
+    assert str(archive) in restored.stderr
+    assert not archive.exists()
+    assert [file.name for file in install.iterdir()] == ["some_msgs"]
+    assert (install / "some_msgs" / "lib" / "library.so").read_bytes() == library
+
+
+def archive_with(entry: tarfile.TarInfo) -> bytes:
+    file = io.BytesIO()
+    with tarfile.open(fileobj=file, mode="w") as tar:
+        tar.addfile(entry, io.BytesIO(b"x" * entry.size))
+    return gzip.compress(file.getvalue())
+
+
+def entry(name: str, **attributes: object) -> tarfile.TarInfo:
+    made = tarfile.TarInfo(name)
+    made.size = 1
+    for attribute, value in attributes.items():
+        setattr(made, attribute, value)
+    return made
+
+
+@pytest.mark.parametrize(
+    "unsafe",
+    [
+        entry("../outside"),
+        entry("some_msgs/../../outside"),
+        entry("{tmp_path}/outside"),
+        entry("link", type=tarfile.SYMTYPE, linkname="/etc/passwd", size=0),
+        entry("pipe", type=tarfile.FIFOTYPE, size=0),
+    ],
+    ids=lambda unsafe: unsafe.name,
+)
+def test_an_archive_writes_nothing_outside_of_its_folder(
+    cache: Cache, tmp_path: Path, unsafe: tarfile.TarInfo
+) -> None:
+    unsafe.name = unsafe.name.format(tmp_path=tmp_path)
+    cache.archives.mkdir(parents=True)
+    archive = cache.archives / "k.tar.gz"
+    archive.write_bytes(archive_with(unsafe))
+    install = tmp_path / "first" / "install"
+    restored = cache.run("restore", "--key", "k", install)
+    assert restored.returncode == 1
+    assert str(archive) in restored.stderr
+    assert "Traceback" not in restored.stderr
+    assert list(install.iterdir()) == []
+    assert not list(tmp_path.rglob("outside"))
+
+
+def test_restored_files_have_no_special_rights(cache: Cache, tmp_path: Path) -> None:
+    cache.archives.mkdir(parents=True)
+    (cache.archives / "k.tar.gz").write_bytes(archive_with(entry("program", mode=0o4755)))
+    assert cache.run("restore", "--key", "k", tmp_path / "install").returncode == 0
+    assert (tmp_path / "install" / "program").stat().st_mode & 0o7777 == 0o755
+
+
+def test_an_archive_stays_if_the_packages_cannot_be_written(cache: Cache, tmp_path: Path) -> None:
+    cache.run("store", "--key", "k", checkout(tmp_path / "first"), "some_msgs")
+    (tmp_path / "file").touch()
+    restored = cache.run("restore", "--key", "k", tmp_path / "file" / "install")
+    assert restored.returncode == 1
+    assert restored.stderr.startswith("cannot restore")
+    assert (cache.archives / "k.tar.gz").exists()
+
+
+def test_a_cache_that_cannot_be_written_is_told_in_one_line(cache: Cache, tmp_path: Path) -> None:
+    cache.home.touch()
+    stored = cache.run("store", "--key", "k", checkout(tmp_path / "first"), "some_msgs")
+    assert stored.returncode == 1
+    assert re.fullmatch(r"cannot store .*\n", stored.stderr)
+
+
+def test_a_library_with_the_path_of_its_checkout_is_not_kept(cache: Cache, tmp_path: Path) -> None:
+    install = checkout(tmp_path / "first", LIBRARY + os.fsencode(tmp_path / "first" / "build"))
+    stored = cache.run("store", "--key", "k", install, "some_msgs")
+    assert stored.returncode != 0
+    assert "library.so" in stored.stderr
+    assert list(cache.archives.iterdir()) == []
+
+
+def test_several_setups_at_once(cache: Cache, tmp_path: Path) -> None:
+    """Who restores while others store gets all packages or none."""
+    install = checkout(tmp_path / "first", LIBRARY * 20)
+
+    def restore(number: int) -> bool:
+        target = tmp_path / str(number) / "install"
+        if cache.run("restore", "--key", "k", target).returncode == 1:
+            return not any(target.iterdir()) if target.exists() else True
+        return (target / "some_msgs" / "lib" / "library.so").read_bytes() == LIBRARY * 20
+
+    with ThreadPoolExecutor(8) as pool:
+        stored = [
+            pool.submit(cache.run, "store", "--key", "k", install, "some_msgs") for _ in range(4)
+        ]
+        restored = [pool.submit(restore, number) for number in range(4)]
+        assert all(future.result().returncode == 0 for future in stored)
+        assert all(future.result() for future in restored)
+    assert restore(99)
+    assert len(list(cache.archives.iterdir())) == 1
+
+
+def test_the_newest_archives_are_kept(cache: Cache, tmp_path: Path) -> None:
+    install = checkout(tmp_path / "first")
+    for number in range(8):
+        cache.run("store", "--key", f"k{number}", install, "some_msgs")
+        os.utime(cache.archives / f"k{number}.tar.gz", (number, number))
+    assert sorted(file.name[:2] for file in cache.archives.iterdir()) == [
+        "k2",
+        "k3",
+        "k4",
+        "k5",
+        "k6",
+        "k7",
+    ]
+
+
+def test_the_key_depends_on_the_sources_and_not_on_the_checkout(
+    cache: Cache, tmp_path: Path
+) -> None:
+    keys = []
+    for name, text in (("first", "int32 a"), ("second", "int32 a"), ("third", "int32 b")):
+        folder = tmp_path / name / "some_msgs"
+        folder.mkdir(parents=True)
+        (folder / "A.msg").write_text(text)
+        done = cache.run("key", "pypi", "some_msgs", cwd=tmp_path / name)
+        assert done.returncode == 0, done.stderr
+        keys.append(done.stdout)
+    assert keys[0] == keys[1] != keys[2]

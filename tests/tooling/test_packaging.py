@@ -1,0 +1,148 @@
+"""The service, the files of the Debian package, the release notes, and the files for GitHub.
+
+`scripts/deb --test` installs and runs the package itself.
+"""
+
+from __future__ import annotations
+
+import configparser
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+UNIT = ROOT / "config/woosh-robot-agent.service"
+DEBIAN = ROOT / "scripts/debian"
+GITHUB = ROOT / ".github"
+
+
+def service() -> dict[str, str]:
+    """Return the settings of the service; of those that occur several times, the last one."""
+    parser = configparser.ConfigParser(strict=False, interpolation=None)
+    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    parser.read_string(UNIT.read_text().replace("\\\n", " "))
+    return dict(parser["Service"])
+
+
+@pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="there is no systemd-analyze")
+def test_systemd_accepts_the_service(tmp_path: Path) -> None:
+    unit = tmp_path / UNIT.name
+    # The program exists only where the package is installed.
+    unit.write_text(re.sub(r"(?m)^(ExecStart=)\S+", r"\1/bin/true", UNIT.read_text()))
+    verified = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", str(unit)], capture_output=True, text=True
+    )
+    assert unit.stem not in verified.stderr, verified.stderr
+    assert verified.returncode == 0, verified.stderr
+
+
+def test_the_package_installs_what_the_service_uses() -> None:
+    installed = {
+        f"/{folder}/{Path(file).name}"
+        for file, folder in (
+            line.split() for line in (DEBIAN / "woosh-robot-agent.install").read_text().splitlines()
+        )
+    }
+    command = shlex.split(service()["ExecStart"])
+    assert command[0] in installed
+    assert command[command.index("--params-file") + 1] in installed
+    assert service()["EnvironmentFile"].removeprefix("-") in installed
+    users = (DEBIAN / "woosh-robot-agent.sysusers").read_text()
+    assert re.search(rf"(?m)^u {service()['User']} ", users)
+    for variable in re.findall(r"\$\{(\w+)\}", service()["ExecStart"]):
+        assert re.search(rf"(?m)^{variable}=", (DEBIAN / "agent.env").read_text())
+
+
+def test_the_parameters_of_the_service_exist_and_are_the_defaults() -> None:
+    def parameters(file: Path) -> dict[str, Any]:
+        content: dict[str, Any] = yaml.safe_load(file.read_text())["/**"]["ros__parameters"]
+        return content
+
+    ours = parameters(DEBIAN / "agent.yaml")
+    assert ours.items() <= parameters(ROOT / "config/agent.yaml").items()
+    assert {"ip", "observe_only"} <= ours.keys()
+
+
+def release_notes(version: str) -> subprocess.CompletedProcess[str]:
+    """Run `scripts/release_notes`."""
+    return subprocess.run([ROOT / "scripts/release_notes", version], capture_output=True, text=True)
+
+
+def test_the_release_notes_are_a_section_of_the_changelog(tmp_path: Path) -> None:
+    notes = release_notes("0.1.0")
+    assert notes.returncode == 0
+    assert notes.stdout.startswith("The first release.")
+    assert notes.stdout.rstrip("\n") in (ROOT / "CHANGELOG.md").read_text()
+
+    script = tmp_path / "scripts/release_notes"
+    script.parent.mkdir()
+    shutil.copy(ROOT / "scripts/release_notes", script)
+    (tmp_path / "CHANGELOG.md").write_text(
+        "# Changelog\n\n## [Unreleased]\n\n## [1.1.0] - 2026-01-02\n\n- New.\n\n"
+        "## [1.0.0]\n\n- Old.\n"
+    )
+    run = subprocess.run([script, "1.1.0"], capture_output=True, text=True, check=True)
+    assert run.stdout == "- New.\n"
+    assert subprocess.run([script, "Unreleased"], capture_output=True).returncode == 1
+
+
+def test_a_version_without_release_notes_is_an_error() -> None:
+    notes = release_notes("999.0")
+    assert notes.returncode == 1
+    assert "[999.0]" in notes.stderr
+    assert not notes.stdout
+
+
+def workflow(name: str) -> Any:
+    """Return the content of a workflow."""
+    return yaml.safe_load((GITHUB / "workflows" / name).read_text())
+
+
+def test_the_workflow_runs_ci_on_each_ros_and_processor() -> None:
+    job = workflow("ci.yml")["jobs"]["test"]
+    assert any("bash .ci/run" in step.get("run", "") for step in job["steps"])
+    rows = job["strategy"]["matrix"]["include"]
+    on = {(row["ros"], row["runner"].endswith("-arm")) for row in rows if "image" in row}
+    assert on == {(ros, arm) for ros in ("humble", "jazzy", "kilted") for arm in (False, True)}
+    assert {row["ros"] for row in rows if "image" not in row} == {"jazzy", "kilted"}
+
+
+@pytest.mark.parametrize("name", sorted(file.name for file in (GITHUB / "workflows").iterdir()))
+def test_the_scripts_of_a_workflow_exist(name: str) -> None:
+    text = (GITHUB / "workflows" / name).read_text()
+    used = re.findall(r"(?<![\w/])(?:scripts|\.ci)/\w+\b(?!\.)", text)
+    assert used
+    for script in used:
+        assert (ROOT / script).is_file(), script
+    for jobs in workflow(name)["jobs"].values():
+        for needed in [jobs["needs"]] if "needs" in jobs else []:
+            assert needed in workflow(name)["jobs"]
+
+
+def test_the_form_for_problems_asks_for_what_is_needed() -> None:
+    form = yaml.safe_load((GITHUB / "ISSUE_TEMPLATE/bug.yml").read_text())
+    required = {
+        field["id"] for field in form["body"] if field.get("validations", {}).get("required")
+    }
+    assert {"version", "ros", "robot", "doctor"} <= required
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        ROOT / "scripts/deb",
+        ROOT / "scripts/release_notes",
+        DEBIAN / "test",
+        DEBIAN / "check_installed",
+    ],
+    ids=lambda script: str(script.name),
+)
+def test_scripts_have_no_syntax_errors(script: Path) -> None:
+    subprocess.run(["bash", "-n", script], check=True)
+    assert script.stat().st_mode & 0o100, "not executable"
