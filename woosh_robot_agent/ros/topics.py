@@ -93,7 +93,7 @@ class _AgentInfo:
 
     def __init__(self, node: Any, chassis: ChassisClient) -> None:
         self._message_class = class_of(AGENT_INFO.msg, "msg")
-        self._publisher = node.create_publisher(self._message_class, AGENT_INFO.name, latched(1))
+        self._publisher = create_publisher(node, self._message_class, AGENT_INFO.name, latched(1))
         self._online = False
         self._publish()
         chassis.on_state(self._changed)

@@ -23,6 +23,7 @@ from woosh_robot_agent.ros.actions.goal import Outcome
 from woosh_robot_agent.ros.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.ros.qos import FEEDBACK_QOS, latched
 from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS
+from woosh_robot_agent.ros.subscribers import create_publisher
 
 _LOG = logging.getLogger(__name__)
 _RUNNING = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
@@ -146,11 +147,11 @@ class GoalServer:
                 (parts.GetResultService, "get_result", self._result_requested),
             )
         ]
-        self._feedback = node.create_publisher(
-            parts.FeedbackMessage, f"{name}/_action/feedback", FEEDBACK_QOS
+        self._feedback = create_publisher(
+            node, parts.FeedbackMessage, f"{name}/_action/feedback", FEEDBACK_QOS
         )
-        self._status = node.create_publisher(
-            parts.GoalStatusMessage, f"{name}/_action/status", latched(1)
+        self._status = create_publisher(
+            node, parts.GoalStatusMessage, f"{name}/_action/status", latched(1)
         )
 
     @property
