@@ -64,7 +64,7 @@ def compare(given: argparse.Namespace, measure_link: Callable[[int, Options], Co
         for name, (transport, encoding) in LINKS.items():
             print(f"{repetition + 1}: {name}", file=sys.stderr, flush=True)
             with own_domain() as domain:
-                options = Options(given.executor, given.smoke, transport, encoding)
+                options = Options(given.smoke, transport, encoding)
                 for column, figures in measure_link(domain, options).items():
                     found.setdefault(column or name, []).append(figures)
     return {

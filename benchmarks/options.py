@@ -9,8 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from woosh_robot_agent.parameters import EXECUTORS
-
 _TURNS = 5
 """Number of times that agent and floor are measured alternately in one repetition.
 
@@ -31,13 +29,11 @@ class Options:
     """Options of one measurement.
 
     Attributes:
-        executor: Executor of the agent. The floors always have rclpy's single-threaded one.
         smoke: True if the benchmark is only checked to work, with meaningless figures.
         transport: Transport of the link.
         encoding: Encoding of the link.
     """
 
-    executor: str = EXECUTORS[0]
     smoke: bool = False
     transport: str = "websocket"
     encoding: str = "json"
@@ -60,7 +56,6 @@ class Options:
     def agent_parameters(self) -> dict[str, str]:
         """Parameters of the agent, as set by these options."""
         return {
-            "executor": self.executor,
             "transport": self.transport,
             "encoding": self.encoding,
         }
@@ -84,9 +79,6 @@ def add_repetitions(parser: argparse.ArgumentParser) -> None:
     """Add the options of benchmarks that repeat a measurement."""
     parser.add_argument(
         "--repeat", type=_positive, default=3, help="repetitions to take the median of (default 3)"
-    )
-    parser.add_argument(
-        "--executor", default=EXECUTORS[0], choices=EXECUTORS, help="executor of the agent"
     )
 
 

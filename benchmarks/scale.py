@@ -130,7 +130,7 @@ def main(arguments: Sequence[str]) -> int:
         repeated = []
         for repetition in range(repetitions(given)):
             print(f"{repetition + 1}: {name}", file=sys.stderr, flush=True)
-            repeated.append(SWEEPS[name].measure(Options(given.executor, given.smoke)))
+            repeated.append(SWEEPS[name].measure(Options(given.smoke)))
         found[name] = {
             curve: [astuple(point) for point in points]
             for curve, points in _medians(repeated).items()

@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
         "--only", nargs="+", choices=TARGETS, default=list(TARGETS), help="figures to measure"
     )
     given = parser.parse_args(arguments)
-    results = _measure(Options(given.executor, given.smoke), repetitions(given), given.only)
+    results = _measure(Options(given.smoke), repetitions(given), given.only)
     without_rosbridge = "rosbridge" in given.only and "rosbridge" not in results.values
     if without_rosbridge:
         print(

@@ -72,38 +72,6 @@ _M_ARENA_MAX = -8
 """`M_ARENA_MAX` of <malloc.h>."""
 
 
-def make_executor(name: str, context: Any = None) -> Any:
-    """Return a new executor.
-
-    Args:
-        name: value of the parameter `executor`. rclpy has `events` since 7.1.4; older releases get
-            `single` instead.
-        context: rclpy context; by default the global one.
-    """
-    from rclpy.executors import SingleThreadedExecutor
-
-    from woosh_robot_agent.ros.rclpy_private import take_with_info
-    from woosh_robot_agent.ros.releases import WithMessageInfo, drops_message_info, events_executor
-
-    if name == "events":
-        if (executor := events_executor(context)) is not None:
-            return executor
-        _warn_no_events_executor()
-    executor = SingleThreadedExecutor(context=context)
-    if drops_message_info():
-        take_with_info(executor, lambda callback: isinstance(callback, WithMessageInfo))
-    return executor
-
-
-def _warn_no_events_executor() -> None:
-    import logging
-
-    logging.getLogger("woosh_robot_agent.agent").warning(
-        "this rclpy is older than 7.1.4 and has no EventsExecutor; using executor 'single' "
-        "(executor:=single avoids this warning)"
-    )
-
-
 def main(args: list[str] | None = None) -> int:
     """Run the agents until SIGINT or SIGTERM; return the exit status.
 
@@ -148,6 +116,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
     from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.signals import SignalHandlerOptions
 
+    from woosh_robot_agent.ros.executor import Executor
     from woosh_robot_agent.ros.fleet import Fleet
     from woosh_robot_agent.ros.logs import with_possible_log_files
     from woosh_robot_agent.ros.rclpy_private import RCLError, UnknownROSArgsError
@@ -173,7 +142,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
         except UnknownROSArgsError as error:  # its text is the list of them
             print(f"agent: unknown arguments after --ros-args: {error}", file=sys.stderr)
             return _FAILED
-        executor = make_executor(fleet.executor)
+        executor = Executor()
         for agent in fleet.agents:
             executor.add_node(agent.node)
         fleet.begin_close_on(signals.fd)
@@ -185,7 +154,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
         # One robot ends quickly in any case, and a normal exit is safer.
         destroy = len(fleet.agents) == 1 or not exit_withdraws_endpoints()
         fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=destroy)
-        executor.shutdown()  # an EventsExecutor keeps its entities in the ROS graph until then
+        executor.shutdown()
         if not destroy:
             signals.ignore()  # `exit_process` does not return to `main`, which does it otherwise
             exit_process(0)

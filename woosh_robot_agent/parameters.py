@@ -276,9 +276,6 @@ class StandardSettings:
         )
 
 
-EXECUTORS = ("events", "single")
-"""Values of the parameter `executor`, the default first."""
-
 _LINK_DEFAULTS = LinkConfig()
 
 
@@ -355,9 +352,6 @@ class Settings:
         86400,
         read_only=True,
     )
-    executor: str = parameter_field(
-        EXECUTORS[0], "Executor of rclpy: events or single.", read_only=True
-    )
     robots: tuple[str, ...] = parameter_field(
         ("",),
         "Namespaces of the robots, if this process serves several; each has its own parameters.",
@@ -412,8 +406,6 @@ def check(values: Mapping[str, Any]) -> Settings:
     """
     for name, value in values.items():
         _BY_NAME[name].check(value)
-    if values["executor"] not in EXECUTORS:
-        raise ValueError(f"executor must be one of {list(EXECUTORS)}, not {values['executor']!r}")
     own = {parameter.name: values[parameter.name] for parameter in _OWN_PARAMETERS}
     own["robots"] = _names(own["robots"])
     standard = {parameter.name: values[parameter.name] for parameter in _STANDARD_PARAMETERS}

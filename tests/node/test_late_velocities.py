@@ -12,7 +12,6 @@ from tests.harness import Client, Program, wait_future, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.goals import ABORTED, step_goal
 from woosh_robot_agent.motion.requests import may_move
-from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Speak, Twist
@@ -23,15 +22,9 @@ PAUSE = 2.5
 """Time for which the agent stands still, in seconds."""
 
 
-@pytest.fixture(params=EXECUTORS)
-def program(
-    request: pytest.FixtureRequest,
-    simulator: SimulatorThread,
-    start_program: Callable[..., Program],
-) -> Program:
-    """The agent's program with each executor."""
-    given = {"ip": "127.0.0.1", "port": simulator.port, "executor": request.param}
-    started = start_program(*(w for k, v in given.items() for w in ("-p", f"{k}:={v}")))
+@pytest.fixture
+def program(simulator: SimulatorThread, start_program: Callable[..., Program]) -> Program:
+    started = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
     started.wait_says("connected to")
     return started
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from tests.harness import Client, RunningAgent, wait_until
-from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_msgs.srv import PoseSpeed
 from woosh_ros_msgs.action import StepControl
 
@@ -22,13 +21,11 @@ def no_collection() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("no_collection")
-@pytest.mark.parametrize("executor", EXECUTORS)
 def test_agent_and_client_leave_the_graph_when_they_are_closed(
-    executor: str,
     domain: int,
     connect: Callable[..., RunningAgent],
 ) -> None:
-    agent = connect(executor=executor, publish_tf=True)
+    agent = connect(publish_tf=True)
     user = Client(domain)
     user.call(PoseSpeed, "robot/PoseSpeed")
     goal = user.send_goal(StepControl, "ros/StepControl", StepControl.Goal())

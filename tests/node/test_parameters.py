@@ -34,7 +34,6 @@ DEFAULTS = {
     "robot_id": 0,
     "goal_link_timeout": 15.0,
     "result_timeout": 60,
-    "executor": "events",
 }
 
 
@@ -98,8 +97,6 @@ BAD = [
     ({"goal_link_timeout": "long"}, "goal_link_timeout"),
     ({"goal_link_timeout": True}, "goal_link_timeout"),
     ({"max_frame_size": 0}, "max_frame_size"),
-    ({"executor": "fast"}, "executor"),
-    ({"executor": "single"}, "read-only"),
     ({"result_timeout": 5}, "read-only"),
 ]
 
@@ -118,7 +115,6 @@ def test_bad_value_is_refused_with_the_reason(client: Client) -> None:
     ("parameter", "reason"),
     [
         ({"ip": "a b"}, "ip"),
-        ({"executor": "fast"}, "executor"),
         ({"encoding": "xml"}, "encoding"),
         ({"disabled_parts": ["scan", "gripper"]}, "no part 'gripper'; the parts are battery_state"),
         (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import resource
@@ -17,18 +18,16 @@ from typing import Any
 
 import pytest
 
-from tests.harness import HUMBLE, TIMEOUT, Client, Program, wait_until
+from tests.harness import TIMEOUT, Client, Program, wait_until
 from tests.node.goals import ABORTED, EXECUTING, lift3, slow_down, step, stop_time, task
 from woosh_robot_agent import agent
-from woosh_robot_agent.parameters import EXECUTORS, PARAMETERS
+from woosh_robot_agent.parameters import PARAMETERS
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing.agents import domain_variables
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
 TWIST = "woosh.robot.Twist"
-WITHOUT_WARNING = ["-p", "executor:=single"] if HUMBLE else []
-"""ROS arguments that prevent the warning that Humble has no other executor."""
 LONG = {
     "poll_timeout": 600_000,
     "connect_timeout": 60.0,
@@ -43,15 +42,10 @@ def parameters(**values: Any) -> list[str]:
     return [word for name, value in (LONG | values).items() for word in ("-p", f"{name}:={value}")]
 
 
-@pytest.fixture(params=EXECUTORS)
-def program(
-    request: pytest.FixtureRequest,
-    simulator: SimulatorThread,
-    start_program: Callable[..., Program],
-) -> Program:
-    """The program, connected to the simulator, with each executor."""
-    given = {"ip": "127.0.0.1", "port": simulator.port, "executor": request.param}
-    started = start_program(*parameters(**given))
+@pytest.fixture
+def program(simulator: SimulatorThread, start_program: Callable[..., Program]) -> Program:
+    """The program, connected to the simulator."""
+    started = start_program(*parameters(ip="127.0.0.1", port=simulator.port))
     started.wait_says("connected to")
     return started
 
@@ -105,6 +99,19 @@ def test_all_threads_share_one_heap(domain: int) -> None:
     """glibc returns the unused memory of the first heap only."""
     run = in_first_turn(domain, "ctypes.CDLL(None).malloc_stats()")
     assert set(re.findall(r"^Arena \d+:", run.stderr, re.MULTILINE)) == {"Arena 0:"}
+
+
+def test_error_in_a_callback_is_logged_and_does_not_end_the_program(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger("woosh_robot_agent"), "propagate", True)
+
+    class Failing:
+        def spin_once(self, timeout_sec: float) -> None:
+            raise RuntimeError("mistake")
+
+    agent._spin_once(Failing(), 0.0)
+    assert "mistake" in caplog.text
 
 
 def test_program_ends_while_driving_a_frozen_chassis_with_an_open_goal(
@@ -233,7 +240,7 @@ def test_program_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
     try:
         assert simulator.stdout is not None
         assert b"ready" in simulator.stdout.readline()
-        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={port}", *WITHOUT_WARNING)
+        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={port}")
         program.wait_says("connected to")
         program.process.send_signal(signal.SIGINT)
         simulator.send_signal(signal.SIGINT)

@@ -8,7 +8,6 @@ import pytest
 
 from tests.harness import Client, wait_future, wait_until
 from tests.node.goals import answer_with_json
-from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.srv import General, Mode, SetSound, Speak, SwitchControlMode
@@ -16,9 +15,9 @@ from woosh_robot_msgs.srv import General, Mode, SetSound, Speak, SwitchControlMo
 SPEAK = "woosh.robot.Speak"
 
 
-@pytest.fixture(params=EXECUTORS)
-def busy_agent(request: Any, connect: Any) -> Any:
-    return connect(executor=request.param)
+@pytest.fixture
+def busy_agent(connect: Any) -> Any:
+    return connect()
 
 
 def speak(client: Any, text: str) -> Any:

@@ -16,11 +16,8 @@ from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
-from woosh_robot_agent.parameters import EXECUTORS
 from woosh_robot_agent.ros import subscribers
 from woosh_robot_agent.ros.releases import UnsupportedEventTypeError
-
-NO_EVENTS = "a middleware without matched events"
 
 
 @pytest.fixture
@@ -37,23 +34,22 @@ def published(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     return counts
 
 
-@pytest.fixture(params=[*EXECUTORS, NO_EVENTS])
+@pytest.fixture(params=[True, False], ids=["events", "a middleware without matched events"])
 def start(
     request: pytest.FixtureRequest,
     published: Counter[str],
     connect: Callable[..., RunningAgent],
     monkeypatch: pytest.MonkeyPatch,
 ) -> Callable[..., RunningAgent]:
-    if request.param == NO_EVENTS:
+    if not request.param:
 
         def refuse(*_arguments: Any) -> Any:
             raise UnsupportedEventTypeError("no such event")
 
         monkeypatch.setattr(subscribers, "subscriber_event_handlers", refuse)
-    executor = EXECUTORS[0] if request.param == NO_EVENTS else request.param
 
     def start(**parameters: Any) -> RunningAgent:
-        return connect(executor=executor, publish_tf=True, **parameters)
+        return connect(publish_tf=True, **parameters)
 
     return start
 

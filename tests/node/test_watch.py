@@ -110,9 +110,8 @@ def test_cmd_vel_and_the_service_at_the_same_time_are_a_warning(
 
 
 @pytest.mark.skipif(HUMBLE, reason="rclpy of Humble does not tell the numbers of messages")
-@pytest.mark.parametrize("executor", ["events", "single"])
-def test_two_publishers_of_cmd_vel_are_named(connect, client, arrays, publish, executor):
-    connect(executor=executor)
+def test_two_publishers_of_cmd_vel_are_named(connect, client, arrays, publish):
+    connect()
     publish("joystick", 0.0)
     publish("navigation", 0.2)
     status = wait_message(arrays, "motion", "/joystick (on cmd_vel) and /navigation (on cmd_vel)")

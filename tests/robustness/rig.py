@@ -51,12 +51,11 @@ NEVER = 60.0
 """Timeout for anything that must happen, in seconds."""
 
 KINDS: tuple[dict[str, str], ...] = (
-    {"transport": "websocket", "encoding": "json", "executor": "single"},
-    {"transport": "websocket", "encoding": "json", "executor": "events"},
-    {"transport": "websocket", "encoding": "protobuf", "executor": "single"},
-    {"transport": "tcp", "encoding": "protobuf", "executor": "events"},
+    {"transport": "websocket", "encoding": "json"},
+    {"transport": "websocket", "encoding": "protobuf"},
+    {"transport": "tcp", "encoding": "protobuf"},
 )
-"""Transport, encoding and executor of the agent, which influence its reaction to faults."""
+"""Transport and encoding of the agent, which influence its reaction to faults."""
 
 
 class BrokenPromiseError(Exception):
@@ -90,7 +89,7 @@ class Rig:
     """A chassis, an agent and a client.
 
     Args:
-        kind: Transport, encoding and executor of the agent; one of `KINDS`.
+        kind: Transport and encoding of the agent; one of `KINDS`.
         parameters: Further parameters of the agent, by default `SHORT_TIMEOUTS`.
 
     Attributes:

@@ -19,19 +19,14 @@ from functools import partial
 from typing import Any, TypeVar
 
 from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.ros.entities import DeferredCallback, UrgentCallbackGroup
 from woosh_robot_agent.ros.logs import log_as
 from woosh_robot_agent.ros.qos import SERVICE_QOS
-from woosh_robot_agent.ros.rclpy_private import (
-    PEER_GONE_ERRORS,
-    replace_send_response,
-    take_request,
-)
+from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS
 
 T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
-_MAX_TURN = 0.005
-"""Maximum time for the requests of one service before other entities get a turn, in seconds."""
 
 
 class LoopThread:
@@ -268,46 +263,37 @@ class Reply:
 class DeferredService:
     """A service whose callback returns at once; the response is sent later, from any thread.
 
-    The executor passes the callback's return value and the request's header to `send_response`.
-    Therefore the callback returns the request itself, and the replaced `send_response` handles it.
-    That is the last step of the executor's turn, so the link thread can take the GIL right after.
-
     Args:
         node: owner of the service.
         srv_type: ROS type of the service.
         name: name of the service.
         handle: called with the request and the `Reply` in the executor thread; must not block.
+        urgent: handle requests before anything else.
     """
 
     def __init__(
-        self, node: Any, srv_type: Any, name: str, handle: Callable[[Any, Reply], None]
+        self,
+        node: Any,
+        srv_type: Any,
+        name: str,
+        handle: Callable[[Any, Reply], None],
+        *,
+        urgent: bool = False,
     ) -> None:
         self._response_class = srv_type.Response
         self._handle = handle
         self._log_as_node = partial(log_as, node.get_logger())
         self._service = node.create_service(
-            srv_type, name, lambda request, _response: request, qos_profile=SERVICE_QOS
+            srv_type,
+            name,
+            DeferredCallback(self._serve),
+            qos_profile=SERVICE_QOS,
+            callback_group=UrgentCallbackGroup() if urgent else None,
         )
-        self._send_response = replace_send_response(self._service, self._serve_all)
-
-    def _serve_all(self, request: Any, header: Any) -> None:
-        """Handle a request and the pending ones behind it.
-
-        An executor may check all entities for each request. At high rates it would then fall
-        behind, until DDS drops the oldest requests.
-        """
-        self._log_as_node()
-        deadline = time.monotonic() + _MAX_TURN
-        while header is not None:
-            served = request, header
-            try:
-                more = time.monotonic() < deadline
-                request, header = take_request(self._service) if more else (None, None)
-            finally:
-                self._serve(*served)
 
     def _serve(self, request: Any, header: Any) -> None:
-        reply = Reply(self._response_class, self._send_response, header)
+        self._log_as_node()
+        reply = Reply(self._response_class, self._service.send_response, header)
         try:
             self._handle(request, reply)
         except Exception as error:  # an escaping exception would end the executor

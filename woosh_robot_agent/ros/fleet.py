@@ -31,7 +31,6 @@ class Fleet:
 
     Attributes:
         agents: one for each robot; at least one.
-        executor: value of their parameter `executor`.
 
     Raises:
         ValueError: a parameter is invalid; the text names the robot and says what to do.
@@ -39,7 +38,6 @@ class Fleet:
 
     def __init__(self, stopping: Callable[[], bool] = lambda: False, **options: Any) -> None:
         nodes = _create_nodes(options, stopping)
-        self.executor = nodes[0].settings.executor
         self._thread = LoopThread()
         self.agents = [Agent(nodes.pop(0), self._thread)]
         while nodes and not stopping():
@@ -159,10 +157,6 @@ def _check_compatible(nodes: Sequence[ParameterNode]) -> None:
             f"robots {one.get_namespace()} and {other.get_namespace()} connect to the same chassis "
             f"({other.settings.link.address}); give each its own ip, port or robot_id in the "
             "parameter file"
-        )
-    if len({node.settings.executor for node in nodes}) > 1:
-        raise ValueError(
-            "executor differs between robots, but they share one process; set it under /**"
         )
     for one, other in _duplicates(nodes, lambda s: s.standard.frame_prefix):
         other.get_logger().warning(

@@ -6,13 +6,17 @@ is checked in one place. Ruff (TID251) forbids `rclpy.impl` everywhere else.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import rclpy.timer
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity
 
+_TimerInfo: Any = getattr(rclpy.timer, "TimerInfo", None)
 RCLError: Any = _rclpy.RCLError
 """Base class of the errors of the C library.
 
@@ -41,50 +45,85 @@ def log(
         _rclpy.rclpy_logging_rcutils_log(severity, logger_name, text, function, path, line)
 
 
-def replace_send_response(
-    service: Any, replacement: Callable[[Any, Any], None]
-) -> Callable[[Any, Any], None]:
-    """Replace a service's `send_response`; return the original.
+WaitSet: Any = _rclpy.WaitSet
+"""Waits for entities.
 
-    The executor calls `send_response(response, header)` right after the callback. The header, which
-    a later reply needs, is known only there.
+Replaceable by: a wait set exported by rclpy, or executors that look only at what is ready."""
 
-    Replaceable by: service callbacks that get the header and reply later (deferred replies).
+
+def take_message(subscription: Any) -> tuple[Any, Any] | None:
+    """Return the next message of a subscription and the information about it, or None.
+
+    Replaceable by: a `Subscription.take`.
     """
-    original: Callable[[Any, Any], None] = service.send_response
-    service.send_response = replacement
-    return original
+    handle = subscription.handle
+    with handle:
+        taken: tuple[Any, Any] | None = handle.take_message(subscription.msg_type, subscription.raw)
+    return taken
 
 
-def take_request(service: Any) -> tuple[Any, Any]:
-    """Return the next pending request of a service and its header, or (None, None).
+def take_request(service: Any) -> tuple[Any, Any] | None:
+    """Return the next request of a service and its header, or None.
 
-    Replaceable by: a `Service.take_request`, or executors that drain a service in one turn.
+    Replaceable by: a `Service.take`.
     """
     handle = service.handle
     with handle:
-        return handle.service_take_request(service.srv_type.Request) or (None, None)
+        taken = handle.service_take_request(service.srv_type.Request)
+    request, header = taken or (None, None)
+    return None if header is None else (request, header)
 
 
-def take_with_info(executor: Any, wants_info: Callable[[Any], bool]) -> None:
-    """Have an executor of Humble pass messages to some callbacks in a tuple with their information.
+def take_response(client: Any, executor: Any) -> Callable[[], None] | None:
+    """Take the next response to a client; return a function that completes the call, or None.
 
-    Humble's executors take the information, e.g. the source time, and drop it.
-
-    Replaceable by: any later release, whose executors pass it to callbacks with two arguments.
-
-    Args:
-        executor: the executor.
-        wants_info: selects the callbacks.
+    Replaceable by: a `Client.take`, and futures with a public executor.
     """
+    handle = client.handle
+    with handle:
+        header, response = handle.take_response(client.srv_type.Response)
+    if header is None:
+        return None
+    try:
+        future = client.get_pending_request(header.request_id.sequence_number)
+    except KeyError:  # the client does not wait for it any more
+        return None
+    future._set_executor(executor)
+    return partial(future.set_result, response)
 
-    def take(subscription: Any) -> Any:
-        handle = subscription.handle
-        with handle:
-            taken = handle.take_message(subscription.msg_type, subscription.raw)
-        return taken and (taken if wants_info(subscription.callback) else taken[0])
 
-    executor._take_subscription = take
+def take_data(waitable: Any, executor: Any) -> Callable[[], Any]:
+    """Take what is ready of a waitable; return a function that returns the coroutine of its work.
+
+    Replaceable by: futures with a public executor.
+    """
+    data = waitable.take_data()
+    for future in waitable._futures:
+        future._set_executor(executor)
+    return partial(waitable.execute, data)
+
+
+def call_timer(timer: Any) -> Callable[[], Any] | None:
+    """Begin the next period of a timer; return a function that calls its callback.
+
+    None if it has been cancelled or reset in the meantime. From Kilted on, a callback may have an
+    argument of the type `rclpy.timer.TimerInfo`.
+
+    Replaceable by: a `Timer.call`.
+    """
+    handle = timer.handle
+    with handle:
+        if not handle.is_timer_ready():
+            return None
+        times = handle.call_timer_with_info() if _TimerInfo else handle.call_timer()
+    callback: Callable[..., Any] | None = timer.callback
+    if callback is None or not _TimerInfo:
+        return callback
+    for parameter in inspect.signature(callback).parameters.values():
+        if parameter.annotation is _TimerInfo:
+            info = _TimerInfo(clock_type=timer.clock.clock_type, **times)
+            return partial(callback, **{parameter.name: info})
+    return callback
 
 
 def parameter_overrides(node: Any) -> dict[str, Any]:

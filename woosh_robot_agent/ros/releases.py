@@ -8,7 +8,7 @@ is in `convert.mapping.extra_slots`, because conversion does not know rclpy.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +33,8 @@ __all__ = [
     "PublisherEventCallbacks",
     "SubscriptionEventCallbacks",
     "UnsupportedEventTypeError",
-    "WithMessageInfo",
     "count_services",
-    "drops_message_info",
     "error_text",
-    "events_executor",
     "exit_withdraws_endpoints",
     "on_parameters_set",
     "subscriber_event_handlers",
@@ -62,23 +59,6 @@ def subscriber_event_handlers(node: Any, publisher: Any, callback: Callable[[], 
     return callbacks.create_event_handlers(
         node.default_callback_group, publisher.handle, publisher.topic
     )
-
-
-def events_executor(context: Any) -> Any:
-    """Return a new EventsExecutor; None if this rclpy has none.
-
-    Jazzy has it since rclpy 7.1.4, Humble does not have it.
-    """
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        return None
-    return EventsExecutor(context=context)
-
-
-def drops_message_info() -> bool:
-    """Return True if executors take the information about messages and drop it, as Humble's do."""
-    return not hasattr(Node, "count_services")
 
 
 def exit_withdraws_endpoints() -> bool:
@@ -154,27 +134,6 @@ def error_text(error: Exception) -> str:
 def type_hash(endpoint: Any) -> str:
     """Return the type hash of a publisher or subscription in the graph; empty on Humble."""
     return str(getattr(endpoint, "topic_type_hash", ""))
-
-
-class WithMessageInfo:
-    """A subscription callback that gets each message together with rclpy's information about it.
-
-    rclpy recognises such a callback by its signature. The EventsExecutor of rclpy up to 7.1.11
-    nevertheless passes both in one tuple, and so does `rclpy_private.take_with_info` on Humble.
-
-    Args:
-        callback: called with the message and its information.
-    """
-
-    def __init__(self, callback: Callable[[Any, Mapping[str, Any]], object]) -> None:
-        self._callback = callback
-        self.__signature__ = inspect.signature(callback)
-
-    def __call__(self, *arguments: Any) -> None:
-        if len(arguments) == 1 and isinstance(arguments[0], tuple):
-            arguments = arguments[0]
-        message, info = arguments if len(arguments) == 2 else (arguments[0], {})
-        self._callback(message, info)
 
 
 def this_computer_only() -> dict[str, str]:

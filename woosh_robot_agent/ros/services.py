@@ -65,7 +65,11 @@ class Services:
             command_handler = _CommandHandler(command, robot, velocities, limits)
             self._servers.append(
                 DeferredService(
-                    robot.node, command_handler.srv, command.name, command_handler.handle
+                    robot.node,
+                    command_handler.srv,
+                    command.name,
+                    command_handler.handle,
+                    urgent=command.request == Twist.DESCRIPTOR.full_name,
                 )
             )
 

@@ -20,10 +20,10 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from woosh_robot_agent.agent import make_executor
 from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.parameters import PARAMETERS
+from woosh_robot_agent.ros.executor import Executor
 from woosh_robot_agent.ros.node import Agent
 from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.simulator import SimulatorThread
@@ -202,7 +202,7 @@ class AgentInProcess:
         domain: ROS_DOMAIN_ID of the agent.
         namespace: Namespace of the agent.
         context: rclpy's context of the agent.
-        executor: rclpy's executor of the agent.
+        executor: Executor of the agent.
 
     Raises:
         ValueError: A parameter is invalid.
@@ -223,7 +223,7 @@ class AgentInProcess:
             raise
         gate = self.agent.robot.gate
         gate.timing = replace(gate.timing, stall=_STALL)
-        self.executor = make_executor(self.agent.settings.executor, self.context)
+        self.executor = Executor(context=self.context)
         self.executor.add_node(self.agent.node)
         self._spinner = Spinner(self.executor)
         self._closed = False

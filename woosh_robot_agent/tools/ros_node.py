@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from woosh_robot_agent.ros.executor import Executor
 from woosh_robot_agent.ros.logs import with_possible_log_files
 
 _TIMEOUT = 0.1
@@ -77,7 +78,7 @@ class NodeThread:
         rclpy.try_shutdown(context=context)
 
     def _spin(self) -> None:
-        executor = SingleThreadedExecutor(context=self.node.context)
+        executor = Executor(context=self.node.context)
         executor.add_node(self.node)
         try:
             while not self._stop.is_set():

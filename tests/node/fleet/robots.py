@@ -12,7 +12,7 @@ import yaml
 from rclpy.context import Context
 
 from tests.harness import Spinner, wait_until
-from woosh_robot_agent.agent import make_executor
+from woosh_robot_agent.ros.executor import Executor
 from woosh_robot_agent.ros.fleet import Fleet
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -47,7 +47,7 @@ def running_fleet(folder: Path, chassis: dict[str, SimulatorThread]) -> Iterator
     rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context)
     try:
         fleet = Fleet(context=context)
-        executor = make_executor(fleet.executor, context)
+        executor = Executor(context=context)
         for agent in fleet.agents:
             executor.add_node(agent.node)
         spinner = Spinner(executor)

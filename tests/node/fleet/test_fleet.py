@@ -44,14 +44,12 @@ NO_TIMEOUT = """<?xml version="1.0" encoding="UTF-8"?>
 """Profile of Fast DDS: others believe for an hour that a process exists that has vanished."""
 
 
-@pytest.mark.parametrize("executor", ["single", "events"])
 def test_each_agent_reaches_its_own_chassis(
     start_fleet: Callable[..., Program],
     chassis: dict[str, SimulatorThread],
     clients: dict[str, Client],
-    executor: str,
 ) -> None:
-    start_fleet(executor=executor)
+    start_fleet()
     for name, client in clients.items():
         assert client.call(Speak, "robot/Speak").ok
         assert chassis[name].counts[SPEAK] == 1
@@ -263,11 +261,9 @@ def test_a_signal_ends_all_agents(
     wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
 
 
-@pytest.mark.parametrize("executor", ["single", "events"])
 def test_all_endpoints_are_withdrawn_at_the_end(
     start_fleet: Callable[..., Program],
     clients: dict[str, Client],
-    executor: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -276,7 +272,7 @@ def test_all_endpoints_are_withdrawn_at_the_end(
     profile.write_text(NO_TIMEOUT)
     for variable in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
         monkeypatch.setenv(variable, str(profile))
-    fleet = start_fleet(executor=executor)
+    fleet = start_fleet()
     for client in clients.values():
         client.call(RobotInfo, "robot/RobotInfo")
     fleet.end()

@@ -24,7 +24,6 @@ A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
         (["/a", "/b"], {"ip": "127.0.0.1"}, {}, ["/a and /b", "127.0.0.1", "ip"]),
         (["/a", "/b"], {}, {"/a": A, "/b": {**B, "ip": "a b"}}, ["/b", "ip", "a b"]),
         (["/a", "/b"], {}, {"/a": A, "/b": {**B, "port": "x"}}, ["/b", "port"]),
-        (["/a", "/b"], {}, {"/a": A, "/b": {**B, "executor": "single"}}, ["executor"]),
         (["a", "/woosh_robot/a"], {}, {"/woosh_robot/a": A}, ["/woosh_robot/a", "its own name"]),
         (["/a", "/b c"], {}, {"/a": A}, ["b c", "robots"]),
         (["/a", ""], {}, {"/a": A}, ["''", "robots"]),

@@ -28,7 +28,7 @@ class Stop(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._service = context.service("stop", self._stop_requested)
+        self._service = context.service("stop", self._stop_requested, urgent=True)
 
     def _stop_requested(self, _request: Any, reply: Reply) -> None:
         self._context.robot.gate.announce_stop()
@@ -67,6 +67,7 @@ class CmdVel(Part):
             self._stamped if stamped else self._drive,
             "geometry_msgs/TwistStamped" if stamped else "",
             with_info=True,
+            urgent=True,
         )
         self._topic = context.robot.node.resolve_topic_name("cmd_vel")
         self._publishers = Interleaving()

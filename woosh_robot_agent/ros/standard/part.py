@@ -13,9 +13,9 @@ from woosh_robot_agent.parameters import StandardSettings
 from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.bridge import DeferredService, Reply
 from woosh_robot_agent.ros.context import RobotContext
+from woosh_robot_agent.ros.entities import UrgentCallbackGroup
 from woosh_robot_agent.ros.logs import log_as
 from woosh_robot_agent.ros.qos import latched, reliable
-from woosh_robot_agent.ros.releases import WithMessageInfo
 from woosh_robot_agent.ros.second_agent import SecondAgent
 from woosh_robot_agent.ros.standard.endpoints import BY_NAME, Kind
 from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
@@ -84,6 +84,7 @@ class PartContext:
         *,
         in_executor: bool = False,
         with_info: bool = False,
+        urgent: bool = False,
     ) -> None:
         """Subscribe to a topic in `endpoints.STANDARD`.
 
@@ -94,21 +95,24 @@ class PartContext:
             in_executor: call `callback` in the executor thread instead.
             with_info: call `callback` with each message, rclpy's information about it, and the
                 monotonic time at which it was taken from the middleware.
+            urgent: receive messages before anything else.
         """
         endpoint = BY_NAME[name]
         call = self._logging(callback) if in_executor else partial(self.robot.thread.call, callback)
         self.robot.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
-            WithMessageInfo(lambda message, info: call(message, info, time.monotonic()))
-            if with_info
-            else call,
+            (lambda message, info: call(message, info, time.monotonic())) if with_info else call,
             reliable(endpoint.depth),
+            callback_group=UrgentCallbackGroup() if urgent else None,
         )
 
-    def service(self, name: str, handle: Callable[[Any, Reply], None]) -> DeferredService:
-        """Create a service in `endpoints.STANDARD`; `handle` runs in the executor thread."""
-        return DeferredService(self.robot.node, class_of(BY_NAME[name].type, "srv"), name, handle)
+    def service(
+        self, name: str, handle: Callable[[Any, Reply], None], *, urgent: bool = False
+    ) -> DeferredService:
+        """Create a service in `endpoints.STANDARD`; see `DeferredService`."""
+        srv = class_of(BY_NAME[name].type, "srv")
+        return DeferredService(self.robot.node, srv, name, handle, urgent=urgent)
 
     def _logging(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback for the executor thread, so that it logs to the node's logger."""

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.ros.releases import SubscriptionEventCallbacks, WithMessageInfo, type_hash
+from woosh_robot_agent.ros.releases import SubscriptionEventCallbacks, type_hash
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import ROS_PROFILE, Channel
 from woosh_robot_agent.tools.ros_node import NodeThread
@@ -209,7 +209,7 @@ class RosRecorder:
         self._node.create_subscription(
             class_of(short),
             topic,
-            WithMessageInfo(on_message),
+            on_message,
             profile,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),

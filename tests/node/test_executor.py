@@ -1,0 +1,782 @@
+"""The executor keeps its rules, over real DDS, with few entities and with idle ones."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+import rclpy.timer
+from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+from std_msgs.msg import Int32
+from std_srvs.srv import Trigger
+
+from tests.harness import TIMEOUT, wait_until
+from tests.node.goals import CANCELED, SUCCEEDED
+from woosh_robot_agent.ros.bridge import DeferredService, Reply
+from woosh_robot_agent.ros.entities import Kind, UrgentCallbackGroup, WaitSet, Watched
+from woosh_robot_agent.ros.executor import Executor
+from woosh_robot_agent.testing.agents import Spinner, domain_variables
+from woosh_ros_msgs.action import StepControl
+
+MANY = 40
+"""Number of further services of a node, so that some entities are idle."""
+QUIET = 0.1
+"""Time to spin when nothing should happen, in seconds."""
+SECOND = 1_000_000_000
+"""Nanoseconds in a second."""
+IDLE = "idle entities"
+"""Name of the thread that waits for idle entities."""
+Make = Callable[[], None]
+"""Makes an entity ready, and returns when it is."""
+
+
+class Rig:
+    """A node in an executor, and a node that nobody spins.
+
+    Attributes:
+        context: their context.
+        executor: the executor.
+        node: the node in it.
+        other: the other node.
+        ran: names of the callbacks that have run.
+    """
+
+    def __init__(self, domain: int, further: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.executor = Executor(context=self.context)
+        self.node = Node("spun", context=self.context)
+        self.other = Node("other", context=self.context)
+        self.ran: list[str] = []
+        self._spinner: Spinner | None = None
+        for number in range(further):
+            self.node.create_service(Trigger, f"further_{number}", lambda _, response: response)
+        self.executor.add_node(self.node)
+
+    def named(self, name: str) -> Callable[..., Any]:
+        """Return a callback that adds a name to `ran`."""
+
+        def run(*_arguments: Any) -> Any:
+            self.ran.append(name)
+            return Trigger.Response(success=True)
+
+        return run
+
+    def service(self, name: str, callback: Any = None, **options: Any) -> Make:
+        """Create a service; return a function that calls it."""
+        service = self.node.create_service(
+            Trigger,
+            name,
+            callback or self.named(name),
+            qos_profile=QoSProfile(depth=100),
+            **options,
+        )
+        client = self.other.create_client(Trigger, name)
+        wait_until(client.service_is_ready, name)
+
+        def call() -> None:
+            client.call_async(Trigger.Request())
+            self._wait_ready(service, Kind.SERVICE)
+
+        return call
+
+    def subscription(self, name: str, callback: Any = None, **options: Any) -> Make:
+        """Create a subscription; return a function that publishes to it."""
+        subscription = self.node.create_subscription(
+            Int32, name, callback or self.named(name), 10, **options
+        )
+        publisher = self.other.create_publisher(Int32, name, 10)
+        wait_until(publisher.get_subscription_count, name)
+
+        def publish() -> None:
+            publisher.publish(Int32())
+            self._wait_ready(subscription, Kind.SUBSCRIPTION)
+
+        return publish
+
+    def guard(self, name: str, callback: Any = None, **options: Any) -> Any:
+        """Create a guard condition."""
+        return self.node.create_guard_condition(callback or self.named(name), **options)
+
+    def _wait_ready(self, entity: Any, kind: Kind) -> None:
+        if self._spinner is None:
+            assert WaitSet(self.context, [Watched(entity, kind)]).wait(int(TIMEOUT * SECOND))
+
+    def client(self, name: str, **options: Any) -> Any:
+        """Return a client of a service, in the node that is spun."""
+        client = self.node.create_client(Trigger, name, **options)
+        wait_until(client.service_is_ready, name)
+        return client
+
+    def use(self, *makes: Make) -> None:
+        """Have each entity run once, so that none is idle."""
+        for make in makes:
+            make()
+            self.spin(1)
+        self.end_turn()
+        self.ran.clear()
+
+    def end_turn(self) -> None:
+        """End the turn, in which entities may run again."""
+        self.executor.spin_once(0.0)
+
+    def spin(self, callbacks: int) -> list[str]:
+        """Run a number of callbacks; return `ran`."""
+        for _ in range(callbacks):
+            self.executor.spin_once(TIMEOUT)
+        return self.ran
+
+    def spin_quietly(self) -> list[str]:
+        """Spin for a short time; return `ran`."""
+        self.executor.spin_once(QUIET)
+        return self.ran
+
+    def spin_until(self, condition: Callable[[], object]) -> None:
+        """Run callbacks until a condition holds."""
+
+        def turn() -> object:
+            self.executor.spin_once(0.01)
+            return condition()
+
+        wait_until(turn)
+
+    def start(self) -> None:
+        """Spin in a thread until the end of the test."""
+        self._spinner = Spinner(self.executor)
+
+    def close(self) -> None:
+        if self._spinner is not None:
+            self._spinner.stop()
+        self.executor.shutdown()
+        for node in (self.node, self.other):
+            node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+
+@pytest.fixture(params=[0, MANY], ids=["few", "many"])
+def rig(request: pytest.FixtureRequest, domain: int) -> Iterator[Rig]:
+    started = Rig(domain, request.param)
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def busy_rig(domain: int) -> Iterator[Rig]:
+    """A rig with many entities."""
+    started = Rig(domain, MANY)
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def waits(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """The number of waits that have begun, by the name of the thread."""
+    counts: Counter[str] = Counter()
+    wait = WaitSet.wait
+
+    def counted(wait_set: WaitSet, timeout: int) -> list[Watched]:
+        counts[threading.current_thread().name] += 1
+        return wait(wait_set, timeout)
+
+    monkeypatch.setattr(WaitSet, "wait", counted)
+    return counts
+
+
+MAIN = threading.main_thread().name
+
+
+# The order of a turn
+
+
+def test_order_of_a_turn(rig: Rig) -> None:
+    makes = [
+        rig.service("service"),
+        rig.guard("guard").trigger,
+        rig.subscription("subscription"),
+        rig.service("urgent", callback_group=UrgentCallbackGroup()),
+    ]
+    rig.use(*makes)
+    timer = rig.node.create_timer(0.001, lambda: (rig.ran.append("timer"), timer.cancel()))
+    wait_until(timer.is_ready)
+    for make in makes:
+        make()
+    rig.executor.create_task(rig.named("task"))
+    assert rig.spin(6) == ["urgent", "task", "timer", "subscription", "guard", "service"]
+
+
+def test_of_one_kind_the_one_that_has_not_run_longest_comes_first(rig: Rig) -> None:
+    makes = {name: rig.subscription(name) for name in "abc"}
+    rig.use(*makes.values())
+    for name in "cab":
+        makes[name]()
+        rig.spin(1)
+        rig.end_turn()
+    for make in makes.values():
+        make()
+    assert rig.spin(3) == [*"cab", *"cab"]
+
+
+def test_urgent_entities_wait_for_one_callback_at_most(rig: Rig) -> None:
+    urgent = rig.subscription("urgent", callback_group=UrgentCallbackGroup())
+    makes = [rig.subscription(name) for name in ("first", "second")]
+    rig.use(urgent, *makes)
+    for make in makes:
+        make()
+    assert rig.spin(1) == ["first"]
+    urgent()
+    assert rig.spin(2) == ["first", "urgent", "second"]
+
+
+def test_all_requests_of_a_service_run_in_one_turn(rig: Rig, waits: Counter[str]) -> None:
+    call = rig.service("service")
+    rig.use(call)
+    for _ in range(5):
+        call()
+    waits.clear()
+    assert rig.spin(5) == ["service"] * 5
+    assert waits[MAIN] == 1
+
+
+def test_services_with_many_requests_take_turns(rig: Rig) -> None:
+    makes = [rig.service("a"), rig.service("b")]
+    rig.use(*makes)
+    for make in makes * 3:
+        make()
+    assert rig.spin(6) == [*"ababab"]
+
+
+def test_a_turn_with_many_requests_ends(rig: Rig) -> None:
+    """A service with a request after each other does not keep other entities from running."""
+    call = rig.service(
+        "service", lambda _, response: (rig.ran.append("service"), call(), response)[2]
+    )
+    publish = rig.subscription("subscription")
+    rig.use(publish)
+    call()
+    rig.spin(1)
+    publish()
+    rig.spin_until(lambda: "subscription" in rig.ran)
+
+
+def test_many_ready_entities_all_run(rig: Rig) -> None:
+    makes = [rig.subscription(f"topic_{number}") for number in range(30)]
+    makes += [rig.guard(f"guard_{number}").trigger for number in range(30)]
+    for make in makes:
+        make()
+    rig.spin(60)
+    assert len(set(rig.ran)) == 60
+    assert len(rig.spin_quietly()) == 60
+
+
+# Which entities are in use
+
+
+def test_an_entity_that_was_ready_is_not_idle(busy_rig: Rig, waits: Counter[str]) -> None:
+    call = busy_rig.service("service")
+    busy_rig.use(call)
+    wait_until(lambda: busy_rig.executor.spin_once(QUIET) or waits[IDLE])
+    before = waits[IDLE]
+    for number in range(1, 20):
+        call()
+        assert len(busy_rig.spin(1)) == number
+    assert waits[IDLE] == before
+
+
+def test_entities_that_are_no_longer_used_become_idle_and_still_run(busy_rig: Rig) -> None:
+    makes = [busy_rig.subscription(f"topic_{number}") for number in range(60)]
+    for _ in range(3):
+        busy_rig.use(*makes)
+    makes[0]()
+    assert busy_rig.spin(1) == ["topic_0"]
+
+
+def test_events_of_an_idle_subscription_run(rig: Rig) -> None:
+    """Defaults of rclpy: a publisher with an incompatible profile is reported in the log."""
+    rig.subscription("topic")
+    handlers = [h for each in rig.node.subscriptions for h in each.event_handlers]
+    assert handlers
+    for handler in handlers:
+        handler.callback = rig.named("event")
+    profile = QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
+    rig.other.create_publisher(Int32, "topic", profile)
+    rig.spin_until(lambda: rig.ran == ["event"])
+
+
+def test_a_defect_of_the_second_thread_is_logged_and_nothing_is_lost(
+    busy_rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    wait = WaitSet.wait
+    failed = threading.Event()
+
+    def failing(wait_set: WaitSet, timeout: int) -> list[Watched]:
+        if threading.current_thread().name == IDLE and not failed.is_set():
+            failed.set()
+            raise RuntimeError("mistake")
+        return wait(wait_set, timeout)
+
+    monkeypatch.setattr(logging.getLogger("woosh_robot_agent"), "propagate", True)
+    monkeypatch.setattr(WaitSet, "wait", failing)
+    makes = [busy_rig.subscription(f"topic_{number}") for number in range(30)]
+    busy_rig.use(*makes)
+    assert failed.is_set()
+    assert "mistake" in caplog.text
+    busy_rig.use(*makes)
+
+
+# Entities, nodes and the executor come and go
+
+
+def test_entities_are_added_and_removed_while_it_spins(rig: Rig) -> None:
+    rig.start()
+    for number in range(3):
+        name = f"topic_{number}"
+        publish = rig.subscription(name)
+        publish()
+        wait_until(lambda name=name: name in rig.ran)
+        rig.node.destroy_subscription(list(rig.node.subscriptions)[-1])
+        wait_until(lambda name=name: not rig.other.count_subscribers(name), "its end")
+
+
+def test_an_entity_leaves_the_graph_when_nobody_spins(rig: Rig) -> None:
+    rig.use(rig.subscription("used"))
+    rig.subscription("unused")
+    rig.spin_quietly()
+    for subscription in list(rig.node.subscriptions):
+        rig.node.destroy_subscription(subscription)
+    for name in ("used", "unused"):
+        wait_until(lambda name=name: not rig.other.count_subscribers(name), "its end")
+
+
+def test_an_entity_that_is_destroyed_in_its_turn_does_not_run(rig: Rig) -> None:
+    def destroy(*_: Any) -> None:
+        rig.node.destroy_subscription(list(rig.node.subscriptions)[-1])
+
+    makes = [rig.subscription("first"), rig.subscription("second")]
+    rig.use(*makes)
+    for make in makes:
+        make()
+    rig.executor.create_task(destroy)
+    assert rig.spin(2) == ["first"]
+    assert rig.spin_quietly() == ["first"]
+
+
+def test_two_nodes(rig: Rig) -> None:
+    second = Node("second", context=rig.context)
+    second.create_service(Trigger, "second", rig.named("second"))
+    assert rig.executor.add_node(second)
+    assert not rig.executor.add_node(second)
+    assert set(rig.executor.get_nodes()) == {rig.node, second}
+    client = rig.client("second")
+    assert _called(rig, client).success
+    rig.executor.remove_node(second)
+    client.call_async(Trigger.Request())
+    assert rig.spin_quietly() == ["second"]
+    with Executor(context=rig.context) as executor:  # a node can move
+        executor.add_node(second)
+        executor.spin_once(TIMEOUT)
+        assert rig.ran == ["second", "second"]
+        executor.add_node(rig.node)
+        assert rig.executor.get_nodes() == []
+    second.destroy_node()
+
+
+def test_a_removed_node_leaves_the_graph_when_it_is_destroyed(rig: Rig) -> None:
+    rig.use(rig.subscription("used"))
+    rig.subscription("unused")
+    rig.spin_quietly()
+    rig.executor.remove_node(rig.node)
+    rig.node.destroy_node()
+    for name in ("used", "unused"):
+        wait_until(lambda name=name: not rig.other.count_subscribers(name), "its end")
+
+
+def test_shutdown_from_another_thread_ends_spin(rig: Rig) -> None:
+    thread = threading.Thread(target=rig.executor.spin)
+    thread.start()
+    rig.executor.create_task(rig.named("task"))
+    wait_until(lambda: rig.ran)
+    assert rig.executor.shutdown()
+    thread.join(TIMEOUT)
+    assert not thread.is_alive()
+    assert rig.executor.get_nodes() == []
+
+
+def test_shutdown_in_a_callback_ends_spin(rig: Rig) -> None:
+    rig.guard("guard", rig.executor.shutdown).trigger()
+    rig.executor.spin()
+
+
+def test_shutdown_waits_for_a_callback(rig: Rig) -> None:
+    running, release = threading.Event(), threading.Event()
+
+    def callback() -> None:
+        running.set()
+        release.wait()
+
+    rig.executor.create_task(callback)
+    rig.start()
+    assert running.wait(TIMEOUT)
+    assert not rig.executor.shutdown(timeout_sec=0.0)
+    release.set()
+    assert rig.executor.shutdown()
+
+
+def test_shutdown_of_the_context_ends_spin(rig: Rig) -> None:
+    threading.Timer(QUIET, rclpy.try_shutdown, kwargs={"context": rig.context}).start()
+    with pytest.raises(ExternalShutdownException):
+        rig.executor.spin()
+
+
+def test_the_second_thread_ends(busy_rig: Rig) -> None:
+    def ended() -> bool:
+        return IDLE not in {thread.name for thread in threading.enumerate()}
+
+    busy_rig.spin_quietly()
+    assert not ended()
+    busy_rig.executor.shutdown()
+    assert ended()
+    forgotten = Executor(context=busy_rig.context)
+    forgotten.add_node(busy_rig.node)
+    forgotten.spin_once(0.0)
+    assert not ended()
+    del forgotten
+    gc.collect()
+    wait_until(ended)
+
+
+def test_sigint_ends_spin(domain: int) -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-c", SPIN],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **domain_variables(domain)},
+    )
+    assert program.stdout is not None
+    assert any("spinning" in line for line in program.stdout)
+    program.send_signal(signal.SIGINT)
+    assert "ended" in program.communicate(timeout=TIMEOUT)[0]
+    assert program.returncode == 0
+
+
+SPIN = """
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+from woosh_robot_agent.ros.executor import Executor
+
+rclpy.init()
+node = Node("spun")
+for number in range(40):
+    node.create_service(Trigger, f"service_{number}", lambda _, response: response)
+executor = Executor()
+executor.add_node(node)
+executor.create_task(lambda: print("spinning", flush=True))
+try:
+    executor.spin()
+except (KeyboardInterrupt, ExternalShutdownException):
+    print("ended")
+"""
+
+
+# Waking up, and not spinning
+
+
+def test_another_thread_wakes_it(rig: Rig) -> None:
+    guard = rig.guard("guard")
+    rig.start()
+    for wake in (guard.trigger, lambda: rig.executor.create_task(rig.named("task"))):
+        rig.ran.clear()
+        wake()
+        wait_until(lambda: rig.ran)
+
+
+def test_it_waits_while_nothing_is_ready(rig: Rig, waits: Counter[str]) -> None:
+    rig.use(rig.service("service"), rig.subscription("subscription"), rig.guard("guard").trigger)
+    rig.spin_quietly()
+    waits.clear()
+    for _ in range(3):
+        rig.spin_quietly()
+    assert waits == {MAIN: 3}
+
+
+def test_it_waits_while_a_coroutine_awaits_something(rig: Rig, waits: Counter[str]) -> None:
+    future: Future = Future()
+
+    async def work() -> None:
+        await future
+        rig.ran.append("work")
+
+    rig.executor.create_task(work)
+    rig.spin(1)
+    rig.spin_quietly()
+    waits.clear()
+    for _ in range(3):
+        rig.spin_quietly()
+    assert waits == {MAIN: 3}
+    future.set_result(None)
+    assert rig.spin(1) == ["work"]
+
+
+def test_spin_once_ends_after_its_timeout(rig: Rig) -> None:
+    rig.executor.spin_once(0.0)
+    rig.executor.spin_once(timeout_sec=0.01)
+    call = rig.service("service")
+    rig.use(call)
+    call()
+    rig.executor.spin_once(0.0)
+    assert rig.ran == ["service"]
+
+
+# Callbacks
+
+
+def test_an_exception_leaves_spin_once_and_the_rest_of_the_turn_follows(rig: Rig) -> None:
+    def fail(*_: Any) -> None:
+        raise RuntimeError("mistake")
+
+    subscribe = rig.subscription("subscription", fail)
+    subscribe()
+    with pytest.raises(RuntimeError, match="mistake"):
+        rig.spin(1)
+    call = rig.service("service")
+    rig.use(call)
+    for turn in range(1, 4):
+        subscribe()
+        call()
+        with pytest.raises(RuntimeError, match="mistake"):
+            rig.spin(1)
+        assert rig.spin(1) == ["service"] * turn
+        rig.end_turn()
+
+    async def fail_later() -> None:
+        raise RuntimeError("late mistake")
+
+    task = rig.executor.create_task(fail_later)
+    with pytest.raises(RuntimeError, match="late mistake"):
+        rig.spin(1)
+    assert str(task.exception()) == "late mistake"
+
+
+def test_timers(rig: Rig) -> None:
+    timer = rig.node.create_timer(0.01, rig.named("timer"))
+    assert rig.spin(5) == ["timer"] * 5
+    timer.cancel()
+    assert rig.spin_quietly() == ["timer"] * 5
+    timer.reset()
+    rig.spin(1)
+    rig.node.destroy_timer(timer)
+    assert rig.spin_quietly() == ["timer"] * 6
+
+
+@pytest.mark.skipif(
+    not hasattr(rclpy.timer, "TimerInfo"), reason="this release has no information about timers"
+)
+def test_timers_with_information(rig: Rig) -> None:
+    def callback(info: Any) -> None:
+        rig.ran.append(type(info).__name__)
+
+    callback.__annotations__["info"] = rclpy.timer.TimerInfo
+    rig.node.create_timer(0.01, callback)
+    assert rig.spin(2) == ["TimerInfo"] * 2
+
+
+def test_messages_with_information(rig: Rig) -> None:
+    infos: list[Any] = []
+    publish = rig.subscription("topic", lambda _message, info: infos.append(info))
+    publish()
+    rig.spin_until(lambda: infos)
+    assert infos[0]["source_timestamp"] > 0
+
+
+def test_raw_messages(rig: Rig) -> None:
+    received: list[Any] = []
+    rig.subscription("topic", received.append, raw=True)()
+    rig.spin_until(lambda: received)
+    assert isinstance(received[0], bytes)
+
+
+def _called(rig: Rig, client: Any) -> Any:
+    """Call a service and spin until the response is there; return it."""
+    future = client.call_async(Trigger.Request())
+    rig.executor.spin_until_future_complete(future, TIMEOUT)
+    return future.result()
+
+
+def test_a_client(rig: Rig) -> None:
+    rig.service("service")
+    client = rig.client("service")
+    assert _called(rig, client).success
+    done: list[Any] = []
+    client.call_async(Trigger.Request()).add_done_callback(
+        lambda _: done.append(threading.current_thread())
+    )
+    rig.start()
+    wait_until(lambda: done)
+    assert done[0].name == "spinner"
+
+
+def test_a_deferred_service(rig: Rig) -> None:
+    replies: list[Reply] = []
+    DeferredService(rig.node, Trigger, "service", lambda _, reply: replies.append(reply))
+    client = rig.client("service")
+    future = client.call_async(Trigger.Request())
+    rig.spin_until(lambda: replies)
+    assert not future.done()
+    thread = threading.Thread(target=replies[0].send, args=(Trigger.Response(message="late"),))
+    thread.start()
+    rig.executor.spin_until_future_complete(future, TIMEOUT)
+    thread.join()
+    assert future.result().message == "late"
+
+
+def test_a_deferred_service_refuses_another_executor(rig: Rig) -> None:
+    DeferredService(rig.other, Trigger, "service", lambda *_: None)
+    client = rig.client("service")
+    client.call_async(Trigger.Request())
+    executor = SingleThreadedExecutor(context=rig.context)
+    executor.add_node(rig.other)
+    with pytest.raises(TypeError, match=r"woosh_robot_agent\.ros\.executor\.Executor"):
+        executor.spin_once(timeout_sec=TIMEOUT)
+    executor.shutdown()
+
+
+def test_an_action(rig: Rig) -> None:
+    """Goals of rclpy's server and client, which are made of waitables."""
+    steps: list[Any] = []
+
+    async def execute(goal: Any) -> Any:
+        goal.publish_feedback(StepControl.Feedback())
+        while not goal.is_cancel_requested and goal.request.arg.action.value:
+            await rig.client("service").call_async(Trigger.Request())
+        (goal.canceled if goal.is_cancel_requested else goal.succeed)()
+        return StepControl.Result()
+
+    rig.service("service", callback_group=ReentrantCallbackGroup())
+    server = ActionServer(
+        rig.node,
+        StepControl,
+        "action",
+        execute,
+        callback_group=ReentrantCallbackGroup(),
+        cancel_callback=lambda _: CancelResponse.ACCEPT,
+    )
+    client = ActionClient(rig.node, StepControl, "action")
+    wait_until(client.server_is_ready)
+
+    def spun(future: Any) -> Any:
+        rig.executor.spin_until_future_complete(future, TIMEOUT)
+        return future.result()
+
+    handle = spun(client.send_goal_async(StepControl.Goal(), feedback_callback=steps.append))
+    assert spun(handle.get_result_async()).status == SUCCEEDED
+    rig.spin_until(lambda: steps)
+    goal = StepControl.Goal()
+    goal.arg.action.value = 1
+    handle = spun(client.send_goal_async(goal))
+    assert len(spun(handle.cancel_goal_async()).goals_canceling) == 1
+    assert spun(handle.get_result_async()).status == CANCELED
+    for each in (client, server):
+        each.destroy()
+
+
+def test_a_coroutine_keeps_its_group_busy(rig: Rig) -> None:
+    future: Future = Future()
+
+    async def wait(_request: Any, response: Any) -> Any:
+        rig.ran.append("begin")
+        await future
+        rig.ran.append("end")
+        response.message = "late"
+        return response
+
+    call_slow = rig.service("slow", wait)
+    call_same = rig.service("same")
+    call_free = rig.service("free", callback_group=ReentrantCallbackGroup())
+    for call in (call_slow, call_same, call_free):
+        call()
+    guard = rig.guard("guard")
+    guard.trigger()
+    rig.spin_until(lambda: {"begin", "free"} <= set(rig.ran))
+    assert set(rig.spin_quietly()) <= {"begin", "free", "same", "guard"}
+    rig.ran.clear()
+    call_same()
+    guard.trigger()
+    assert rig.spin_quietly() == []
+    future.set_result(None)
+    rig.spin_until(lambda: len(rig.ran) == 3)
+    assert rig.ran[0] == "end"
+    assert sorted(rig.ran[1:]) == ["guard", "same"]
+
+
+def test_coroutines_of_subscriptions_and_timers(rig: Rig) -> None:
+    rig.service("service", callback_group=ReentrantCallbackGroup())
+    client = rig.client("service", callback_group=ReentrantCallbackGroup())
+
+    async def call(*_: Any) -> None:
+        response = await client.call_async(Trigger.Request())
+        rig.ran.append(f"answered {response.success}")
+
+    rig.subscription("topic", call)()
+    timer = rig.node.create_timer(0.01, call, callback_group=ReentrantCallbackGroup())
+    rig.spin_until(lambda: rig.ran.count("answered True") >= 5)
+    timer.cancel()
+
+
+def test_tasks(rig: Rig) -> None:
+    assert not rig.executor.create_task(lambda: None).done()
+    value = rig.executor.create_task(lambda factor, *, number: factor * number, 3, number=4)
+
+    async def add() -> int:
+        return int(await value) + 1
+
+    total = rig.executor.create_task(add)
+    rig.executor.spin_until_future_complete(total, TIMEOUT)
+    assert (value.result(), total.result()) == (12, 13)
+    cancelled = rig.executor.create_task(rig.named("cancelled"))
+    cancelled.cancel()
+    assert rig.spin_quietly() == []
+
+
+def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig: Rig) -> None:
+    def again() -> None:
+        rig.executor.create_task(again)
+
+    publish = rig.subscription("topic")
+    again()
+    publish()
+    rig.spin_until(lambda: rig.ran)
+
+
+def test_spin_until_future_complete_ends_with_the_future_or_its_timeout(rig: Rig) -> None:
+    future: Future = Future()
+    rig.executor.spin_until_future_complete(future, QUIET)
+    assert not future.done()
+    threading.Timer(QUIET, future.set_result, (1,)).start()
+    rig.executor.spin_until_future_complete(future)
+    assert future.result() == 1
+
+
+def test_rclpys_functions_take_it(rig: Rig) -> None:
+    rig.guard("guard").trigger()
+    rclpy.spin_once(rig.node, executor=rig.executor, timeout_sec=TIMEOUT)
+    assert rig.ran == ["guard"]
+    task = rig.executor.create_task(lambda: 1)
+    rclpy.spin_until_future_complete(rig.node, task, rig.executor, TIMEOUT)
+    assert task.result() == 1

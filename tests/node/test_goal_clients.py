@@ -1,0 +1,90 @@
+"""Goals and their clients, which may be late or vanish; an agent that stops and starts again."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+
+import pytest
+
+from tests.harness import TIMEOUT, Client, RunningAgent, wait_future, wait_until
+from tests.node.goals import ABORTED, CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
+from woosh_robot_agent.ros.actions.run import STOPPING
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.srv import Mode
+
+
+@pytest.fixture
+def agent(simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]) -> RunningAgent:
+    started = start_agent(ip="127.0.0.1", port=simulator.port, result_timeout=3)
+    started.wait_connected()
+    return started
+
+
+pytestmark = pytest.mark.usefixtures("agent")
+
+
+def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> None:
+    goal = step(client, 0.2)
+    assert goal.result()[0] == SUCCEEDED
+
+    def ask_again() -> int:
+        return int(wait_future(goal.ask_result()).status)
+
+    assert ask_again() == SUCCEEDED
+    wait_until(lambda: ask_again() == 0, "the result to expire")
+    assert step(client, 0.2).result()[0] == SUCCEEDED
+
+
+def test_other_clients_are_served_after_one_vanishes(
+    client: Client, simulator: SimulatorThread, domain: int
+) -> None:
+    """Clients leave while goals are running and responses are pending."""
+    simulator.delay("woosh.robot.Mode", 0.2)
+    gone = Client(domain)
+    step(gone, 3.0)
+    gone.call_async(Mode, "robot/Mode")
+    gone.close()
+    status, ret = step(client, 0.2).result()
+    assert status == SUCCEEDED, ret
+    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+
+
+def test_goal_during_shutdown_is_aborted(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
+    agent.agent.robot.thread.run(agent.agent.actions.stop(), TIMEOUT)
+    status, ret = step(client, 0.2).result()
+    assert (status, ret.msg) == (ABORTED, STOPPING)
+    assert simulator.counts[CALL_ACTION] == 0
+
+
+def test_agent_can_be_restarted_with_open_goals(
+    agent: RunningAgent,
+    client: Client,
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+) -> None:
+    slow_down(simulator)
+    goals = [step(client, 100.0), lift3(client, 0.4, speed=0.001)]
+    for goal in goals:
+        goal.feedback.wait_count(1)
+    agent.close()
+    for goal in goals:
+        status, ret = goal.result()
+        assert (status, "stopping" in ret.msg) == (ABORTED, True)
+    wait_until(lambda: simulator.connections == 0)
+    start_agent(ip="127.0.0.1", port=simulator.port)
+
+    def status_of_the_old_goal() -> int | None:
+        """Response of the new agent, or None if it has not been discovered yet."""
+        asked = goals[0].ask_result()
+        with contextlib.suppress(AssertionError):
+            return int(wait_future(asked, 0.5).status)
+        return None
+
+    wait_until(lambda: status_of_the_old_goal() == 0)
+    wait_until(lambda: client.call(Mode, "robot/Mode").info.ctrl.value)
+    hurry(simulator)
+    status, ret = step(client, 0.2).result()
+    assert status == SUCCEEDED, ret

@@ -1,0 +1,468 @@
+"""An executor for nodes with many entities, of which few are in use at a time.
+
+rclpy's executors look at all entities of their nodes each time they wake. This one looks at those
+in use:
+
+1. Timers, guard conditions and clients are always in use. Of the other entities, those are in use
+   that were ready lately, at most `_MAX_IN_USE`.
+2. A second thread waits for the entities that are idle. It reports those that become ready to the
+   thread that spins. From then on, they are in use.
+3. All callbacks run in the thread that spins, in turns. A turn begins with a wait. Then the
+   callbacks of all that is ready run: first those of urgent entities (`UrgentCallbackGroup`), then
+   tasks, then the others in the order of `entities.Kind`. Of one kind, those come first that have
+   not run for the longest time.
+4. Each callback runs once. Services and subscriptions that have more to do run again at the end of
+   the turn, until it has taken `_MAX_TURN`.
+5. Between two callbacks of a turn, urgent services and subscriptions are looked at again. They wait
+   for at most one callback.
+6. `spin_once` runs one callback. An exception of the callback leaves `spin_once`. The next call
+   continues the turn.
+7. A coroutine that awaits something is resumed at the end of each turn. While it keeps its
+   callback group busy, the group's other entities are left out.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+import weakref
+from collections import deque
+from collections.abc import Callable, Coroutine
+from types import CoroutineType
+from typing import Any
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException
+from rclpy.guard_condition import GuardCondition
+from rclpy.signals import SignalHandlerGuardCondition
+from rclpy.task import Future, Task
+from rclpy.utilities import get_default_context
+
+from woosh_robot_agent.ros.entities import WaitSet, Watched, entities_of
+
+_LOG = logging.getLogger(__name__)
+_MAX_IN_USE = 24
+"""Maximum number of entities in use that may become idle. If there are more, half of them stay."""
+_MAX_TURN = 0.005
+"""Time after which no callback runs again in the same turn, in seconds."""
+_NANOSECONDS = 1_000_000_000
+_FOREVER = -1
+"""Timeout of a wait without a limit."""
+
+
+class Executor:
+    """Runs the callbacks of nodes in the thread that spins it, like rclpy's executors.
+
+    `shutdown` also ends its second thread.
+
+    Args:
+        context: rclpy's context; by default the global one.
+    """
+
+    def __init__(self, *, context: Any = None) -> None:
+        self._context = context or get_default_context()
+        self._guard = GuardCondition(None, None, self._context)
+        """Wakes the thread that spins."""
+        self._signal_guard = SignalHandlerGuardCondition(self._context)
+        self._tasks: deque[Any] = deque()
+        """Tasks for the next turn."""
+        self._is_shutdown = False
+        self._lock = threading.RLock()
+        """Protects what follows."""
+        self._nodes: set[Any] = set()
+        self._changed = False
+        """True if the nodes' entities may have changed."""
+        self._watched: dict[Any, Watched] = {}
+        """The nodes' entities."""
+        self._wait_set: WaitSet | None = None
+        """The entities in use; None if they have changed."""
+        self._idle = _IdleThread(self._context, self._lock, self._guard)
+        self._spinning = threading.RLock()
+        """Held by the thread that spins, which alone uses what follows."""
+        self._turn = 0
+        """Number of the turn."""
+        self._turn_ends = 0.0
+        """Monotonic time after which no callback runs again in this turn."""
+        self._has_run = False
+        """True if a callback of this turn has run."""
+        self._queue: deque[Any] = deque()
+        """The rest of this turn: entities and tasks."""
+        self._urgent: list[Watched] = []
+        self._blocked: list[Watched] = []
+        """Ready entities whose callback group is busy."""
+        self._suspended: deque[Any] = deque()
+        """Tasks of coroutines that await something."""
+        self._context.on_shutdown(self.wake)
+        weakref.finalize(self, self._idle.close)
+
+    @property
+    def context(self) -> Any:
+        """Context of rclpy."""
+        return self._context
+
+    def add_node(self, node: Any) -> bool:
+        """Add a node; return False if it has been added before."""
+        with self._lock:
+            if node in self._nodes:
+                return False
+            self._nodes.add(node)
+            node.executor = self
+        self.wake()
+        return True
+
+    def remove_node(self, node: Any) -> None:
+        """Remove a node. A callback that is running continues."""
+        with self._lock:
+            if node not in self._nodes:
+                return
+            self._nodes.remove(node)
+            self._update()
+        self.wake()
+
+    def get_nodes(self) -> list[Any]:
+        """Return the nodes that have been added."""
+        with self._lock:
+            return list(self._nodes)
+
+    def wake(self) -> None:
+        """Look at the nodes again. A node calls it when it has created or destroyed an entity."""
+        with self._lock:
+            self._changed = True
+            self._idle.wake()
+        self._interrupt()
+
+    def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Any:
+        """Run a function or coroutine in the executor; return its future. Thread-safe."""
+        task = Task(callback, args, kwargs, executor=self)
+        self._tasks.append(task)
+        self._interrupt()
+        return task
+
+    def create_future(self) -> Any:
+        """Return a future whose callbacks run in the executor."""
+        return Future(executor=self)
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Stop spinning, and release the nodes.
+
+        Args:
+            timeout_sec: maximum time to wait for a callback that is running, in seconds; no limit
+                if None or negative.
+
+        Returns:
+            False if the callback did not end in time.
+        """
+        self._is_shutdown = True
+        self._interrupt()
+        timeout = -1 if timeout_sec is None or timeout_sec < 0 else timeout_sec
+        if not self._spinning.acquire(timeout=timeout):
+            return False
+        try:
+            self._idle.close()
+            with self._lock:
+                self._nodes.clear()
+                self._update()
+            for guard in (self._guard, self._signal_guard):
+                try:
+                    guard.destroy()
+                except InvalidHandle:  # shut down before
+                    pass
+        finally:
+            self._spinning.release()
+        return True
+
+    def __enter__(self) -> Executor:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.shutdown()
+
+    def spin(self) -> None:
+        """Run callbacks until the executor or the context is shut down."""
+        while self._context.ok() and not self._is_shutdown:
+            self.spin_once()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for a callback and run it.
+
+        Args:
+            timeout_sec: maximum time to wait, in seconds; no limit if None or negative.
+
+        Raises:
+            ExternalShutdownException: the context was shut down.
+        """
+        self._spin_once(timeout_sec, lambda: False)
+
+    def spin_once_until_future_complete(
+        self, future: Any, timeout_sec: float | None = None
+    ) -> None:
+        """Do the same as `spin_once`, unless a future is done before."""
+        future.add_done_callback(lambda _: self._interrupt())
+        self._spin_once(timeout_sec, lambda: _is_done(future))
+
+    def spin_until_future_complete(self, future: Any, timeout_sec: float | None = None) -> None:
+        """Run callbacks until a future is done, or for `timeout_sec` seconds."""
+        future.add_done_callback(lambda _: self._interrupt())
+        deadline = _deadline(timeout_sec)
+        while self._context.ok() and not (self._is_shutdown or _is_done(future)):
+            left = None if deadline is None else deadline - time.monotonic()
+            if left is not None and left <= 0:
+                return
+            self._spin_once(left, lambda: _is_done(future))
+
+    def _spin_once(self, timeout: float | None, is_done: Callable[[], bool]) -> None:
+        deadline = _deadline(timeout)
+        waited = False
+        with self._spinning:
+            while not (self._is_shutdown or is_done() or self._run_next()):
+                left = _FOREVER
+                if deadline is not None:
+                    left = int(max(deadline - time.monotonic(), 0.0) * _NANOSECONDS)
+                    if waited and not left:
+                        return
+                self._begin_turn(left)
+                waited = True
+
+    def _begin_turn(self, timeout: int) -> None:
+        """Wait until something is ready, for at most `timeout` nanoseconds, and queue it."""
+        self._check_context()
+        ready = self._entities_in_use().wait(0 if self._tasks else timeout)
+        self._check_context()
+        self._turn += 1
+        self._turn_ends = time.monotonic() + _MAX_TURN
+        self._has_run = False
+        if self._idle.reported:
+            ready += self._use_reported()
+        ready.sort(key=Watched.rank)
+        urgent = sum(each.is_urgent for each in ready)
+        tasks = [self._tasks.popleft() for _ in range(len(self._tasks))]
+        self._queue.extend((*ready[:urgent], *tasks, *ready[urgent:]))
+
+    def _check_context(self) -> None:
+        if not self._context.ok():
+            raise ExternalShutdownException
+
+    def _entities_in_use(self) -> WaitSet:
+        with self._lock:
+            if self._changed:
+                self._update()
+            if self._wait_set is None:
+                self._urgent = [
+                    each for each in self._watched.values() if each.is_urgent and each.may_have_more
+                ]
+                in_use = (
+                    each
+                    for each in self._watched.values()
+                    if not (each.owner.is_idle or each in self._blocked)
+                )
+                self._wait_set = WaitSet(self._context, in_use, self._guard, self._signal_guard)
+            return self._wait_set
+
+    def _update(self) -> None:
+        """Look at the entities of the nodes. Call it with the lock."""
+        self._changed = False
+        known, self._watched = self._watched, {}
+        for node in self._nodes:
+            for kind, entity in entities_of(node):
+                watched = known.pop(entity) if entity in known else Watched(entity, kind)
+                self._watched[entity] = watched
+            for subscription in node.subscriptions:
+                # a message also wakes the thread that waits for an event of the subscription
+                for handler in subscription.event_handlers:
+                    if handler in self._watched and subscription in self._watched:
+                        self._watched[handler].owner = self._watched[subscription]
+        for each in known.values():
+            each.is_present = False
+        self._limit_use()
+        self._watch_idle()
+
+    def _use_reported(self) -> list[Watched]:
+        """Take the entities into use that the second thread has reported; return them."""
+        with self._lock:
+            reported = self._idle.take_reported()
+            for each in reported:
+                each.owner.last_turn = self._turn
+            if self._limit_use():
+                self._watch_idle()
+        return reported
+
+    def _limit_use(self) -> bool:
+        """Limit the number of entities in use; return True if some have become idle."""
+        self._wait_set = None
+        in_use = [each for each in self._watched.values() if each.may_idle and not each.is_idle]
+        if len(in_use) <= _MAX_IN_USE:
+            return False
+        in_use.sort(key=lambda each: (each.is_urgent, each.last_turn), reverse=True)
+        for place, each in enumerate(in_use):
+            was_used = each.is_urgent or each.last_turn
+            each.is_idle = place >= _MAX_IN_USE // 2 or not was_used
+        return True
+
+    def _watch_idle(self) -> None:
+        self._idle.watch([each for each in self._watched.values() if each.owner.is_idle])
+
+    def _run_next(self) -> bool:
+        """Run the next callback of this turn; return False if there is none."""
+        if self._has_run and self._queue:
+            for urgent in self._urgent:
+                if self._run(urgent):
+                    return True
+        while self._queue:
+            each = self._queue.popleft()
+            if not isinstance(each, Watched):
+                self._has_run = True
+                self._run_task(each)
+                return True
+            if self._run(each):
+                if each.may_have_more and time.monotonic() < self._turn_ends:
+                    self._queue.append(each)
+                return True
+        return self._resume_tasks()
+
+    def _resume_tasks(self) -> bool:
+        """Resume the suspended tasks until one of them ends; return False if none does."""
+        return any(self._run_task(self._suspended.popleft()) for _ in range(len(self._suspended)))
+
+    def _run_task(self, task: Any) -> bool:
+        """Run a task; return False if it awaits something."""
+        task()
+        if not _is_done(task):
+            self._suspended.append(task)
+            return False
+        if (error := task.exception()) is not None:
+            raise error
+        return True
+
+    def _run(self, watched: Watched) -> bool:
+        """Run the callback of an entity; return False if there is nothing to do."""
+        entity = watched.entity
+        if not watched.is_present:
+            return False
+        if not entity.callback_group.beginning_execution(entity):
+            self._blocked.append(watched)
+            self._wait_set = None
+            return False
+        result = None
+        try:
+            call = watched.take(self)
+            if call is None:
+                return False
+            self._has_run = True
+            watched.last_turn = self._turn
+            result = call()
+        finally:
+            if not isinstance(result, CoroutineType):
+                entity.callback_group.ending_execution(entity)
+        if isinstance(result, CoroutineType):
+            self._run_task(Task(self._finish(entity, result), executor=self))
+        return True
+
+    async def _finish(self, entity: Any, coroutine: Coroutine[Any, Any, Any]) -> None:
+        """Run the coroutine of a callback, which keeps its group busy until its end."""
+        try:
+            await coroutine
+        finally:
+            entity.callback_group.ending_execution(entity)
+            self._queue.extend(self._blocked)
+            self._blocked.clear()
+            self._wait_set = None
+
+    def _interrupt(self) -> None:
+        """Wake the thread that spins."""
+        try:
+            self._guard.trigger()
+        except InvalidHandle:  # shut down
+            pass
+
+
+def _deadline(timeout: float | None) -> float | None:
+    return None if timeout is None or timeout < 0 else time.monotonic() + timeout
+
+
+def _is_done(future: Any) -> bool:
+    return bool(future.done() or future.cancelled())
+
+
+class _IdleThread:
+    """The thread that waits for idle entities. It is started when there are any.
+
+    Args:
+        context: rclpy's context.
+        lock: the executor's lock. Hold it when you call `watch`, `wake` or `take_reported`.
+        executor_guard: triggered when entities have been reported.
+
+    Attributes:
+        reported: entities that have become ready.
+    """
+
+    def __init__(self, context: Any, lock: threading.RLock, executor_guard: Any) -> None:
+        self._context = context
+        self._lock = lock
+        self._executor_guard = executor_guard
+        self._guard = GuardCondition(None, None, context)
+        self._watched: list[Watched] = []
+        self.reported: list[Watched] = []
+        self._thread: threading.Thread | None = None
+        self._is_closed = False
+
+    def watch(self, watched: list[Watched]) -> None:
+        """Wait for these entities from now on."""
+        self._watched = watched
+        if self._thread is not None:
+            self.wake()
+        elif watched and not self._is_closed:
+            self._thread = threading.Thread(target=self._main, name="idle entities", daemon=True)
+            self._thread.start()
+
+    def wake(self) -> None:
+        """Release entities that have been destroyed."""
+        if not self._is_closed:
+            self._guard.trigger()
+
+    def take_reported(self) -> list[Watched]:
+        """Return the entities that have become ready, and forget them."""
+        reported, self.reported = self.reported, []
+        return reported
+
+    def close(self) -> None:
+        """End the thread. Further calls do nothing."""
+        with self._lock:
+            if self._is_closed:
+                return
+            self._guard.trigger()
+            self._is_closed = True
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+        self._guard.destroy()
+
+    def _main(self) -> None:
+        try:
+            while self._wait():
+                pass
+        except Exception:
+            with self._lock:
+                if self._context.ok():
+                    _LOG.exception("the thread for idle entities failed; it is started again")
+                # those that are in use are waited for by the thread that spins
+                self._report(self._watched)
+                self._thread = None
+
+    def _wait(self) -> bool:
+        """Wait until entities are ready, and report them; return False at the end."""
+        with self._lock:
+            if self._is_closed or not self._context.ok():
+                return False
+            wait_set = WaitSet(self._context, self._watched, self._guard)
+        ready = wait_set.wait(_FOREVER)
+        with self._lock:
+            self._report(ready)
+        return True
+
+    def _report(self, ready: list[Watched]) -> None:
+        for each in ready:
+            each.owner.is_idle = False
+        if ready:
+            self._watched = [each for each in self._watched if each.owner.is_idle]
+            self.reported += ready
+            self._executor_guard.trigger()
