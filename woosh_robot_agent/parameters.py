@@ -374,6 +374,8 @@ GONE = {
     "push_queue": "its value is fixed",
 }
 """Parameters that do not exist any more, and what to do instead."""
+_NO_EFFECT = {"executor": "the agent has one executor for all releases and middleware"}
+"""Parameters of former versions that may still be set, and why they have no effect."""
 
 
 def check_names(names: Iterable[str]) -> list[str]:
@@ -392,6 +394,10 @@ def check_names(names: Iterable[str]) -> list[str]:
             raise ValueError(f"there is no parameter {name}: {GONE[name]}")
     guesses = ((name, difflib.get_close_matches(name, _BY_NAME, 1, 0.8)) for name in unknown)
     return [
+        f"setting {name} has no effect: {_NO_EFFECT[name]}"
+        for name in unknown
+        if name in _NO_EFFECT
+    ] + [
         f"there is no parameter {name}, and setting it has no effect; did you mean {guess[0]}?"
         for name, guess in guesses
         if guess

@@ -130,6 +130,16 @@ def test_bad_value_at_the_start_is_refused(
         start_agent(**parameter)
 
 
+def test_parameters_without_effect_are_named(
+    start_agent: Callable[..., RunningAgent], capfd: pytest.CaptureFixture[str]
+) -> None:
+    start_agent(ip="127.0.0.1", port=1, executor="single", publish_tff=True, rate_of_another_node=3)
+    log = capfd.readouterr().err
+    assert "setting executor has no effect: the agent has one executor" in log
+    assert "no parameter publish_tff, and setting it has no effect; did you mean publish_tf" in log
+    assert "rate_of_another_node" not in log
+
+
 def test_integer_is_accepted_for_a_floating_point_parameter(
     start_agent: Callable[..., RunningAgent], client: Client
 ) -> None:
