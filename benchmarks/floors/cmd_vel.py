@@ -16,13 +16,13 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 
 from benchmarks.floors.bare_socket import BareSocket
+from benchmarks.floors.node import floor_node
 
 FRAME = '{"type":"woosh.robot.Twist","body":{"linear":%r},"sn":1,"timestamp":1700000000000}'
 
 
 def main(url: str) -> None:
-    rclpy.init()
-    node = rclpy.create_node("floor", namespace="/floor")
+    node = floor_node()
     chassis = BareSocket(url, lambda _frame: None)
 
     def drive(message: Any) -> None:

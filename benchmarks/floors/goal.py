@@ -16,6 +16,7 @@ from rclpy.action import ActionServer
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from benchmarks.floors.bare_socket import BareSocket
+from benchmarks.floors.node import floor_node
 from woosh_robot_msgs.action import ExecTask
 
 FRAME = '{"type":"woosh.robot.ExecTask","body":{"taskId":"%d"},"sn":1,"timestamp":1700000000000}'
@@ -24,8 +25,7 @@ _LAST = b'"state":7'
 
 
 def main(url: str) -> None:
-    rclpy.init()
-    node = rclpy.create_node("floor", namespace="/floor")
+    node = floor_node()
     goals: list[Any] = []
     feedback, result = ExecTask.Feedback(), ExecTask.Result()
 

@@ -7,6 +7,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
+from benchmarks.floors.node import floor_node
 from woosh_robot_msgs.srv import PoseSpeed
 
 
@@ -16,10 +17,7 @@ def answer(_request: Any, response: Any) -> Any:
 
 
 def main() -> None:
-    rclpy.init()
-    node = rclpy.create_node("floor", namespace="/woosh_robot")
-    for number in range(51):
-        node.create_service(PoseSpeed, f"other/S{number}", answer)
+    node = floor_node(namespace="/woosh_robot")
     node.create_service(PoseSpeed, "robot/PoseSpeed", answer)
     rclpy.spin(node, SingleThreadedExecutor())
 
