@@ -37,6 +37,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def say(*words: object) -> None:
+    print()  # ends a line that the middleware has begun
     print(SAID, *words, flush=True)
 
 
