@@ -4,29 +4,63 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import re
 import struct
 from collections import deque
 from collections.abc import Awaitable, Callable
+from http import HTTPStatus
 from typing import Any, Protocol
 
-from websockets.frames import Opcode
+from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from woosh_robot_agent.link.frames import Codec
-from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.link.tasks import run_with_timeout, wait_then_cancel
 from woosh_robot_agent.link.transport import (
     CHUNK,
     TcpTransport,
-    Transport,
     TransportClosedError,
-    WebSocketTransport,
-    serve,
+    peer_address,
     varint,
 )
 
 
-class ServerTransport(Transport, Protocol):
-    """A server's end of one connection."""
+class ServerTransport(Protocol):
+    """A server's end of one connection that carries whole frames."""
+
+    peer: str
+    """Address of the client, for logs."""
+
+    def backlog(self) -> int:
+        """Return the number of accepted bytes that still wait in the write buffer."""
+
+    async def send(self, data: str | bytes) -> None:
+        """Hand one frame to the connection; waits while its buffer is full.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
+
+    async def recv(self) -> str | bytes:
+        """Wait for the next frame and return it.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+            FrameError: a frame was skipped; the connection goes on.
+        """
+
+    async def ping(self) -> bool:
+        """Ping the client and wait for its pong; False if the transport has no ping.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
+
+    async def close(self, timeout: float = 1.0) -> None:
+        """Close in an orderly way within `timeout` seconds, otherwise abort."""
+
+    def abort(self) -> None:
+        """Drop the connection at once."""
 
     def header(self, size: int, *, text: bool = False) -> bytes:
         """Return the bytes that precede a frame from the server.
@@ -65,24 +99,34 @@ class Listener:
     """The listening sockets of a server.
 
     Args:
-        server: an asyncio or WebSocket server that is already listening.
+        server: an asyncio server that is already listening.
+        http: the HTTP server behind it, if there is one.
 
     Attributes:
         port: actual port of the first socket, even if port 0 was requested.
         addresses: family and address of each socket.
     """
 
-    def __init__(self, server: Any) -> None:
+    def __init__(self, server: asyncio.Server, http: web.Server | None = None) -> None:
         self._server = server
+        self._http = http
         self.addresses: list[tuple[int, Any]] = [
             (each.family, each.getsockname()) for each in server.sockets
         ]
         self.port: int = self.addresses[0][1][1]
 
+    def drop(self) -> None:
+        """Abort all HTTP connections, also those between two requests."""
+        for connection in self._http.connections if self._http else ():
+            if connection.transport is not None:
+                connection.transport.abort()
+
     async def close(self) -> None:
-        """Stop listening; open connections end with their handlers."""
+        """Stop listening, and end the connections after at most a second."""
         self._server.close()
         with contextlib.suppress(TimeoutError):
+            if self._http:
+                await run_with_timeout(2 * _CLOSE_TIMEOUT, self._http.shutdown(_CLOSE_TIMEOUT))
             await run_with_timeout(_CLOSE_TIMEOUT, self._server.wait_closed())
 
 
@@ -215,20 +259,186 @@ async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) ->
     return Listener(await asyncio.start_server(handle, host, port))
 
 
+_LOG = logging.getLogger(__name__)
+
+_SILENT = logging.getLogger(f"{__name__}.http")
+"""Logger of aiohttp, which reports every request that cannot be parsed: port scans fill the log."""
+_SILENT.disabled = True
+
+_OPEN_TIMEOUT = 10.0
+"""Maximum time from a connection to its first request and the end of its handshake, in seconds."""
+_KEEPALIVE_TIMEOUT = 60.0
+"""Time for which a connection is kept for further HTTP requests, in seconds."""
 _FINAL_FRAGMENT = 0x80
 """Bit of a frame's first byte that marks the last fragment of a message."""
+_TOO_BIG_FRAME = struct.pack(
+    "!BBH", _FINAL_FRAGMENT | WSMsgType.CLOSE, 2, WSCloseCode.MESSAGE_TOO_BIG
+)
+"""Frame that closes a WebSocket because of a message that is too large."""
 _DRAIN_POLL = 0.002
 """Time between two checks of a full write buffer, in seconds."""
 
 
-class WebSocketServerTransport(WebSocketTransport):
-    """The server's end of a WebSocket."""
+class HttpConnection(asyncio.Protocol):
+    """A connection that aiohttp serves, with the limits that aiohttp lacks.
 
-    def __init__(self, socket: Any) -> None:
-        super().__init__(socket, raw_text=False)
+    1. A client that does not complete a request or a handshake in time is dropped.
+    2. A WebSocket is closed once more arrives than the largest message has, and not only after all
+       of the message has been received.
+
+    Args:
+        inner: the protocol of aiohttp.
+
+    Attributes:
+        transport: the socket.
+        lost: done when the connection has ended.
+    """
+
+    def __init__(self, inner: asyncio.Protocol) -> None:
+        loop = asyncio.get_running_loop()
+        self.transport: asyncio.Transport
+        self.lost: asyncio.Future[None] = loop.create_future()
+        self._inner = inner
+        self._max_unread: int | None = None
+        """Maximum of `_unread`; None if the connection is no WebSocket."""
+        self._unread = 0
+        """Number of bytes since the last message or ping of the WebSocket."""
+        self._opening = loop.call_later(_OPEN_TIMEOUT, self._give_up)
+
+    def opened(self, max_message: int | None = None) -> None:
+        """Note that the first request or handshake is complete.
+
+        Args:
+            max_message: largest message that is read from the WebSocket, in bytes.
+        """
+        self._opening.cancel()
+        if max_message is not None:
+            self._max_unread = max_message + CHUNK
+
+    def message_read(self) -> None:
+        """Note that a message or a ping has been read from the WebSocket."""
+        self._unread = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+        self._inner.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        if self._max_unread is not None:
+            self._unread += len(data)
+            if self._unread > self._max_unread:
+                if not self.transport.is_closing():
+                    self.transport.write(_TOO_BIG_FRAME)
+                    self.transport.close()
+                return
+        self._inner.data_received(data)
+
+    def eof_received(self) -> bool | None:
+        return self._inner.eof_received()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._opening.cancel()
+        if not self.lost.done():
+            self.lost.set_result(None)
+        self._inner.connection_lost(error)
+
+    def pause_writing(self) -> None:
+        self._inner.pause_writing()
+
+    def resume_writing(self) -> None:
+        self._inner.resume_writing()
+
+    def _give_up(self) -> None:
+        self.transport.abort()
+
+    # What server transports over HTTP share
+
+    async def write(self, data: bytes) -> None:
+        """Write bytes; waits while the buffer is full.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
+        try:
+            self.transport.write(data)
+        except RuntimeError as error:  # the end of the stream has been written
+            raise TransportClosedError(f"the connection is being closed: {error}") from None
+        # aiohttp's own drain is private
+        while self.transport.get_write_buffer_size() > CHUNK and not self.transport.is_closing():
+            await asyncio.sleep(_DRAIN_POLL)
+        if self.transport.is_closing():
+            raise TransportClosedError("the connection ended without a close frame")
+
+
+class WebSocketServerTransport:
+    """The server's end of a WebSocket.
+
+    Args:
+        socket: the WebSocket, after the handshake.
+        connection: the connection under it.
+    """
+
+    def __init__(self, socket: web.WebSocketResponse, connection: HttpConnection) -> None:
+        self._socket = socket
+        self._connection = connection
+        self._pings: deque[asyncio.Future[bool]] = deque()
+        """Pings without a pong, the oldest first."""
+        self.peer = peer_address(connection.transport)
+
+    def backlog(self) -> int:
+        return self._connection.transport.get_write_buffer_size()
+
+    async def send(self, data: str | bytes) -> None:
+        try:
+            if isinstance(data, str):
+                await self._socket.send_str(data)
+            else:
+                await self._socket.send_bytes(data)
+        except (ConnectionError, RuntimeError) as error:
+            raise TransportClosedError(str(error) or "the connection has ended") from None
+
+    async def recv(self) -> str | bytes:
+        while True:
+            message = await self._socket.receive()
+            self._connection.message_read()
+            if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+                data: str | bytes = message.data
+                return data
+            if message.type is WSMsgType.PING:
+                await self._answer_ping(message.data)
+            elif message.type is WSMsgType.PONG:
+                if self._pings:
+                    self._pings.popleft().set_result(True)
+            else:
+                raise self._ended(message)
+
+    async def ping(self) -> bool:
+        pong: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        self._pings.append(pong)
+        try:
+            await self._socket.ping()
+        except (ConnectionError, RuntimeError) as error:
+            raise TransportClosedError(str(error)) from None
+        ends: set[asyncio.Future[Any]] = {pong, self._connection.lost}
+        await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+        if not pong.done():
+            raise TransportClosedError("the connection ended without a close frame")
+        return True
+
+    async def close(self, timeout: float = 1.0) -> None:
+        closing = asyncio.ensure_future(self._socket.close())
+        try:
+            await asyncio.wait({closing}, timeout=timeout)
+        finally:
+            self.abort()
+            await wait_then_cancel(closing)
+
+    def abort(self) -> None:
+        self._connection.transport.abort()
 
     def header(self, size: int, *, text: bool = False) -> bytes:
-        first = _FINAL_FRAGMENT | (Opcode.TEXT if text else Opcode.BINARY)
+        first = _FINAL_FRAGMENT | (WSMsgType.TEXT if text else WSMsgType.BINARY)
         if size < 126:
             return struct.pack("!BB", first, size)
         if size < 2**16:
@@ -236,22 +446,39 @@ class WebSocketServerTransport(WebSocketTransport):
         return struct.pack("!BBQ", first, 127, size)
 
     async def send_raw(self, data: bytes) -> None:
-        transport = self._socket.transport
-        try:
-            transport.write(data)
-        except RuntimeError as error:  # the library has written the end of the stream
-            raise TransportClosedError(f"the connection is being closed: {error}") from None
-        # the library's own drain is private, and differs from release to release
-        while transport.get_write_buffer_size() > CHUNK and not transport.is_closing():
-            await asyncio.sleep(_DRAIN_POLL)
-        if transport.is_closing():
-            raise TransportClosedError("the connection ended without a close frame")
+        await self._connection.write(data)
 
     def pause(self) -> None:
-        self._socket.transport.pause_reading()
+        self._connection.transport.pause_reading()
 
     def resume(self) -> None:
-        self._socket.transport.resume_reading()
+        self._connection.transport.resume_reading()
+
+    async def _answer_ping(self, data: bytes) -> None:
+        try:
+            await self._socket.pong(data)
+        except (ConnectionError, RuntimeError) as error:
+            raise TransportClosedError(str(error)) from None
+
+    def _ended(self, message: WSMessage) -> TransportClosedError:
+        if message.type is WSMsgType.CLOSE:
+            return TransportClosedError(f"closed with code {message.data} {message.extra}".rstrip())
+        if message.type is WSMsgType.ERROR:
+            return TransportClosedError(f"not a valid frame: {message.data}")
+        return TransportClosedError("the connection ended without a close frame")
+
+
+HttpHandler = Callable[[web.BaseRequest, HttpConnection], Awaitable[web.StreamResponse]]
+"""Answers a request that is no handshake of a WebSocket."""
+
+
+async def _only_websockets(request: web.BaseRequest, _: HttpConnection) -> web.StreamResponse:
+    """Refuse an HTTP request."""
+    return web.Response(
+        status=HTTPStatus.UPGRADE_REQUIRED,
+        text="this port serves only WebSockets\n",
+        headers={"Upgrade": "websocket"},
+    )
 
 
 async def serve_websocket(
@@ -262,49 +489,68 @@ async def serve_websocket(
     max_size: int,
     before: Callable[[], Awaitable[object]] | None = None,
     local_pages_only: bool = False,
+    respond: HttpHandler = _only_websockets,
 ) -> Listener:
-    """Listen for WebSocket clients.
+    """Listen for WebSocket clients, and for HTTP requests on the same port.
 
     Args:
-        handler: serves one connection.
+        handler: serves one WebSocket.
         host: the address to listen on.
         port: the port to listen on; 0 takes a free one.
         max_size: largest frame that is read, in bytes.
         before: awaited before a client's handshake is answered. After 10 s of waiting, the client
             is dropped.
         local_pages_only: refuse web pages as clients, except those of this machine.
+        respond: answers a request that is no handshake.
     """
 
-    async def handle(socket: Any) -> None:
-        await handler(WebSocketServerTransport(socket))
+    async def serve_request(request: web.BaseRequest) -> web.StreamResponse:
+        connection = None if request.transport is None else request.transport.get_protocol()
+        if not isinstance(connection, HttpConnection):  # it has ended already
+            return web.Response()
+        if local_pages_only and not _is_local(request.headers.getall("Origin", [])):
+            return web.Response(status=HTTPStatus.FORBIDDEN, text="web pages may not connect\n")
+        try:
+            if request.headers.get("Upgrade", "").lower() == "websocket":
+                return await serve_socket(request, connection)
+            connection.opened()
+            return await respond(request, connection)
+        except (web.HTTPException, ConnectionError):  # a bad handshake, or the client has gone
+            raise
+        except Exception:
+            _LOG.exception("the request %s failed", request.path)
+            raise
 
-    async def process_request(*_: Any) -> None:
+    async def serve_socket(
+        request: web.BaseRequest, connection: HttpConnection
+    ) -> web.StreamResponse:
         if before:
             await before()
+        socket = web.WebSocketResponse(
+            timeout=_CLOSE_TIMEOUT, autoping=False, compress=False, max_msg_size=max_size
+        )
+        await socket.prepare(request)
+        connection.opened(max_size)
+        await handler(WebSocketServerTransport(socket, connection))
+        return socket
 
-    server = await serve(
-        handle,
-        host,
-        port,
-        max_size=max_size,
-        compression=None,
-        ping_interval=None,
-        close_timeout=_CLOSE_TIMEOUT,
-        process_request=process_request,
-        origins=[None, _LocalOrigin()] if local_pages_only else None,
+    http = web.Server(
+        serve_request,
+        logger=_SILENT,
+        access_log=None,
+        auto_decompress=False,
+        keepalive_timeout=_KEEPALIVE_TIMEOUT,
+        lingering_time=0.0,
     )
-    return Listener(server)
+    loop = asyncio.get_running_loop()
+    server = await loop.create_server(lambda: HttpConnection(http()), host, port)
+    return Listener(server, http)
 
 
-class _LocalOrigin:
-    """Equals the origin of every web page of this machine.
+_LOCAL_ORIGIN = re.compile(r"https?://(localhost|127\.[0-9.]+|\[::1\])(:\d+)?")
+"""Origin of a web page of this machine."""
 
-    All releases of `websockets` compare a client's origin with the allowed ones by `==`.
-    """
 
-    _PATTERN = re.compile(r"https?://(localhost|127\.[0-9.]+|\[::1\])(:\d+)?")
-
-    def __eq__(self, origin: object) -> bool:
-        return isinstance(origin, str) and bool(self._PATTERN.fullmatch(origin))
-
-    __hash__ = None  # type: ignore[assignment]
+def _is_local(origins: list[str]) -> bool:
+    """Return True for a request without an origin, or with that of a web page of this machine."""
+    return all(map(_LOCAL_ORIGIN.fullmatch, origins))

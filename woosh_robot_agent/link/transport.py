@@ -76,21 +76,18 @@ def peer_address(transport: Any) -> str:
     return f"{name[0]}:{name[1]}" if isinstance(name, tuple) else "unknown"
 
 
-__all__ = ["RAW_TEXT", "ClientSocket", "Connect", "serve"]
+__all__ = ["RAW_TEXT", "ClientSocket", "Connect"]
 
 ClientSocket: Any
 _connect: Any
-serve: Any
 try:  # websockets 13 and later
     from websockets.asyncio.client import ClientConnection as ClientSocket
     from websockets.asyncio.client import connect as _connect
-    from websockets.asyncio.server import serve
 
     _FACTORY_OPTION = "create_connection"
 except ImportError:
     from websockets.legacy.client import WebSocketClientProtocol as ClientSocket
     from websockets.legacy.client import connect as _connect
-    from websockets.legacy.server import serve
 
     _FACTORY_OPTION = "create_protocol"
 
@@ -255,16 +252,14 @@ _MESSAGE_TOO_BIG = 1009
 
 
 class WebSocketTransport:
-    """A WebSocket that carries text and binary frames.
+    """A WebSocket that carries text and binary frames; text comes as bytes if the library can.
 
     Args:
         socket: an open connection of the `websockets` library.
-        raw_text: return text frames as bytes, without a UTF-8 check, if the library can.
     """
 
-    def __init__(self, socket: Any, *, raw_text: bool) -> None:
+    def __init__(self, socket: Any) -> None:
         self._socket = socket
-        self._recv_options = RAW_TEXT if raw_text else {}
         self.peer = peer_address(socket.transport)
         self.waited = False
 
@@ -288,7 +283,7 @@ class WebSocketTransport:
     async def recv(self) -> str | bytes:
         before = self.received
         try:
-            data: str | bytes = await self._socket.recv(**self._recv_options)
+            data: str | bytes = await self._socket.recv(**RAW_TEXT)
         except ConnectionClosed as error:
             raise TransportClosedError(_reason(error)) from None
         self.waited = self.received != before
@@ -345,7 +340,7 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
         raise TransportClosedError(f"not a WebSocket server: {error}") from None
     except (WebSocketException, EOFError) as error:
         raise TransportClosedError(f"the WebSocket did not open: {error}") from None
-    return WebSocketTransport(socket, raw_text=True)
+    return WebSocketTransport(socket)
 
 
 class _ClientSocket(ClientSocket):
