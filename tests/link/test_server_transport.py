@@ -1,4 +1,4 @@
-"""The server's end of a connection after the other end has left."""
+"""The server's end of a connection: after the other end has left, and with too large messages."""
 
 from __future__ import annotations
 
@@ -36,4 +36,55 @@ async def test_writing_to_a_client_that_leaves_tells_that_the_connection_has_end
     await client.recv()
     await client.close()
     assert await soon(ended)
+    await listener.close()
+
+
+HANDSHAKE = (
+    b"GET / HTTP/1.1\r\nHost: here\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
+CLOSED_AS_TOO_BIG = b"\x88\x02\x03\xf1"  # a close frame with code 1009
+
+
+@aio
+async def test_too_large_message_is_refused_before_all_of_it_has_arrived() -> None:
+    ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+    async def read(server_side: Any) -> None:
+        try:
+            await server_side.recv()
+        except TransportClosedError as error:
+            ended.set_result(str(error))
+
+    listener = await serve_websocket(read, "127.0.0.1", 0, max_size=100_000)
+    reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
+    writer.write(HANDSHAKE)
+    await soon(reader.readuntil(b"\r\n\r\n"))
+    # A masked text frame of an exbibyte.
+    writer.write(b"\x81\xff" + (1 << 60).to_bytes(8, "big") + bytes(4))
+    sending = asyncio.ensure_future(send_forever(writer))
+    assert (await soon(reader.read(1000)))[:4] == CLOSED_AS_TOO_BIG
+    assert await soon(ended)
+    sending.cancel()
+    writer.close()
+    await listener.close()
+
+
+async def send_forever(writer: asyncio.StreamWriter) -> None:
+    while True:
+        writer.write(b"x" * 65536)
+        await writer.drain()
+
+
+@aio
+async def test_plain_request_is_told_that_the_port_serves_websockets() -> None:
+    async def serve(_: Any) -> None:
+        raise AssertionError("not a WebSocket")
+
+    listener = await serve_websocket(serve, "127.0.0.1", 0, max_size=1000)
+    reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
+    writer.write(b"POST /woosh/robot/Mode HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n")
+    answer = await soon(reader.readuntil(b"only WebSockets"))
+    assert answer.startswith(b"HTTP/1.1 426 ")
+    writer.close()
     await listener.close()

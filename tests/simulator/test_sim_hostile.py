@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+import socket
 
 import pytest
 
@@ -138,6 +140,19 @@ def test_silent_connection_is_closed() -> None:
         assert speaking.request(MODE).ok
         speaking.close()
         silent.close()
+
+
+@pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: he"])
+def test_connection_without_a_whole_request_is_closed(sent: bytes) -> None:
+    config = quick_config(port=0, tcp_port=0, first_frame_timeout=1.0)
+    with SimulatorThread(config) as simulator:
+        with socket.create_connection(("127.0.0.1", simulator.port), TIMEOUT) as silent:
+            silent.sendall(sent)
+            with contextlib.suppress(ConnectionResetError):
+                assert silent.recv(1) == b""
+        client = JsonClient(simulator.port)
+        client.ask(MODE)
+        client.close()
 
 
 def test_excess_connections_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:

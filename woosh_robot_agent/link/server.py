@@ -265,8 +265,6 @@ _SILENT = logging.getLogger(f"{__name__}.http")
 """Logger of aiohttp, which reports every request that cannot be parsed: port scans fill the log."""
 _SILENT.disabled = True
 
-_OPEN_TIMEOUT = 10.0
-"""Maximum time from a connection to its first request and the end of its handshake, in seconds."""
 _KEEPALIVE_TIMEOUT = 60.0
 """Time for which a connection is kept for further HTTP requests, in seconds."""
 _FINAL_FRAGMENT = 0x80
@@ -288,13 +286,15 @@ class HttpConnection(asyncio.Protocol):
 
     Args:
         inner: the protocol of aiohttp.
+        open_timeout: maximum time until the first request has arrived, or until the handshake is
+            complete, in seconds.
 
     Attributes:
         transport: the socket.
         lost: done when the connection has ended.
     """
 
-    def __init__(self, inner: asyncio.Protocol) -> None:
+    def __init__(self, inner: asyncio.Protocol, open_timeout: float) -> None:
         loop = asyncio.get_running_loop()
         self.transport: asyncio.Transport
         self.lost: asyncio.Future[None] = loop.create_future()
@@ -303,10 +303,10 @@ class HttpConnection(asyncio.Protocol):
         """Maximum of `_unread`; None if the connection is no WebSocket."""
         self._unread = 0
         """Number of bytes since the last message or ping of the WebSocket."""
-        self._opening = loop.call_later(_OPEN_TIMEOUT, self._give_up)
+        self._opening = loop.call_later(open_timeout, self._give_up)
 
     def opened(self, max_message: int | None = None) -> None:
-        """Note that the first request or handshake is complete.
+        """Note that the first request has arrived, or that the handshake is complete.
 
         Args:
             max_message: largest message that is read from the WebSocket, in bytes.
@@ -487,6 +487,7 @@ async def serve_websocket(
     port: int,
     *,
     max_size: int,
+    open_timeout: float = 10.0,
     before: Callable[[], Awaitable[object]] | None = None,
     local_pages_only: bool = False,
     respond: HttpHandler = _only_websockets,
@@ -498,8 +499,9 @@ async def serve_websocket(
         host: the address to listen on.
         port: the port to listen on; 0 takes a free one.
         max_size: largest frame that is read, in bytes.
-        before: awaited before a client's handshake is answered. After 10 s of waiting, the client
-            is dropped.
+        open_timeout: time after which a client is dropped that has sent no request, or whose
+            handshake is not complete, in seconds.
+        before: awaited before a client's handshake is answered.
         local_pages_only: refuse web pages as clients, except those of this machine.
         respond: answers a request that is no handshake.
     """
@@ -540,10 +542,9 @@ async def serve_websocket(
         access_log=None,
         auto_decompress=False,
         keepalive_timeout=_KEEPALIVE_TIMEOUT,
-        lingering_time=0.0,
     )
     loop = asyncio.get_running_loop()
-    server = await loop.create_server(lambda: HttpConnection(http()), host, port)
+    server = await loop.create_server(lambda: HttpConnection(http(), open_timeout), host, port)
     return Listener(server, http)
 
 

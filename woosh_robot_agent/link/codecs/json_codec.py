@@ -457,23 +457,30 @@ class JsonCodec:
         text = write(frame)
         return insert(text, texts) if texts else text
 
-    def decode(self, data: str | bytes) -> Envelope:
-        texts: list[str] = []
+    def parse(self, data: str | bytes) -> Any:
+        """Return the value of a JSON text.
+
+        Raises:
+            FrameError: it is not JSON, or has too many parts.
+        """
         try:
-            if len(data) > LONG_FRAME:  # a shorter one has no long texts and few parts
-                data, texts = cut_out(data)
-                _check_parts(data)
-                frame = parse_in_pieces(data)
-            else:
-                frame = parse(data)
+            if len(data) <= LONG_FRAME:  # it has no long texts and few parts
+                return parse(data)
+            data, texts = cut_out(data)
+            _check_parts(data)
+            value = parse_in_pieces(data)
         except UnicodeDecodeError as error:
             raise FrameError("utf-8", f"not UTF-8: {error}") from None
         except (ValueError, RecursionError) as error:
             raise FrameError("json", f"not JSON: {error}") from None
+        if texts and isinstance(value, dict | list):
+            put_back(value, texts)
+        return value
+
+    def decode(self, data: str | bytes) -> Envelope:
+        frame = self.parse(data)
         if not isinstance(frame, dict):
             raise FrameError("envelope", f"not a JSON object but {type(frame).__name__}")
-        if texts:
-            put_back(frame, texts)
         ok = frame.get("ok")
         try:
             sn = _integer(frame.get("sn")) or 0

@@ -6,11 +6,9 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import Awaitable, Callable
 
 from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.server import (
-    Handler,
     Listener,
     ServerTransport,
     WebSocketServerTransport,
@@ -20,6 +18,7 @@ from woosh_robot_agent.link.server import (
 from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
+from woosh_robot_agent.simulator.serving.http import HttpCalls
 
 _LOG = logging.getLogger(__name__)
 
@@ -33,6 +32,9 @@ class Connections:
     Args:
         exchange: Handles their frames.
         config: The options; the limits are among them.
+
+    Attributes:
+        calls: Answers HTTP requests.
     """
 
     def __init__(self, exchange: Exchange, config: SimulatorConfig) -> None:
@@ -48,6 +50,7 @@ class Connections:
         """Set while frames are sent."""
         self._left = asyncio.Event()
         """Set when a client leaves."""
+        self.calls = HttpCalls(exchange, config, self.readable, self._writing)
 
     @property
     def count(self) -> int:
@@ -199,26 +202,22 @@ class Connections:
 
 
 class Ports:
-    """A WebSocket and a TCP port that can be closed and opened again with the same numbers.
+    """The port of WebSocket and HTTP, and that of TCP: closed and opened with the same numbers.
 
     Args:
         config: The address and the ports.
-        serve: Serves one connection.
-        before: Awaited before the handshake of a WebSocket is answered.
+        connections: Serves the connections.
 
     Attributes:
         port: WebSocket port, valid once it listens.
         tcp_port: TCP port, valid once it listens.
     """
 
-    def __init__(
-        self, config: SimulatorConfig, serve: Handler, before: Callable[[], Awaitable[object]]
-    ) -> None:
+    def __init__(self, config: SimulatorConfig, connections: Connections) -> None:
         self.port = config.port
         self.tcp_port = config.tcp_port
         self._config = config
-        self._serve = serve
-        self._before = before
+        self._connections = connections
         self._listeners: list[Listener] = []
         """Listeners of both ports, empty while they are closed."""
         self._reserved: list[socket.socket] = []
@@ -247,6 +246,11 @@ class Ports:
         async with self._changing:
             await self._close(reserve)
 
+    def drop(self) -> None:
+        """Abort all connections of the WebSocket port, also those between two HTTP requests."""
+        for listener in self._listeners:
+            listener.drop()
+
     def switch(self, on: bool) -> None:
         """Start or stop listening in the background. Failures are logged."""
         before = self._switching
@@ -267,20 +271,22 @@ class Ports:
             await asyncio.wait({self._switching})
 
     async def _open(self) -> None:
-        config = self._config
+        config, connections = self._config, self._connections
         try:
             websocket = await serve_websocket(
-                self._serve,
+                connections.serve,
                 config.host,
                 self.port,
                 max_size=config.max_frame,
-                before=self._before,
+                open_timeout=config.first_frame_timeout,
+                before=connections.readable,
+                respond=connections.calls.respond,
                 # Otherwise any web page in a browser on this machine could connect.
                 local_pages_only=config.local,
             )
             self._listeners.append(websocket)
             tcp = await serve_tcp(
-                self._serve, config.host, self.tcp_port, max_size=config.max_frame
+                connections.serve, config.host, self.tcp_port, max_size=config.max_frame
             )
             self._listeners.append(tcp)
         except OSError:

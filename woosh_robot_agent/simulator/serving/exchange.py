@@ -222,14 +222,14 @@ class Received(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class _Request:
-    """A decoded frame of a client.
+class Request:
+    """A decoded request of a client, or its subscription.
 
     Attributes:
         client: The client.
         codec: Codec of the frame and of its answer.
         type: Type of the body in the frame's envelope.
-        sn: Serial number.
+        sn: Serial number; 0 if there is none.
         message: Body, None if it could not be decoded.
         refusal_reason: Reason to refuse the request without executing it; empty if there is none.
     """
@@ -255,7 +255,7 @@ class Exchange:
         received: The last messages from clients, oldest first: at most 10,000 and 64 MiB.
         counts: Number of messages from clients since the start, by type.
         bad_frames: Number of frames that could not be decoded.
-        before_request: Called before each request is read.
+        before_request: Called before each request is executed.
         frozen: Requests are queued instead of executed.
     """
 
@@ -276,7 +276,7 @@ class Exchange:
         self._arrival = asyncio.Event()
         """Set, and replaced by a new event, when a message of a client arrives."""
         self.frozen = False
-        self._queue: deque[_Request] = deque()
+        self._queue: deque[Request] = deque()
         """Queued requests, oldest first."""
         chassis.on_change = partial(self.report_changes, while_moving=True)
 
@@ -292,13 +292,18 @@ class Exchange:
 
     def receive(self, client: Client, data: str | bytes) -> None:
         """Handle a frame from a client. The answer has the same encoding."""
-        self.before_request()
         codec = server_codec(data)
         try:
             request = self._read(client, codec, data)
         except FrameError as error:
             self.skip(client, error)
             return
+        self.submit(request)
+
+    def submit(self, request: Request) -> None:
+        """Execute a request, or queue it while the chassis is frozen."""
+        client = request.client
+        self.before_request()
         if request.message is not None:
             self._record(request.type, request.message)
         subscribes = request.type == SUBSCRIPTION_TYPE
@@ -349,12 +354,12 @@ class Exchange:
         while self.counts[type_name] < count:
             await self._arrival.wait()
 
-    def _read(self, client: Client, codec: Codec, data: str | bytes) -> _Request:
+    def _read(self, client: Client, codec: Codec, data: str | bytes) -> Request:
         envelope = codec.decode(data)
         name = envelope.type
         if name in _SUBSCRIPTIONS:
             subscription = codec.body(envelope, Subscription)
-            return _Request(client, codec, SUBSCRIPTION_TYPE, 0, subscription)
+            return Request(client, codec, SUBSCRIPTION_TYPE, 0, subscription)
         message, refusal_reason = None, ""
         try:
             message = codec.body(envelope, message_type(name)) if name else None
@@ -367,9 +372,9 @@ class Exchange:
             refusal_reason = "the request has no type"
         elif name not in HANDLERS and not refusal_reason:
             refusal_reason = f"unknown message type {name}"
-        return _Request(client, codec, name, envelope.sn, message, refusal_reason)
+        return Request(client, codec, name, envelope.sn, message, refusal_reason)
 
-    def _execute(self, request: _Request) -> None:
+    def _execute(self, request: Request) -> None:
         if isinstance(request.message, Subscription):
             self._subscribe(request.client, request.codec, request.message)
             return
@@ -388,7 +393,7 @@ class Exchange:
             self._push_events()
         self._after_delay(request, lambda: self._send_answer(request, answer))
 
-    def _after_delay(self, request: _Request, send: Callable[[], None]) -> None:
+    def _after_delay(self, request: Request, send: Callable[[], None]) -> None:
         """Send the answer to a request after the delay that the chassis has chosen for it."""
         delay = self._chassis.answer_delay
         if delay <= 0.0:
@@ -404,7 +409,7 @@ class Exchange:
 
         self._chassis.after(delay, send_late)
 
-    def _send_answer(self, request: _Request, answer: Answer) -> None:
+    def _send_answer(self, request: Request, answer: Answer) -> None:
         out = Outgoing(
             answer.type, answer.body, request.sn, answer.ok, answer.msg, request=request.type
         )
@@ -412,7 +417,7 @@ class Exchange:
         if answer.code:
             self._chassis.codes.report(answer.code)
 
-    def _answer(self, request: _Request) -> Answer:
+    def _answer(self, request: Request) -> Answer:
         name = request.type
         if request.message is None or request.refusal_reason:
             return refusal(name, request.refusal_reason)
@@ -425,7 +430,7 @@ class Exchange:
             _LOG.exception("cannot execute %s", name)
             return refusal(name, "internal error of the simulator: see its log")
 
-    def _refuse_excess(self, request: _Request) -> None:
+    def _refuse_excess(self, request: Request) -> None:
         """Refuse a request beyond the limit at once. Faults do not affect this answer."""
         text = (
             f"{self._max_waiting} requests of this connection are waiting: "

@@ -53,7 +53,7 @@ class Server:
         self.speed = self.config.speed
         self._exchange = Exchange(self.chassis, self.config.max_waiting)
         self._connections = Connections(self._exchange, self.config)
-        self._ports = Ports(self.config, self._connections.serve, self._connections.readable)
+        self._ports = Ports(self.config, self._connections)
         self._ticker: asyncio.Task[None] | None = None
         self._step_start = 0.0
         """Time of the event loop that corresponds to `Chassis.stepped`, in seconds."""
@@ -100,6 +100,7 @@ class Server:
     def drop(self) -> None:
         """Abort all connections, as a broken cable would."""
         self._connections.drop()
+        self._ports.drop()
 
     def set_listening(self, on: bool) -> None:
         """Listen again on the same ports, or drop all clients and refuse new ones."""

@@ -1,0 +1,402 @@
+"""Requests over HTTP, on the port of the WebSocket, as public programs send them."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.simulator.sim_wire import TIMEOUT, Json, JsonClient
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
+from woosh_robot_agent.testing import wait_until
+
+MODE = "woosh.robot.Mode"
+OCCUPY = "woosh.robot.SetOccupancy"
+MIB = 1024 * 1024
+
+
+class HttpClient:
+    """A connection that is kept between requests, as by a session of `requests`."""
+
+    def __init__(self, port: int) -> None:
+        self.connection = http.client.HTTPConnection("127.0.0.1", port, timeout=TIMEOUT)
+
+    def send(self, name: str, body: Json | str | None = None, **headers: str) -> None:
+        data = json.dumps(body) if isinstance(body, dict) else body
+        path = "/" + name.replace(".", "/")
+        self.connection.request("POST", path, data, {"Content-Type": "application/json", **headers})
+
+    def receive(self) -> tuple[int, Json]:
+        response = self.connection.getresponse()
+        content = response.read()
+        assert response.headers.get_content_type() == "application/json"
+        return response.status, json.loads(content)
+
+    def post(self, name: str, body: Json | str | None = None, **headers: str) -> tuple[int, Json]:
+        self.send(name, body, **headers)
+        return self.receive()
+
+    def ask(self, name: str, body: Json | str | None = None) -> Json:
+        """Return the body of the answer, which must be ok."""
+        status, answer = self.post(name, body)
+        assert (status, answer["ok"]) == (200, True), answer
+        found: Json = answer["body"]
+        return found
+
+    def close(self) -> None:
+        self.connection.close()
+
+
+@pytest.fixture
+def web(simulator: SimulatorThread) -> Iterator[HttpClient]:
+    client = HttpClient(simulator.port)
+    yield client
+    client.close()
+
+
+def test_answer_of_a_query(web: HttpClient, client: JsonClient) -> None:
+    status, answer = web.post("woosh.robot.Battery", {"robotId": 30001})
+    assert status == 200
+    body = client.ask("woosh.robot.Battery")
+    assert answer == {"body": body, "msg": "", "ok": True, "type": "woosh.robot.Battery"}
+
+
+def test_answer_of_a_command_can_have_another_type(web: HttpClient) -> None:
+    status, answer = web.post("woosh.robot.SwitchControlMode", {"mode": 1})
+    assert (status, answer["type"]) == (200, "woosh.robot.Mode")
+    assert (answer["msg"], answer["ok"], set(answer)) == (
+        "Request succeed",
+        True,
+        {"body", "msg", "ok", "type"},
+    )
+
+
+def test_a_refusal_has_status_200_and_the_reason(web: HttpClient, client: JsonClient) -> None:
+    request = {"type": 1, "markNo": "nowhere"}
+    status, answer = web.post("woosh.robot.ExecTask", request)
+    assert (status, answer["ok"], answer["body"]) == (200, False, {})
+    assert answer["msg"] == client.refusal("woosh.robot.ExecTask", request)
+
+
+def test_each_request_is_answered_as_over_the_websocket(
+    web: HttpClient, client: JsonClient
+) -> None:
+    for name in HANDLERS:
+        status, answer = web.post(name, {})
+        other = client.request(name)
+        assert (status, answer["type"], answer["ok"]) == (200, other["type"], other["ok"])
+        assert set(answer["body"]) == set(other["body"])
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"sceneName": "scenex", "mapName": "scenex2"},
+        {"scene_name": "scenex", "map_name": "scenex2"},
+    ],
+)
+def test_both_forms_of_names_are_read(web: HttpClient, body: Json) -> None:
+    web.ask("woosh.robot.SwitchMap", body)
+    assert web.ask("woosh.robot.Scene")["mapName"] == "scenex2"
+
+
+@pytest.mark.parametrize("task_id", [1700000000001, "1700000000001"])
+@pytest.mark.parametrize("kind", [1, "kPick"])
+def test_64_bit_ids_are_numbers_or_texts_and_enums_numbers_or_names(
+    simulator: SimulatorThread, web: HttpClient, task_id: int | str, kind: int | str
+) -> None:
+    web.ask("woosh.robot.ExecTask", {"taskId": task_id, "type": kind, "markNo": "A2"})
+    sent: Any = simulator.last("woosh.robot.ExecTask")
+    assert (sent.task_id, sent.type) == (1700000000001, 1)
+
+
+@pytest.mark.parametrize("body", [None, "", " \r\n", "{}", "null", '{"newerField": [1]}'])
+def test_empty_bodies_and_unknown_fields_are_accepted(web: HttpClient, body: str | None) -> None:
+    assert web.ask(MODE, body)["work"] == 2
+
+
+def test_unknown_type_is_404_and_named(web: HttpClient) -> None:
+    for name in ("woosh.robot.Teleport", "woosh.dispatch.robot.RobotAnyInfo", "index"):
+        status, answer = web.post(name, {})
+        assert (status, answer["ok"], answer["body"]) == (404, False, {})
+        assert answer["msg"] == f"unknown message type {name}"
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        ("{", "not JSON"),
+        ("speed=3", "not JSON"),
+        ('{},"type":"woosh.robot.Mode"', "not JSON"),
+        ("[1]", "expected an object, got [1]"),
+        ('{"linear": "fast"}', "woosh.robot.Twist: linear: 'fast' does not fit"),
+        ("[" * 100_000, "not JSON"),
+        ("\xff\xfe", "not UTF-8"),  # sent as Latin-1
+    ],
+)
+def test_body_that_does_not_fit_is_400_with_the_field(
+    web: HttpClient, simulator: SimulatorThread, body: str, reason: str
+) -> None:
+    status, answer = web.post("woosh.robot.Twist", body)
+    assert (status, answer["ok"], answer["type"]) == (400, False, "woosh.robot.Twist")
+    assert reason in answer["msg"]
+    assert simulator.counts["woosh.robot.Twist"] == 0
+    assert simulator.bad_frames == 1
+    assert web.ask(MODE)["work"] == 2  # on the same connection
+
+
+def test_connection_is_kept(web: HttpClient) -> None:
+    web.ask(MODE)
+    before = web.connection.sock
+    for _ in range(5):
+        web.ask(MODE)
+    assert web.connection.sock is before
+
+
+def test_chunked_bodies_credentials_and_other_content_types_are_accepted(web: HttpClient) -> None:
+    chunks = iter([b'{"occ', b'upy": ', b"true}"])
+    web.connection.request(
+        "POST",
+        "/woosh/robot/SetOccupancy",
+        chunks,
+        {"Authorization": "Basic dXNlcjpwYXNz", "Content-Type": "text/plain"},
+        encode_chunked=True,
+    )
+    assert web.receive()[1]["ok"]
+    assert web.ask("woosh.robot.DeviceState")["software"] & 8
+
+
+def test_velocities_drive_the_robot(simulator: SimulatorThread, web: HttpClient) -> None:
+    start = simulator.state.pose
+    wait_until(
+        lambda: (
+            (
+                web.ask("woosh.robot.Twist", {"linear": 0.3})
+                and simulator.state.pose.distance(start.point) > 0.5
+            )
+            or simulator.state.pose.distance(start.point) > 0.5
+        )
+    )
+    web.ask("woosh.robot.Twist", {"linear": 0})
+
+
+def test_large_bodies_pass_and_too_large_ones_are_413() -> None:
+    config = quick_config(port=0, tcp_port=0, max_frame=20 * MIB)
+    with SimulatorThread(config) as simulator:
+        web = HttpClient(simulator.port)
+        assert web.ask("woosh.robot.Speak", {"text": "x" * (15 * MIB)}) == {}
+        sent: Any = simulator.last("woosh.robot.Speak")
+        assert len(sent.text) == 15 * MIB
+        status, answer = web.post("woosh.robot.Speak", '{"text": "' + "x" * (20 * MIB) + '"}')
+        assert (status, answer["ok"]) == (413, False)
+        assert "more than 20971520 bytes" in answer["msg"]
+        assert web.ask(MODE)["work"] == 2
+        web.close()
+
+
+def test_get_says_what_this_is(web: HttpClient) -> None:
+    for path in ("/", "/woosh/robot/PoseSpeed"):
+        web.connection.request("GET", path)
+        response = web.connection.getresponse()
+        text = response.read().decode()
+        assert (response.status, response.headers.get_content_type()) == (200, "text/plain")
+        assert "simulated chassis" in text
+        assert f"http://127.0.0.1:{web.connection.port}/woosh/robot/PoseSpeed" in text
+    web.connection.request("HEAD", "/")
+    response = web.connection.getresponse()
+    assert (response.status, response.read()) == (200, b"")
+    web.connection.request("PUT", "/woosh/robot/Mode", "{}")
+    status, answer = web.receive()
+    assert (status, answer["msg"]) == (405, "only POST and GET")
+
+
+def test_foreign_web_pages_are_refused(simulator: SimulatorThread, web: HttpClient) -> None:
+    """A browser sends such a request without asking the server first."""
+    web.connection.request(
+        "POST", "/woosh/robot/SetOccupancy", "{}", {"Origin": "https://somewhere.example"}
+    )
+    response = web.connection.getresponse()
+    response.read()
+    assert response.status == 403
+    assert simulator.counts[OCCUPY] == 0
+    assert web.post(MODE, {}, Origin="http://localhost:3000")[0] == 200
+
+
+def test_calls_beyond_the_limit_of_clients_are_refused() -> None:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, max_connections=1)) as simulator:
+        web = HttpClient(simulator.port)
+        assert web.ask(MODE)["work"] == 2  # the client counts only during the call
+        first = JsonClient(simulator.port)
+        first.ask(MODE)
+        status, answer = web.post(MODE)
+        assert (status, answer["msg"]) == (503, "there are already 1 clients")
+        first.close()
+        wait_until(lambda: simulator.connections == 0)
+        assert web.ask(MODE)["work"] == 2
+        web.close()
+
+
+def test_client_that_leaves_before_its_answer_is_forgotten(simulator: SimulatorThread) -> None:
+    simulator.mute(MODE)
+    web = HttpClient(simulator.port)
+    web.send(MODE)
+    simulator.wait_received(MODE)
+    assert simulator.connections == 1
+    web.close()
+    wait_until(lambda: simulator.connections == 0)
+
+
+def test_refuse_affects_calls(simulator: SimulatorThread, web: HttpClient) -> None:
+    simulator.refuse(OCCUPY, "not now")
+    assert web.post(OCCUPY, {"occupy": True}) == (
+        200,
+        {"type": OCCUPY, "body": {}, "ok": False, "msg": "not now"},
+    )
+
+
+def test_delay_affects_calls(
+    simulator: SimulatorThread, web: HttpClient, client: JsonClient
+) -> None:
+    delayed = simulator.inject("delay", seconds=1000.0, type=MODE)
+    web.send(MODE)
+    wait_until(lambda: delayed.hits)
+    client.ask("woosh.robot.Battery")
+    assert simulator.connections == 2
+    simulator.clear_faults()
+    assert web.receive()[1]["ok"]
+
+
+@pytest.mark.parametrize("idle", [True, False])
+def test_drop_ends_the_connections_of_calls(
+    simulator: SimulatorThread, web: HttpClient, idle: bool
+) -> None:
+    web.ask(MODE)
+    plain = web.connection.sock
+    if not idle:
+        simulator.mute(MODE)
+        web.send(MODE)
+        simulator.wait_received(MODE, 2)
+    simulator.inject("drop")
+    try:
+        assert plain.recv(1) == b""
+    except ConnectionResetError:
+        pass
+    simulator.clear_faults()
+    web.close()
+    assert web.ask(MODE)["work"] == 2
+
+
+def is_listening(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_off_refuses_calls_until_its_end(simulator: SimulatorThread, web: HttpClient) -> None:
+    web.ask(MODE)
+    fault = simulator.inject("off")
+    web.close()
+    wait_until(lambda: not is_listening(simulator.port))
+    with pytest.raises(ConnectionRefusedError):
+        web.ask(MODE)
+    fault.clear()
+    web.close()
+    wait_until(lambda: is_listening(simulator.port))
+    assert web.ask(MODE)["work"] == 2
+
+
+def test_accept_then_drop_affects_calls(simulator: SimulatorThread, web: HttpClient) -> None:
+    simulator.inject("accept_then_drop", count=1)
+    with pytest.raises((ConnectionError, http.client.RemoteDisconnected)):
+        web.ask(MODE)
+    web.close()
+    assert web.ask(MODE)["work"] == 2
+
+
+@pytest.mark.parametrize("name", ["half_open", "freeze"])
+def test_calls_wait_for_the_end_of_a_silence(
+    simulator: SimulatorThread, web: HttpClient, name: str
+) -> None:
+    web.ask(MODE)
+    fault = simulator.inject(name)
+    web.send(OCCUPY, {"occupy": True})
+    plain = web.connection.sock
+    plain.settimeout(0.3)  # no event could tell that nothing will come
+    with pytest.raises(TimeoutError):
+        plain.recv(1)
+    assert not simulator.state.info.device_state.software & 8
+    plain.settimeout(TIMEOUT)
+    fault.clear()
+    assert web.receive()[1]["ok"]
+    assert simulator.state.info.device_state.software & 8
+
+
+@pytest.mark.parametrize("name", ["garbage", "truncated", "invalid_utf8"])
+def test_damaged_answers_are_no_json(
+    simulator: SimulatorThread, web: HttpClient, name: str
+) -> None:
+    simulator.inject(name, count=1)
+    web.send(MODE)
+    response = web.connection.getresponse()
+    data = response.read()
+    assert response.status == 200
+    with pytest.raises(ValueError):
+        json.loads(data)
+    assert web.ask(MODE)["work"] == 2
+
+
+def test_answer_that_is_cut_on_the_wire(simulator: SimulatorThread, web: HttpClient) -> None:
+    simulator.inject("truncated", where="wire", count=1)
+    web.send(MODE)
+    with pytest.raises((http.client.IncompleteRead, ConnectionError)):
+        web.connection.getresponse().read()
+    web.close()
+    assert web.ask(MODE)["work"] == 2
+
+
+def test_oversize_answer_is_valid(simulator: SimulatorThread, web: HttpClient) -> None:
+    simulator.inject("oversize", mib=5, count=1)
+    web.send(MODE)
+    response = web.connection.getresponse()
+    data = response.read()
+    assert len(data) == 5 * MIB
+    assert json.loads(data)["ok"] is True
+    assert web.ask(MODE)["work"] == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "check"),
+    [
+        ("answer_twice", lambda answer: answer["body"]["work"] == 2),
+        ("unknown_fields", lambda answer: "fieldOfLaterFirmware" in answer["body"]),
+        ("wrong_type", lambda answer: answer["type"] == "woosh.robot.Network"),
+        ("wrong_sn", lambda answer: "sn" not in answer),
+        ("reorder", lambda answer: answer["ok"]),
+    ],
+)
+def test_other_faults_of_answers_affect_calls(
+    simulator: SimulatorThread, web: HttpClient, name: str, check: Callable[[Json], bool]
+) -> None:
+    fault = simulator.inject(name)
+    status, answer = web.post(MODE)
+    assert status == 200
+    assert check(answer)
+    assert fault.hits == 1
+    fault.clear()
+    assert web.ask(MODE)["work"] == 2
+
+
+def test_requests_that_are_no_http_are_ended_and_disturb_nobody(
+    simulator: SimulatorThread, web: HttpClient
+) -> None:
+    for junk in (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + bytes(500), b"hello\r\n\r\n"):
+        with socket.create_connection(("127.0.0.1", simulator.port), TIMEOUT) as other:
+            other.sendall(junk)
+            while other.recv(1000):
+                pass
+    assert web.ask(MODE)["work"] == 2

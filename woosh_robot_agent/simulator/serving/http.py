@@ -1,0 +1,220 @@
+"""Requests over HTTP, on the port of the WebSocket: one request for each call, without pushes.
+
+POST /woosh/robot/PoseSpeed        the full name of the request's type, with slashes
+{"robotId": 30001}                 its body as JSON; nothing for an empty one
+
+200  {"type": "woosh.robot.PoseSpeed", "body": {...}, "ok": true, "msg": ""}
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from http import HTTPStatus
+from typing import Any
+
+from aiohttp import web
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.frames import Envelope, FrameError, clip_type_name
+from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.server import HttpConnection
+from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.link.transport import TransportClosedError, peer_address
+from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
+from woosh_robot_agent.simulator.serving.exchange import Client, Exchange, Request
+
+_BODY_TIMEOUT = 60.0
+"""Timeout for the body of a request, in seconds."""
+
+_ABOUT = """\
+This is the simulated chassis of a Woosh robot, number {robot}.
+
+It takes requests over WebSocket, or over HTTP: POST the body of a request as
+JSON to the name of its type, with slashes instead of dots, for example
+
+    curl -d '{{}}' http://{host}/woosh/robot/PoseSpeed
+"""
+
+
+class _HttpCodec(JsonCodec):
+    """The envelope over HTTP, which has neither serial number nor time."""
+
+    def encode(
+        self,
+        type_name: str,
+        body: Message | None,
+        *,
+        sn: int = 0,
+        ok: bool | None = None,
+        msg: str = "",
+        timestamp: int | None = None,
+    ) -> str:
+        return super().encode(type_name, body, ok=ok, msg=msg)
+
+
+_CODEC = _HttpCodec(defaults=True)
+
+
+class _HttpTransport:
+    """The server's end of one call: its only frame is the body of the response.
+
+    Args:
+        connection: The connection.
+        status: Status of the response.
+
+    Attributes:
+        peer: Address of the client.
+        response: Done when the response is known, or has been written by `send_raw`.
+    """
+
+    def __init__(self, connection: HttpConnection, status: HTTPStatus) -> None:
+        self.peer = peer_address(connection.transport)
+        self.response: asyncio.Future[web.Response] = asyncio.get_running_loop().create_future()
+        self._connection = connection
+        self._status = status
+        self._left = 0
+        """Number of bytes of a raw response that have not been written."""
+
+    def backlog(self) -> int:
+        return self._connection.transport.get_write_buffer_size()
+
+    async def send(self, data: str | bytes) -> None:
+        body = data.encode() if isinstance(data, str) else data
+        self._respond(web.Response(body=body, status=self._status, content_type="application/json"))
+
+    def header(self, size: int, *, text: bool = False) -> bytes:
+        head = (
+            f"HTTP/1.1 {self._status.value} {self._status.phrase}\r\n"
+            f"Content-Type: application/json\r\nContent-Length: {size}\r\nConnection: close\r\n\r\n"
+        ).encode()
+        self._left = len(head) + size
+        return head
+
+    async def send_raw(self, data: bytes) -> None:
+        await self._connection.write(data)
+        self._left -= len(data)
+        if self._left <= 0:
+            self._connection.transport.close()
+            self._respond(web.Response())
+
+    async def recv(self) -> str | bytes:
+        raise TransportClosedError("a call has no further frames")
+
+    async def ping(self) -> bool:
+        return False
+
+    async def close(self, timeout: float = 1.0) -> None:
+        self.abort()
+
+    def abort(self) -> None:
+        self._connection.transport.abort()
+
+    def pause(self) -> None:
+        self._connection.transport.pause_reading()
+
+    def resume(self) -> None:
+        self._connection.transport.resume_reading()
+
+    def _respond(self, response: web.Response) -> None:
+        if not self.response.done():  # a fault may send an answer twice
+            self.response.set_result(response)
+
+
+class HttpCalls:
+    """Answers HTTP requests by the handlers that answer frames.
+
+    Args:
+        exchange: Executes the requests.
+        config: The options; the limits are among them.
+        readable: Waits while nothing is read.
+        writable: Set while something may be sent.
+    """
+
+    def __init__(
+        self,
+        exchange: Exchange,
+        config: SimulatorConfig,
+        readable: Callable[[], Awaitable[object]],
+        writable: asyncio.Event,
+    ) -> None:
+        self._exchange = exchange
+        self._config = config
+        self._readable = readable
+        self._writable = writable
+
+    async def respond(
+        self, request: web.BaseRequest, connection: HttpConnection
+    ) -> web.StreamResponse:
+        """Answer an HTTP request."""
+        await self._readable()
+        if request.method in ("GET", "HEAD"):
+            about = _ABOUT.format(robot=self._config.robot_id, host=request.host)
+            return web.Response(text=about)
+        name = clip_type_name(request.path.strip("/").replace("/", "."))
+        if request.method != "POST":
+            return _refusal(HTTPStatus.METHOD_NOT_ALLOWED, "only POST and GET", Allow="GET, POST")
+        if len(self._exchange.clients) >= self._config.max_connections:
+            text = f"there are already {self._config.max_connections} clients"
+            return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, text)
+        if not self._exchange.hooks.admits():
+            connection.transport.abort()
+            return web.Response()
+        try:
+            data = await run_with_timeout(_BODY_TIMEOUT, self._body(request))
+        except TimeoutError as error:
+            return _refusal(HTTPStatus.REQUEST_TIMEOUT, f"the body did not arrive: {error}")
+        if data is None:
+            text = f"the body has more than {self._config.max_frame} bytes"
+            return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
+        await self._readable()
+        return await self._execute(connection, name, data)
+
+    async def _body(self, request: web.BaseRequest) -> bytes | None:
+        """Return the body of a request, or None if it is too large."""
+        data = bytearray()
+        async for chunk in request.content.iter_any():
+            data += chunk
+            if len(data) > self._config.max_frame:
+                return None
+        return bytes(data)
+
+    async def _execute(
+        self, connection: HttpConnection, name: str, data: bytes
+    ) -> web.StreamResponse:
+        """Execute the request of a type, and return the response to it."""
+        exchange, status = self._exchange, HTTPStatus.OK
+        message, reason = None, ""
+        if name not in HANDLERS:
+            status, reason = HTTPStatus.NOT_FOUND, f"unknown message type {name}"
+        else:
+            try:
+                body = _CODEC.parse(data) if data.strip() else {}
+                message = _CODEC.body(Envelope(name, body), message_type(name))
+            except FrameError as error:
+                exchange.bad_frames += 1
+                status, reason = HTTPStatus.BAD_REQUEST, f"unreadable body: {error}"
+        transport = _HttpTransport(connection, status)
+        client = Client(transport, self._config.max_outbox)
+        exchange.join(client)
+        writing = asyncio.ensure_future(client.write(self._writable))
+        ends: set[asyncio.Future[Any]] = {transport.response, connection.lost}
+        try:
+            exchange.submit(Request(client, _CODEC, name, 0, message, reason))
+            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            exchange.leave(client)
+            writing.cancel()
+        return transport.response.result() if transport.response.done() else web.Response()
+
+
+def _refusal(status: HTTPStatus, text: str, **headers: str) -> web.Response:
+    """Return the response to a request that is not even read, and end the connection."""
+    body = _CODEC.encode("error", None, ok=False, msg=text)
+    response = web.Response(
+        text=body, status=status, content_type="application/json", headers=headers
+    )
+    response.force_close()
+    return response
