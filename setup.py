@@ -173,7 +173,7 @@ setup(
     package_data={
         PACKAGE: ["py.typed"],
         f"{PACKAGE}.robot": ["status_codes.json"],
-        f"{PACKAGE}.simulator": ["data/*/*"],
+        f"{PACKAGE}.simulator": ["data/*.json", "data/*/*"],
         f"{PACKAGE}.tools.dashboard": ["page/*"],
         f"{PACKAGE}.vda5050.messages": ["schemas/LICENSE", "schemas/*/*.schema"],
     },

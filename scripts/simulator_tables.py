@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, is_query
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
-from woosh_robot_agent.simulator.scenes import files
+from woosh_robot_agent.simulator.scenes import scene_yaml
 
 _PROFILE_LINE = re.compile(
     r"(?P<group>\w+):$|  # (?P<comment>.+)$|  (?P<key>\w+):(?P<value> .+)?$|    .*|$"
@@ -58,14 +58,14 @@ def profile_table() -> str:
 def scene_table() -> str:
     """Return the keys of scene.yaml as a Markdown table, from the docstrings of its dataclasses."""
     entries = (
-        ("", files.SceneEntry),
-        ("start.", files.StartEntry),
-        ("maps[].", files.MapEntry),
-        ("maps[].marks[].", files.MarkEntry),
-        ("tasks.", files.TasksEntry),
-        ("tasks.predefined[].", files.TaskSetEntry),
-        ("tasks.predefined[].button.", files.ButtonEntry),
-        ("tasks.predefined[].steps[].", files.StepEntry),
+        ("", scene_yaml.SceneEntry),
+        ("start.", scene_yaml.StartEntry),
+        ("maps[].", scene_yaml.MapEntry),
+        ("maps[].marks[].", scene_yaml.MarkEntry),
+        ("tasks.", scene_yaml.TasksEntry),
+        ("tasks.predefined[].", scene_yaml.TaskSetEntry),
+        ("tasks.predefined[].button.", scene_yaml.ButtonEntry),
+        ("tasks.predefined[].steps[].", scene_yaml.StepEntry),
     )
     return _table(
         ("Key", "Meaning"),

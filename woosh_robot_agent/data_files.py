@@ -8,6 +8,7 @@ each of these as `Annotated[X, check]`. A check is called with the value, and ra
 
 from __future__ import annotations
 
+import json
 import math
 import reprlib
 import types
@@ -75,6 +76,25 @@ def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
         # The loader raises ValueError for an invalid date.
         reason = " ".join(str(error).split())
         raise DataFileError(f"{name}: not readable as YAML: {reason[:300]}") from error
+
+
+def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
+    """Return the content of a JSON file.
+
+    Args:
+        name: Name of the file, for errors.
+        data: Its bytes.
+        max_bytes: Maximum size of the file, in bytes.
+
+    Raises:
+        DataFileError: The file is not JSON, too large or too deeply nested.
+    """
+    if len(data) > max_bytes:
+        raise DataFileError(f"{name}: the file has {len(data)} bytes, more than {max_bytes}")
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise DataFileError(f"{name}: not readable as JSON: {error}") from error
 
 
 def place() -> Any:

@@ -98,7 +98,7 @@ def test_saved_map_equals_the_topic_map(robot: Robot, tmp_path: Path) -> None:
     topic = robot.echo(OccupancyGrid, "map").wait_count(1)[0]
     where = ["--ip", f"127.0.0.1:{robot.chassis.port}"]
     assert maps.main([*where, "download", "wooshmap", "--output", str(tmp_path)]) == 0
-    file = tmp_path / "wooshmap" / "maps" / "wooshmap.yaml"
+    file = tmp_path / "wooshmap" / "nav2" / "wooshmap.yaml"
     saved = yaml.safe_load(file.read_text())
     width, height, cells = cells_of((file.parent / saved["image"]).read_bytes())
     assert (width, height) == (topic.info.width, topic.info.height)

@@ -123,16 +123,17 @@ def test_each_client_has_its_own_subscriptions(
     other.close()
 
 
-def test_uploaded_scene_is_kept(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_uploaded_scene_is_kept(client: JsonClient) -> None:
     files = [{"name": "map.png", "data": "AQID"}]
     client.ask("woosh.robot.SwitchMap", {"sceneName": "new", "mapName": "m", "fileDatas": files})
     scene = client.ask("woosh.robot.Scene")
     assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("new", "m", "1")
     client.ask("woosh.robot.SwitchMap", {"sceneName": "new", "fileDatas": files})
-    assert client.ask("woosh.robot.Scene")["version"] == "2"
+    assert client.ask("woosh.robot.Scene")["version"] == "1"  # its map has not changed
     client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
     client.ask("woosh.robot.SwitchMap", {"sceneName": "new"})
-    assert simulator.call(lambda s: dict(s.chassis.scene.files)) == {"map.png": b"\x01\x02\x03"}
+    kept = {each["name"]: each["data"] for each in client.ask("woosh.map.Download")["fileDatas"]}
+    assert kept["map.png"] == "AQID"
 
 
 def test_scene_data_groups_marks_by_kind(client: JsonClient) -> None:

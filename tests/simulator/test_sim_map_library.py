@@ -24,7 +24,7 @@ from woosh_robot_agent.simulator.scenes.scene import with_map
 from woosh_robot_agent.simulator.world.grid import Grid
 from woosh_robot_agent.simulator.world.maps import Map
 
-FULL = 1
+INCREMENTAL, FULL = 0, 1
 Files = dict[str, bytes]
 
 
@@ -38,7 +38,7 @@ def second() -> Iterator[JsonClient]:
 
 
 def upload(scene: str, method: int = 0, **files: bytes) -> Json:
-    """Return the body of an Upload request. In file names, `_` stands for the dot."""
+    """Return the body of an Upload request. In the ends of file names, `_` stands for the dot."""
     return {"sceneName": scene, "fileDatas": file_datas(files), "method": method}
 
 
@@ -98,20 +98,26 @@ def test_a_downloaded_scene_is_the_same_on_another_robot(
 ) -> None:
     upload_lab(client)
     files = download(client, scene)
-    assert "scene.yaml" in files
-    assert all("/" not in name for name in files)
+    assert {"scene.json", "action_groups.json", "task_info.data"} <= set(files)
+    for area in scenes(client)[scene]:
+        assert {f"{area}/{name}" for name in ("map.yaml", "map.png", "mark_info.data")} <= set(
+            files
+        )
     assert send_files(second, "copy", files)["ok"]
     assert scene_data(second, "copy") == scene_data(client, scene)
-    again = download(second, "copy")
-    assert set(again) == set(files)
+    assert download(second, "copy") == files
+    # Nothing changes for a robot that gets its own files.
+    assert send_files(client, scene, files)["ok"]
+    assert download(client, scene) == files
 
 
 def test_files_come_back_as_they_were_uploaded(client: JsonClient) -> None:
     upload_lab(client)
     client.ask("woosh.map.Upload", upload("lab", notes_txt=b"hello"))
+    client.ask("woosh.map.Upload", upload("lab", **{"yard/state_pbstream": b"cells"}))
     files = download(client, "lab")
-    assert (files["floor.yaml"], files["floor.png"]) == (NAV2, floor_png())
-    assert files["notes.txt"] == b"hello"
+    assert (files["notes.txt"], files["yard/state.pbstream"]) == (b"hello", b"cells")
+    assert not {"scene.yaml", "floor.yaml", "floor.png"} & set(files)  # the robot has its own form
 
 
 def test_marks_of_all_kinds_come_with_their_file(client: JsonClient, second: JsonClient) -> None:
@@ -121,15 +127,16 @@ def test_marks_of_all_kinds_come_with_their_file(client: JsonClient, second: Jso
     info.beacons.add(id=5).point.x = 0.5
     info.wormholes.add(token="lift").identity.no = "W1"
     info.artags.add(id=7).pose.y = 2.0
-    files = {"floor.yaml": NAV2, "floor.png": floor_png()}
-    files["floor.mark_info.data"] = info.SerializeToString()
-    assert send_files(client, "lab", files)["ok"]
+    client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png()))
+    marks = {"floor/mark_info.data": info.SerializeToString()}
+    assert send_files(client, "lab", marks, INCREMENTAL)["ok"]
+    assert version(client, "lab", "floor") == 2
     assert send_files(second, "copy", download(client, "lab"))["ok"]
     for robot, scene in ((client, "lab"), (second, "copy")):
         (area,) = robot.ask("woosh.map.SceneData", {"name": scene})["maps"]
         found = ParseDict(area["markInfo"], MarkInfo())
-        assert found == MarkInfo.FromString(download(robot, scene)["floor.mark_info.data"])
-        info.version = found.version
+        assert found == MarkInfo.FromString(download(robot, scene)["floor/mark_info.data"])
+        info.version = 2
         assert found == info
 
 
@@ -148,7 +155,7 @@ def test_a_map_of_cells_only_is_downloaded_for_map_server(
     simulator.call(add)
     assert scenes(client)["wooshmap"] == ["wooshmap", "made"]
     files = download(client)
-    assert {"made.yaml", "made.png", "made.mark_info.data"} <= set(files)
+    assert {"made/map.yaml", "made/map.png", "made/mark_info.data"} <= set(files)
     assert send_files(second, "copy", files)["ok"]
     assert scene_data(second, "copy") == scene_data(client, "")
     second.ask("woosh.robot.SwitchMap", {"sceneName": "copy", "mapName": "made"})
@@ -159,9 +166,10 @@ def test_an_incremental_upload_keeps_the_other_files_and_a_full_one_does_not(
     client: JsonClient,
 ) -> None:
     upload_lab(client)
-    client.ask("woosh.map.Upload", upload("lab", notes_txt=b"hello", floor_png=floor_png(7.0)))
+    new = {"notes_txt": b"hello", "yard/map_png": floor_png(7.0)}
+    client.ask("woosh.map.Upload", upload("lab", **new))
     assert scenes(client)["lab"] == ["hall", "yard"]
-    assert (version(client, "lab", "hall"), version(client, "lab", "yard")) == (2, 8)
+    assert (version(client, "lab", "hall"), version(client, "lab", "yard")) == (1, 8)
     client.ask("woosh.robot.SwitchMap", {"sceneName": "lab", "mapName": "yard"})
     assert distance_ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
     client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
@@ -210,12 +218,12 @@ def test_sync_returns_the_files_that_are_asked_for(client: JsonClient) -> None:
     wanted = {
         "sceneName": "lab",
         "scenesMd5s": [{"name": "task_info.data", "md5": "0"}],
-        "maps": [{"mapName": "yard", "mapMd5s": [{"name": "floor.png", "md5": "0"}]}],
+        "maps": [{"mapName": "yard", "mapMd5s": [{"name": "yard/map.png", "md5": "0"}]}],
     }
     answer = client.request("woosh.map.SceneSync", {"scenes": [wanted]})
     assert answer["type"] == "woosh.map.SceneSyncResponse"
     found = {each["name"]: base64.b64decode(each["data"]) for each in answer["body"]["fileDatas"]}
-    assert found == {name: files[name] for name in ("task_info.data", "floor.png")}
+    assert found == {name: files[name] for name in ("task_info.data", "yard/map.png")}
     wanted["scenesMd5s"] = [{"name": "other.data", "md5": "0"}]
     assert "unknown file other.data of scene lab" in client.refusal(
         "woosh.map.SceneSync", {"scenes": [wanted]}
@@ -241,8 +249,8 @@ def test_files_of_a_renamed_map_have_its_new_name(client: JsonClient) -> None:
     rename = {"oldSceneName": "lab", "oldMapName": "floor", "newMapName": "ground"}
     client.ask("woosh.map.Rename", rename)
     files = download(client, "lab")
-    assert {"ground.yaml", "ground.png", "ground.mark_info.data"} <= set(files)
-    assert files["ground.png"] == floor_png()
+    assert {"ground/map.yaml", "ground/map.png", "ground/mark_info.data"} <= set(files)
+    assert not any(name.startswith("floor/") for name in files)
     # A new map of the old name does not replace it.
     client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png(6.0)))
     assert scenes(client)["lab"] == ["ground", "floor"]
@@ -315,8 +323,8 @@ REFUSED: list[tuple[str, Json, str]] = [
     ("Upload", upload("lab", **{"../floor_png": floor_png()}), "must be a plain file name"),
     (
         "Upload",
-        {"sceneName": "lab", "fileDatas": [{"name": "floor.mark_info.data", "data": "/w=="}]},
-        "floor.mark_info.data: not a serialised woosh.map.mark.MarkInfo",
+        {"sceneName": "lab", "fileDatas": [{"name": "floor/mark_info.data", "data": "/w=="}]},
+        "floor/mark_info.data: not a serialised woosh.map.mark.MarkInfo",
     ),
     ("Upload", upload("wooshmap", FULL, notes_txt=b"hi"), "no file describes a map"),
     (

@@ -94,6 +94,9 @@ CASES: dict[str, tuple[Prepare | None, str, Json, str, str | None]] = {
         None, "woosh.robot.ActionOrder", {"order": 2}, FAILED, "140801000271",
     ),
     "cancel without a task": (None, "woosh.robot.ActionOrder", {"order": 4}, FAILED, None),
+    "steps without a step": (
+        None, CALL, {"stepControl": {"action": 1}}, "steps_size is empty", None,
+    ),
     "a lift mode that does not exist": (
         None, CALL, {"liftControl": {"action": 1, "executeMode": 9}}, FAILED, None,
     ),

@@ -195,7 +195,7 @@ def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFi
     assert out == ""
     first, second = err.splitlines()
     assert first.startswith(f"error: {tmp_path}")
-    assert "not a scene: give a scene.yaml" in second
+    assert "not a scene: give a folder with scene.json or scene.yaml" in second
 
 
 def test_every_kind_of_mark_has_its_category() -> None:
@@ -207,6 +207,24 @@ def test_every_kind_of_mark_has_its_category() -> None:
     assert kinds["A10"] == "pallet_platform"
     assert kinds["7613B5D"] is None
     assert len({kind for kind in kinds.values() if kind}) == 8
+
+
+def test_map_that_is_named_alone_is_that_of_the_only_scene_with_it(client: JsonClient) -> None:
+    client.ask("woosh.robot.SwitchMap", {"mapName": "scenex2"})
+    scene = client.ask("woosh.robot.Scene")
+    assert (scene["sceneName"], scene["mapName"]) == ("scenex", "scenex2")
+    client.ask("woosh.map.Rename", {"oldMapName": "scenex", "newMapName": "hall"})
+    client.ask(
+        "woosh.map.Rename",
+        {"oldSceneName": "wooshmap", "oldMapName": "wooshmap", "newMapName": "hall"},
+    )
+    client.ask("woosh.robot.SwitchMap", {"mapName": "hall"})  # that of the current scene
+    assert client.ask("woosh.robot.Scene")["sceneName"] == "scenex"
+    files = client.ask("woosh.map.Download", {"sceneName": "scenex"})["fileDatas"]
+    client.ask("woosh.map.Upload", {"sceneName": "third", "fileDatas": files})
+    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
+    reason = client.refusal("woosh.robot.SwitchMap", {"mapName": "scenex2"})
+    assert reason == "scenes scenex, third have a map scenex2: name the scene too"
 
 
 @pytest.mark.parametrize("name", ["woosh.map.SceneData", "woosh.map.SceneDataEasy"])

@@ -197,6 +197,20 @@ def test_task_set_is_paused_continued_and_cancelled(client: JsonClient) -> None:
     assert client.take_pushes(PROC) == []
 
 
+def test_task_set_of_add_task_runs_once(client: JsonClient) -> None:
+    client.subscribe(PROC)
+    before = listed(client)
+    answer = client.request("woosh.task.AddTask", {"tset": task_set(9, "A2", "K10")})
+    assert (answer["type"], answer["ok"], answer["body"]) == ("woosh.task.AddTask", True, {})
+    assert ended(client, 2) == [("901", COMPLETED), ("902", COMPLETED)]
+    assert listed(client) == before
+    assert "has 0 tasks" in client.refusal("woosh.task.AddTask", {"tset": {"base": {"id": 666}}})
+    assert "unknown mark Z" in client.refusal("woosh.task.AddTask", {"tset": task_set(1, "Z")})
+    client.ask("woosh.robot.SwitchControlMode", {"mode": 2})
+    reason = client.refusal("woosh.task.AddTask", {"tset": task_set(9, "A2")})
+    assert "manual mode" in reason
+
+
 def test_exec_task_set_is_refused_because_chassis_do_not_implement_it(client: JsonClient) -> None:
     refusal = client.refusal("woosh.robot.ExecTaskSet", {"repeatTimes": 2})
     assert refusal.startswith("ExecTaskSet names no task set, and real chassis do not implement it")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -173,13 +174,34 @@ def test_charge_task_charges(simulator: SimulatorThread, client: JsonClient) -> 
     client.subscribe("woosh.robot.Battery", "woosh.robot.RobotState")
     client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
     reports = reports_until_end(client)
-    assert [each["action"]["type"] for each in reports[2:]] == [1, 1, 3, 3, 7, 7]
+    assert [each["action"]["type"] for each in reports[2:]] == [1, 1, 3, 3, 2, 2, 2, 2, 7, 7]
     assert reports[-1]["state"] == COMPLETED
     info = client.ask("woosh.robot.RobotInfo")
     assert (info["state"], info["battery"]["power"]) == (2, 98)
     battery = client.ask("woosh.robot.Battery")
     assert (battery["chargeState"], battery["power"]) == (1, 98)
     assert client.ask("woosh.robot.RobotState")["state"] == 2
+
+
+@pytest.mark.parametrize("target", [{}, {"pose": {"x": 0, "y": 0, "theta": 0}}])
+def test_charge_task_without_a_mark_leads_to_the_nearest_charger(
+    simulator: SimulatorThread, client: JsonClient, target: Any
+) -> None:
+    storage = {
+        "identity": {"no": "C2"},
+        "pose": {"dock": {"x": 10.0, "y": -6.0, "theta": 0.0}},
+        "charger": {},
+    }
+    client.ask("woosh.map.mark.storage.Create", {"storage": storage})
+    simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.9))
+    client.ask("woosh.robot.ExecTask", {"type": 3, **target})
+    reports = reports_until_end(client)
+    assert (reports[-1]["state"], reports[-1]["dest"]) == (COMPLETED, "C2")
+    assert simulator.state.pose.distance((10.0, -6.0)) < 0.05
+    # It leaves the charger for one that is named.
+    client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
+    assert reports_until_end(client)[-1]["dest"] == "C1"
+    assert simulator.state.pose.distance((-10.8, 0.5)) < 0.05
 
 
 def test_carry_task_lifts(simulator: SimulatorThread, client: JsonClient) -> None:

@@ -21,7 +21,7 @@ The packages and modules, each of which imports only those before it:
 - `serving`: clients and connections.
 - `faults`: everything that can go wrong.
 - `server`, `thread`, `command_line`: the simulated chassis in an event loop, in a thread, as a
-  program.
+  program. `scene_check`: what is wrong with the files of a scene.
 """
 
 import importlib

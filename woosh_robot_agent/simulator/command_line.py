@@ -20,6 +20,7 @@ from woosh_robot_agent.link.reports import log_to_stderr
 from woosh_robot_agent.program import StopSignals
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
+from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.server import SimulatedChassis
 
 _DISCONNECT_TIMEOUT = 1.0
@@ -61,12 +62,12 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     if options.list_faults:
         print(markdown())
         return 0
+    if options.check:
+        return _check(options.check, options.profile)
     log_to_stderr(
         [logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
         "%(levelname)s %(name)s: %(message)s",
     )
-    # websockets logs every aborted handshake as an error. Port scans would fill the log.
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)
     try:
         config = _config(options)
     except ValueError as error:
@@ -112,6 +113,19 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
         initialised=not options.uninitialised,
         scenario=scenario + Scenario(tuple(parse_fault(text) for text in options.fault)),
     )
+
+
+def _check(scene: Path, profile: str) -> int:
+    """Print what is wrong with a scene, and return the exit status: 1 if anything is."""
+    from woosh_robot_agent.simulator.scene_check import check_scene
+
+    try:
+        findings = check_scene(scene, load_profile(profile))
+    except DataFileError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print("\n".join(findings) if findings else f"{scene}: nothing is wrong")
+    return 1 if findings else 0
 
 
 class _DashboardError(Exception):
@@ -212,8 +226,14 @@ def make_parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="FOLDER",
-        help="folder with scene.yaml, or YAML file of a nav2 map; can be repeated, the robot "
-        "starts in the first one",
+        help="folder of a scene from a robot, folder with scene.yaml, or YAML file of a nav2 map; "
+        "can be repeated, the robot starts in the first one",
+    )
+    parser.add_argument(
+        "--check",
+        type=Path,
+        metavar="FOLDER",
+        help="print what is wrong with a scene, a line for each finding, and exit",
     )
     parser.add_argument(
         "--dashboard",

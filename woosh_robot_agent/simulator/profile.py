@@ -185,8 +185,6 @@ class ChargingProfile:
 
     docking_distance: NotNegative
     docking_speed: NotNegative
-    steps: tuple[NotNegative, ...]
-    step_speed: NotNegative
     starts_after: NotNegative
     confirmed_after: NotNegative | None
     completed_after: NotNegative

@@ -146,6 +146,9 @@ PATH_EMPTY = Refusal(
 ACTION_DURING_TASK = Refusal(
     "task {task} is running: pause or cancel it first", TASK_IS_EXECUTING, codes.TASK_RUNNING
 )
+NO_STEPS = Refusal(
+    "steps_size is empty: StepControl has no steps, give at least one", "steps_size is empty"
+)
 STEPS_DURING_TASK = Refusal(ACTION_DURING_TASK.explanation, code=codes.STEP_CONTROL_OCCUPIED)
 ACTION_RUNNING = Refusal("{action} is running: wait for it or cancel it first")
 STEPS_RUNNING = Refusal(ACTION_RUNNING.explanation, code=codes.STEP_CONTROL_OCCUPIED)

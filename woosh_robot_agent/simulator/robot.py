@@ -18,9 +18,13 @@ from woosh_robot_agent.simulator.scenes import files
 from woosh_robot_agent.simulator.scenes.scene import Scene, with_map_changed
 from woosh_robot_agent.simulator.timeline import ROUNDING, Timeline
 from woosh_robot_agent.simulator.world.collision import CollisionDetector, Obstacles
-from woosh_robot_agent.simulator.world.geometry import Outline, Pose, Wall, footprints
+from woosh_robot_agent.simulator.world.geometry import Outline, Pose, Wall, footprints, outer_radius
 from woosh_robot_agent.simulator.world.laser import Laser
-from woosh_robot_agent.simulator.world.maps import Map, MarkKind
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.world.planner import PATH_MARGIN
+
+_DOCK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
+"""Shares of the usual distance at which docking may start."""
 
 _CHARGER_DISTANCE = 0.3
 """Distance to a charger at which the robot can charge, in metres."""
@@ -199,13 +203,27 @@ class Robot(Timeline):
         """Replace the current map by a changed one of the same name."""
         self.replace_scene(self.scene, with_map_changed(self.scene, self.map, area))
 
-    def at_charger(self) -> bool:
-        """Return True if the robot stands at a charger."""
+    @property
+    def charger(self) -> Mark | None:
+        """The charger at which the robot stands, None if it stands at none."""
         pose = self.base.pose
-        return any(
-            mark.kind is MarkKind.CHARGER and pose.distance(mark.pose.point) <= _CHARGER_DISTANCE
-            for mark in self.map.marks.values()
-        )
+        for mark in self.map.marks.values():
+            if (
+                mark.kind is MarkKind.CHARGER
+                and pose.distance(mark.pose.point) <= _CHARGER_DISTANCE
+            ):
+                return mark
+        return None
+
+    def dock_distance(self, mark: Mark) -> float:
+        """Return how far before a mark docking starts, in metres: less where there is less room."""
+        farthest = self.profile.charging.docking_distance
+        needed = outer_radius(self.outline) + PATH_MARGIN
+        for share in _DOCK_SHARES:
+            place = mark.pose.moved(-share * farthest, 0.0, 0.0).point
+            if self.map.contains(*place) and self.map.clearance(*place) >= needed:
+                return share * farthest
+        return 0.0
 
     def scan(self) -> list[float]:
         """Return the ranges of one scan of the laser, in metres."""

@@ -1,76 +1,122 @@
-"""The jobs of a task at its target, and the tasks that the robot gives itself."""
+"""The jobs of a task, by the table of the scene, and the tasks that the robot gives itself."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator.behaviour.jobs import (
+    STEP_SPEED,
     Charge,
     Job,
     MoveLift,
     Shift,
     Steps,
+    Turn,
     Wait,
-    back_out,
+    dock,
+    leave_charger,
 )
-from woosh_robot_agent.simulator.behaviour.navigation import PATH_MARGIN, Navigate
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
+from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE
+from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.robot import Robot
-from woosh_robot_agent.simulator.world.geometry import outer_radius
+from woosh_robot_agent.simulator.scenes.action_groups import Action
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
 
-def jobs_at_mark(
-    robot: Robot, mark: Mark, kind: util_task_pb2.Type, direction: util_task_pb2.Direction
-) -> list[Job]:
-    """Return the jobs of a task at a mark: drive there, dock if needed, do the work.
+def task_actions(robot: Robot, kind: util_task_pb2.Type, number: int) -> tuple[Action, ...]:
+    """Return the actions of a task, by the table of the scene.
 
-    A robot that carries something leaves the dock again. A robot that charges stays.
+    Args:
+        robot: The robot.
+        kind: Type of the task. A task without a type is a pick task.
+        number: Number of the task among those of its type.
+
+    Raises:
+        RefusedError: The table has none.
     """
-    profile = robot.profile.charging
-    work = work_jobs(robot, kind, direction)
-    charge = kind == util_task_pb2.kCharge
-    steps = profile.steps if charge else ()
-    distance = profile.docking_distance
-    start = mark.pose.moved(-distance - sum(steps), 0.0, 0.0)
-    clearance = outer_radius(robot.outline) + PATH_MARGIN
-    docks = (
-        kind in (util_task_pb2.kCharge, util_task_pb2.kCarry)
-        and robot.map.contains(*start.point)
-        and robot.map.clearance(*start.point) >= clearance
-    )
-    if not docks:
-        return [*leave_dock(robot), Navigate(mark.pose), *work]
-    speed = profile.docking_speed
-    way_in = [_move(distance, speed, util_action_pb2.kSecondposEnter)]
-    way_in += [_move(step, profile.step_speed, util_action_pb2.kStepCtrl) for step in steps]
-    way_out = [] if charge else [_move(-distance, speed, util_action_pb2.kSecondposQuit)]
-    return [*leave_dock(robot), Navigate(start), *way_in, *work, *way_out]
+    kind, groups = kind or util_task_pb2.kPick, robot.scene.action_groups
+    actions = groups.actions(kind, number)
+    if actions is None:
+        known = ", ".join(map(str, groups.numbers(kind))) or "none"
+        raise RefusedError(
+            f"scene {robot.scene.name} has no actions for tasks of type {kind} with the number "
+            f"{number}: the numbers of this type are {known}"
+        )
+    return actions
+
+
+def task_jobs(
+    robot: Robot,
+    actions: Sequence[Action],
+    direction: util_task_pb2.Direction,
+    target: Mark | Navigate,
+) -> list[Job]:
+    """Return the jobs of a task. A robot that stands in a dock leaves it first.
+
+    Without a mark there is no dock: the actions of docking are left out.
+
+    Args:
+        robot: The robot.
+        actions: The actions of the task.
+        direction: Direction of a task that carries goods.
+        target: The mark of the task, or the way to its target.
+    """
+    enters = any(each.action == util_action_pb2.kSecondposEnter for each in actions)
+    docks = enters and isinstance(target, Mark)
+    distance = 0.0
+    if isinstance(target, Navigate):
+        drive = target
+    else:
+        distance = robot.dock_distance(target) if docks else 0.0
+        drive = Navigate(target.pose.moved(-distance, 0.0, 0.0))
+    jobs = leave_dock(robot)
+    for each in actions:
+        kind = each.action
+        if kind == util_action_pb2.kNav:
+            jobs.append(drive)
+        elif kind == util_action_pb2.kCarry:
+            unloads = direction == util_task_pb2.kCutting
+            jobs.append(MoveLift(robot.jack, 0.0 if unloads else robot.jack.travel))
+        elif kind == util_action_pb2.kWait:
+            if each.wait_time or robot.profile.tasks.final_wait:
+                jobs.append(Wait(each.wait_time, each.wait_id))
+        elif kind == util_action_pb2.kCharge:
+            jobs.append(Charge())
+        elif enters and not docks:
+            continue
+        elif kind == util_action_pb2.kSecondposEnter:
+            jobs.append(dock(robot, distance, util_action_pb2.kSecondposEnter))
+        elif kind == util_action_pb2.kSecondposQuit:
+            jobs.append(dock(robot, -distance, util_action_pb2.kSecondposQuit))
+        else:
+            jobs.append(_step(each))
+    return jobs
 
 
 def leave_dock(robot: Robot) -> list[Job]:
     """Return the jobs of a task before it drives: none, unless the robot stands in a dock."""
-    leaves = robot.profile.tasks.leave_dock and robot.at_charger()
-    return [back_out(robot)] if leaves else []
+    leaves = robot.profile.tasks.leave_dock and robot.charger is not None
+    return [leave_charger(robot)] if leaves else []
 
 
-def work_jobs(
-    robot: Robot, kind: util_task_pb2.Type, direction: util_task_pb2.Direction
-) -> list[Job]:
-    """Return the jobs of a task after its arrival; none for a task that only drives."""
-    if kind == util_task_pb2.kCharge:
-        return [Charge()]
-    if kind == util_task_pb2.kCarry:
-        unload = direction == util_task_pb2.kCutting
-        return [MoveLift(robot.jack, 0.0 if unload else robot.jack.travel)]
-    if kind != util_task_pb2.kParking and robot.profile.tasks.final_wait:
-        return [Wait(0.0)]
-    return []
+def _step(action: Action) -> Job:
+    speed, value = action.stepctrl_speed or STEP_SPEED, action.stepctrl_value
+    if action.stepctrl_type:
+        step: Shift | Turn = Turn(value, min(speed, MAX_TURN_RATE))
+    else:
+        step = Shift(0.0, value, min(speed, MAX_SPEED))
+    return Steps([step], avoid=action.stepctrl_avoid)
 
 
-def _move(distance: float, speed: float, kind: util_action_pb2.Type) -> Steps:
-    return Steps([Shift(0.0, distance, speed)], avoid=True, kind=kind)
+def nearest_mark(robot: Robot, kind: MarkKind) -> Mark | None:
+    """Return the nearest mark of a kind on the current map, None if there is none."""
+    marks = [mark for mark in robot.map.marks.values() if mark.kind is kind]
+    return min(marks, key=lambda mark: robot.pose.distance(mark.pose.point), default=None)
 
 
 _PARKED_DISTANCE = 0.3
@@ -143,17 +189,14 @@ class AutoTasks:
     def _start(self, mark_kind: MarkKind, kind: util_task_pb2.Type) -> None:
         """Start a task at the nearest mark of a kind, unless the robot is already parked there."""
         robot = self._robot
-
-        def distance(mark: Mark) -> float:
-            return robot.base.pose.distance(mark.pose.point)
-
-        marks = [mark for mark in robot.map.marks.values() if mark.kind is mark_kind]
-        if not marks:
+        mark = nearest_mark(robot, mark_kind)
+        actions = robot.scene.action_groups.actions(kind, 0)
+        if mark is None or actions is None:
             return
-        mark = min(marks, key=distance)
-        if kind == util_task_pb2.kParking and distance(mark) <= _PARKED_DISTANCE:
+        distance = robot.pose.distance(mark.pose.point)
+        if kind == util_task_pb2.kParking and distance <= _PARKED_DISTANCE:
             return
-        jobs = jobs_at_mark(robot, mark, kind, util_task_pb2.kDirectionUndefined)
+        jobs = task_jobs(robot, actions, util_task_pb2.kDirectionUndefined, mark)
         order = TaskOrder(
             self._tasks.new_id(), kind, mark.number, lambda: jobs, automatic=True, own_id=True
         )

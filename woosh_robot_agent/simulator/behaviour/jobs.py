@@ -115,11 +115,17 @@ class Done(Job):
 
 
 class Wait(Job):
-    """Waits for a time in seconds, which may be infinite, or until `end` is called."""
+    """Waits for a time, or until `end` is called.
+
+    Args:
+        seconds: The time, in seconds. It may be infinite.
+        number: Number of the wait in its task; 0 if it follows from those before.
+    """
 
     kind = util_action_pb2.kWait
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, number: int = 0) -> None:
+        self.number = number
         self._left = seconds
         """Remaining time, in seconds."""
 
@@ -136,6 +142,9 @@ class Wait(Job):
 
 _OBSTACLE_TIMEOUT = 5.0
 """Time after which the job gives up if an obstacle stays in the way, in seconds."""
+
+STEP_SPEED = 0.5
+"""Default speed of steps, in m/s or rad/s."""
 
 _STEP_TOLERANCE = 1e-6
 """Distance or angle at which a step counts as done, in metres or radians."""
@@ -311,7 +320,7 @@ class Charge(Job):
         """True if the battery goes on charging after the end of the job."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
-        if not robot.at_charger():
+        if robot.charger is None:
             return failed("not at a charger")
         profile = robot.profile.charging
         self._time += dt
@@ -333,7 +342,7 @@ class Charge(Job):
 
 
 class LeaveCharger(Job):
-    """Ends the charge, if there is one, and backs out of the charger, if the robot is in one."""
+    """Ends the charge, if there is one, and leaves the charger, if the robot is in one."""
 
     device = Device.WHEELS
     kind = util_action_pb2.kSecondposQuit
@@ -343,9 +352,9 @@ class LeaveCharger(Job):
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         robot.battery.charging = robot_pb2.Battery.kNot
-        if self._way_out is None and not robot.at_charger():
+        if self._way_out is None and robot.charger is None:
             return Progress(done=True, text="not at a charger")
-        self._way_out = self._way_out or back_out(robot)
+        self._way_out = self._way_out or leave_charger(robot)
         progress = self._way_out.tick(robot, dt)
         return replace(progress, text="left the charger") if progress.done else progress
 
@@ -355,9 +364,22 @@ class LeaveCharger(Job):
             self._way_out.suspend(robot)
 
 
-def back_out(robot: Robot) -> Job:
-    """Return the job that drives a robot backwards out of a dock."""
-    profile = robot.profile.charging
-    distance = profile.docking_distance + sum(profile.steps)
-    step = Shift(0.0, -distance, profile.docking_speed)
-    return Steps([step], avoid=True, kind=util_action_pb2.kSecondposQuit)
+def leave_charger(robot: Robot) -> Job:
+    """Return the job that drives a robot out of a charger: backwards, unless it turned there."""
+    charger = robot.charger
+    distance = robot.dock_distance(charger) if charger else 0.0
+    turned = charger is not None and math.cos(robot.base.pose.theta - charger.pose.theta) < 0.0
+    return dock(robot, distance if turned else -distance, util_action_pb2.kSecondposQuit)
+
+
+def dock(robot: Robot, distance: float, kind: util_action_pb2.Type) -> Job:
+    """Return the job that drives into a dock or out of it.
+
+    Args:
+        robot: The robot.
+        distance: Distance straight ahead, in metres.
+        kind: The `woosh.action.Type` in reports.
+    """
+    return Steps(
+        [Shift(0.0, distance, robot.profile.charging.docking_speed)], avoid=True, kind=kind
+    )

@@ -14,7 +14,8 @@ from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 from woosh_robot_agent.simulator.robot import Robot
-from woosh_robot_agent.simulator.scenes.files import MAX_MAPS, MAX_SCENES
+from woosh_robot_agent.simulator.scenes.files import MAX_SCENES
+from woosh_robot_agent.simulator.scenes.robot_files import MAX_MAPS
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
     Scene,
@@ -288,7 +289,9 @@ class Mapping:
         assert self._grid
         robot, draft = self._robot, self.draft
         raster = self._grid.raster()
-        grid = Grid(raster.cells, raster.resolution, raster.low)
+        old = None if draft else robot.map.grid
+        keep_out = old.keep_out_on(raster) if old else None
+        grid = Grid(raster.cells, raster.resolution, raster.low, keep_out)
         end, scene_name = robot.base.pose, self._scene_name
 
         def finished() -> tuple[Scene, Map]:
@@ -298,7 +301,6 @@ class Mapping:
                 high=grid.high,
                 walls=(),
                 grid=grid,
-                image=None,
                 end=end,
                 ground_truth=robot.ground_truth,
             )

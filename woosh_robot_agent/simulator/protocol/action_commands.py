@@ -13,6 +13,7 @@ from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.jobs import (
+    STEP_SPEED,
     Charge,
     Done,
     Job,
@@ -73,9 +74,6 @@ def _follow(chassis: Chassis, request: pack.Follow) -> Result:
 
 _MAX_STEPS = 1000
 """Maximum number of steps of an action."""
-
-_STEP_SPEED = 0.5
-"""Default speed of steps, in m/s or rad/s."""
 
 _MIN_SPEED = 0.01
 """Minimum speed of steps and navigation, in m/s or rad/s."""
@@ -147,7 +145,7 @@ def _set_navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -
 
 def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
     if not command.steps:
-        raise RefusedError("StepControl has no steps: give at least one")
+        raise RefusedError(refusals.NO_STEPS)
     if len(command.steps) > _MAX_STEPS:
         raise RefusedError(
             f"StepControl has {len(command.steps)} steps, more than {_MAX_STEPS}: split it "
@@ -160,7 +158,7 @@ def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
     speed = usable_speed(step.speed, _MIN_SPEED)
     if step.mode == _StepMode.kRotate:
-        return Turn(step.value, min(speed or _STEP_SPEED, MAX_TURN_RATE))
+        return Turn(step.value, min(speed or STEP_SPEED, MAX_TURN_RATE))
     directions = {
         _StepMode.kStraight: 0.0,
         _StepMode.kLateral: math.pi / 2,
@@ -174,7 +172,7 @@ def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
         raise RefusedError(
             "a differential base cannot move sideways: use step modes 1 (straight) and 2 (rotate)"
         )
-    return Shift(directions[step.mode], step.value, min(speed or _STEP_SPEED, MAX_SPEED))
+    return Shift(directions[step.mode], step.value, min(speed or STEP_SPEED, MAX_SPEED))
 
 
 def _lift_control(chassis: Chassis, command: action_pb2.LiftControl) -> Job:
@@ -210,7 +208,7 @@ def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
 
 def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
     if command.execute_mode == action_pb2.ChargeControl.kAuto:
-        if not chassis.at_charger():
+        if chassis.charger is None:
             raise RefusedError("robot is not at a charger: start a charge task instead")
         return Charge()
     if command.execute_mode == action_pb2.ChargeControl.kExit:

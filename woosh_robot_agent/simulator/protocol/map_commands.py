@@ -30,6 +30,7 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.files import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
+    SCENE_INDEX,
     Scene,
     files_of,
     is_plain,
@@ -44,7 +45,8 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 @command(pack.SwitchMap)
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     _require_idle(chassis)
-    name = request.scene_name or chassis.scene.name
+    wanted = "" if request.file_datas else request.map_name
+    name = request.scene_name or _scene_of_map(chassis, wanted)
     if request.file_datas:
         old = _old_scene(chassis, name)
         scene = scene_files.updated_scene(name, old, request.file_datas)
@@ -63,6 +65,19 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     return None
 
 
+def _scene_of_map(chassis: Chassis, map_name: str) -> str:
+    """Return the name of the scene of a map that is named without one.
+
+    That is the current scene, unless only one other scene has the map.
+    """
+    if not map_name or chassis.scene.map(map_name):
+        return chassis.scene.name
+    found = [scene.name for scene in chassis.scenes.values() if scene.map(map_name)]
+    if len(found) > 1:
+        raise RefusedError(f"scenes {', '.join(found)} have a map {map_name}: name the scene too")
+    return found[0] if found else chassis.scene.name
+
+
 @command(map_pack_pb2.Upload)
 def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
     if not request.file_datas:
@@ -78,8 +93,8 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
     scene = scene_files.updated_scene(name, old, request.file_datas, replace=full)
     if scene is None:
         raise RefusedError(
-            f"no file describes a map of scene {name}: add scene.yaml, or the YAML file and "
-            "the picture of a map of map_server"
+            f"no file describes a map of scene {name}: add {SCENE_INDEX} with the folders of its "
+            "maps, or the YAML file and the picture of a map of map_server"
         )
     if old is chassis.scene and scene.map(chassis.map.name) is None:
         raise RefusedError(

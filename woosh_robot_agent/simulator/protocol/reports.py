@@ -4,19 +4,31 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.device import device_pb2
-from woosh_robot_agent.pb.map import map_pack_pb2
+from woosh_robot_agent.pb.map import field_pb2, map_pack_pb2, mark_pb2, path_pb2
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.ros import ros_pack_pb2
-from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2, navigation_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.scenes.scene import Scene, mark_info_of, storages_of
+from woosh_robot_agent.simulator.scenes.scene import (
+    KEEPOUT,
+    MARK_INFO,
+    NAV_AREA,
+    PATH_INFO,
+    PICTURE,
+    TRAFFIC_KEEPOUT,
+    Scene,
+    end_of,
+    files_of,
+    mark_info_of,
+    storages_of,
+    task_info_of,
+)
 from woosh_robot_agent.simulator.timeline import ROUNDING, copy_of
 from woosh_robot_agent.simulator.world.geometry import Outline, Pose
 from woosh_robot_agent.simulator.world.maps import Map
@@ -306,12 +318,13 @@ def scene_data(scene: Scene) -> map_pack_pb2.SceneData:
 
     In the pictures 0 is occupied, 254 free and 205 unknown, as in those of nav2's map_saver.
     """
-    tasks = woosh_task_pb2.TaskInfo(
-        repeat_tasks=scene.predefined.repeat_tasks,
-        call_tasks=scene.calls.call_tasks,
+    files = files_of(scene).of_maps
+    return map_pack_pb2.SceneData(
+        name=scene.name,
+        maps=[_map_data(each, files[each.name], end_of(scene, each)) for each in scene.maps],
+        task_info=task_info_of(scene),
+        action_group=scene.action_groups.data.decode(errors="replace"),
     )
-    maps = [_map_data(each) for each in scene.maps]
-    return map_pack_pb2.SceneData(name=scene.name, maps=maps, task_info=tasks)
 
 
 def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
@@ -324,19 +337,29 @@ def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
     )
 
 
-def _map_data(area: Map) -> map_pack_pb2.SceneData.Map:
+def _map_data(
+    area: Map, files: Mapping[str, bytes], end: Pose | None
+) -> map_pack_pb2.SceneData.Map:
     # numpy and Pillow load slowly, and only pictures need them.
     from woosh_robot_agent.simulator.world.picture import draw
 
-    drawn = draw(area)
+    def file(name: str) -> bytes:
+        return files.get(f"{area.name}/{name}", b"")
+
+    place = area.grid or draw(area)
+    x, y = place.low
     return map_pack_pb2.SceneData.Map(
         id=area.id,
         name=area.name,
-        resolution=drawn.resolution,
-        origin=common_pb2.Pose2D(x=drawn.low[0], y=drawn.low[1]),
-        end=pose2d(area.end) if area.end else None,
-        map_png=drawn.png,
-        mark_info=mark_info_of(area),
+        resolution=place.resolution,
+        origin=common_pb2.Pose2D(x=x, y=y),
+        end=pose2d(end) if end else None,
+        map_png=file(PICTURE),
+        keepout_png=file(KEEPOUT),
+        traffic_keepout_png=file(TRAFFIC_KEEPOUT),
+        mark_info=mark_pb2.MarkInfo.FromString(file(MARK_INFO)),
+        field_info=field_pb2.FieldInfo.FromString(file(NAV_AREA)) if file(NAV_AREA) else None,
+        path_info=path_pb2.PathInfo.FromString(file(PATH_INFO)) if file(PATH_INFO) else None,
     )
 
 

@@ -1,7 +1,7 @@
 """The files of a scene that a client uploads, and the commands that edit its marks.
 
-They are kept in memory, never on disk. If they describe a scene, maps or marks in a format of
-`scenes.files`, these are replaced. Other files are only kept. An invalid upload changes nothing.
+They are kept in memory, never on disk. Those that describe the scene, its maps, marks or tasks take
+effect; others are only kept. An invalid upload changes nothing.
 """
 
 from __future__ import annotations
@@ -22,35 +22,34 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     require_inside,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.scenes.files import (
-    MAX_MAPS,
-    MAX_MARKS,
-    read_maps,
-    read_scene,
-)
+from woosh_robot_agent.simulator.scenes.files import read_written
+from woosh_robot_agent.simulator.scenes.robot_files import MAX_MAPS, MAX_MARKS, read_robot_scene
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
-    SCENE_FILE,
+    SCENE_INDEX,
     Scene,
     files_of,
     free_mark_id,
     has_pose,
     is_plain,
+    mark_info_of,
     mark_of,
     storage_of,
     with_map,
+    with_map_changed,
     with_marks,
 )
+from woosh_robot_agent.simulator.scenes.scene_yaml import SCENE_FILE, read_maps
 from woosh_robot_agent.simulator.world.maps import Map, Mark
 
-_MAX_FILES = 100
+_MAX_FILES = 1000
 """Maximum number of files of a scene."""
 
 _MAX_SCENE = 32 * 1024 * 1024
 """Maximum size of all files of a scene together, in bytes."""
 
-_SAME_PLACE = 0.001
-"""Distance up to which a mark of an upload is where it was, in metres. Files round positions."""
+_MAX_FOLDERS = 4
+"""Maximum number of folders in the path of a file."""
 
 _PICTURES = (".png", ".pgm")
 """Ends of the names of pictures."""
@@ -63,12 +62,13 @@ def updated_scene(
     *,
     replace: bool = False,
 ) -> Scene | None:
-    """Return a scene after an upload, with the version of each map increased.
+    """Return a scene after an upload, with the version of each map that has changed increased.
 
     Args:
         name: Name of the scene.
         old: The scene before the upload, None if it is new.
-        upload: The uploaded files.
+        upload: The uploaded files: those of a robot's folder, a `scene.yaml`, or maps of
+            map_server.
         replace: The uploaded files are the only ones of the scene.
 
     Returns:
@@ -77,47 +77,63 @@ def updated_scene(
     Raises:
         RefusedError: A file is invalid.
     """
-    kept = old if not replace else None
     new = merge_files({}, upload)
-    files = merge_files(files_of(kept).all if kept else {}, upload)
-    used: set[str] = set()
-    read = _reader(files, used)
+    files = merge_files(files_of(old).all if old and not replace else {}, upload)
     try:
-        scene = read_scene(name, files, read)
-        if scene and SCENE_FILE in files and SCENE_FILE not in new:
-            for area in read_maps(new.keys() - used, read):
-                scene = with_map(scene, area)
+        scene = _described(name, old, new, files)
     except DataFileError as error:
         raise RefusedError(f"scene {name} is not changed: {error}") from error
     if scene is None:
         return None
     if len(scene.maps) > MAX_MAPS:
         raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
-    others = {**(kept.files if kept else {}), **new}
-    scene.files.update((file, data) for file, data in others.items() if file not in used)
-    before = {each.name: each for each in old.maps} if old else {}
     for area in scene.maps:
-        kept_marks = before[area.name].marks if area.name in before else {}
-        for number, mark in area.marks.items():
-            former = kept_marks.get(number)
-            # A new picture may leave out marks that the map keeps.
-            if former is None or former.pose.distance(mark.pose.point) > _SAME_PLACE:
-                require_inside(mark, area)
-    scene.maps = [_continued(each, before.get(each.name)) for each in scene.maps]
+        before = old.map(area.name) if old else None
+        if before:
+            scene = with_map_changed(scene, area, _continued(area, before))
     return scene
 
 
-def _continued(area: Map, old: Map | None) -> Map:
+def _described(
+    name: str, old: Scene | None, new: Mapping[str, bytes], files: Mapping[str, bytes]
+) -> Scene | None:
+    """Return the scene that an upload describes, None if it describes none.
+
+    Args:
+        name: Name of the scene.
+        old: The scene before the upload, None if it is new.
+        new: The uploaded files.
+        files: All files of the scene after the upload.
+
+    Raises:
+        DataFileError: A file is invalid.
+    """
+    used: set[str] = set()
+    read = _reader(new, used)
+    if SCENE_INDEX in files and SCENE_FILE not in new:
+        maps = read_maps([each for each in new if "/" not in each], read)
+        kept = {each: data for each, data in files.items() if each not in used}
+        scene = read_robot_scene(name, kept, old)
+        for area in maps:
+            scene = with_map(scene, area)
+        return scene
+    written = read_written(name, new, read)
+    if written:
+        written.files = {each: data for each, data in new.items() if each not in used}
+    return written
+
+
+def _continued(area: Map, before: Map) -> Map:
     """Return a map with what it keeps of the one of its name before."""
-    if old is None:
-        return area
-    return dataclasses.replace(
-        area,
-        version=max(area.version, old.version + 1),
-        end=old.end,
+    area = dataclasses.replace(area, end=area.end or before.end)
+    changed = mark_info_of(area) != mark_info_of(before)
+    if not area.same_ground(before):
+        changed = True
         # The files show only what the robot has seen: the walls stay where they are.
-        ground_truth=old.ground_truth,
-    )
+        area = dataclasses.replace(area, ground_truth=before.ground_truth)
+    if not changed:
+        return area
+    return dataclasses.replace(area, version=max(area.version, before.version + 1))
 
 
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
@@ -125,7 +141,7 @@ def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
     names = {file.name for file in upload}
     if SCENE_FILE in names:
         return ""
-    stems = {PurePosixPath(name).stem for name in names}
+    stems = {PurePosixPath(name).stem for name in names if "/" not in name}
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
 
 
@@ -156,12 +172,13 @@ def merge_files(
     """
     new: dict[str, bytes] = {}
     for file in upload:
-        # Nothing is written to disk, but a name must not be a path on any system.
-        if not is_plain(file.name):
+        # Nothing is written to disk, but a name must not lead out of the folder on any system.
+        parts = file.name.split("/")
+        if len(parts) > _MAX_FOLDERS + 1 or not all(map(is_plain, parts)):
             name = file.name[:MAX_NAME]
             raise RefusedError(
                 f"file {name!r}: the name must be a plain file name of at most {MAX_NAME} "
-                "characters"
+                "characters, or such names with slashes between them"
             )
         if file.name in new:
             raise RefusedError(f"file {file.name} is uploaded twice")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from itertools import count
 
@@ -11,11 +12,12 @@ from google.protobuf.message import Message
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.task import task_pb2
-from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask, RepeatTasks, WooshTaskSet
+from woosh_robot_agent.pb.task.woosh_task_pb2 import AddTask, RepeatTask, WooshTaskSet
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.auto_tasks import jobs_at_mark, leave_dock, work_jobs
+from woosh_robot_agent.simulator.behaviour.auto_tasks import nearest_mark, task_actions, task_jobs
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
@@ -31,8 +33,10 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     usable_speed,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.scenes.action_groups import Action
+from woosh_robot_agent.simulator.scenes.scene import set_predefined
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Mark
+from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
 _MIN_SPEED = 0.01
 """Minimum speed limit of a navigation, in m/s."""
@@ -40,28 +44,43 @@ _MIN_SPEED = 0.01
 
 @command(pack.ExecTask)
 def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
-    # Clients may send all three targets, with the unused ones empty: a mark takes precedence over
-    # a path, and a path over a pose.
     chassis.readiness.require_ready()
-    kind, direction = request.type, request.direction
-    jobs: list[Job]
-    if request.mark_no:
-        mark = task_mark(chassis, request.mark_no, kind)
-        jobs = jobs_at_mark(chassis, mark, kind, direction)
-    elif request.plan_path.plan_path:
-        via, strict = _route(request.plan_path)
-        drive = Navigate(via.pop(), via, strict=strict)
-        jobs = [*leave_dock(chassis), drive, *work_jobs(chassis, kind, direction)]
-    elif request.HasField("pose"):
-        drive = Navigate(pose(request.pose))
-        jobs = [*leave_dock(chassis), drive, *work_jobs(chassis, kind, direction)]
-    else:
-        raise RefusedError("the task has no target: give mark_no, plan_path or pose")
+    kind = request.type
+    actions = task_actions(chassis, kind, request.task_type_no)
+    target = _target(chassis, request)
+    jobs = task_jobs(chassis, actions, request.direction, target)
     number = request.task_id or chassis.tasks.new_id()
+    dest = target.number if isinstance(target, Mark) else ""
     own_id = not request.task_id
-    order = TaskOrder(number, kind, request.mark_no, lambda: jobs, own_id=own_id)
-    chassis.ownership.start_tasks([order])
+    chassis.ownership.start_tasks([TaskOrder(number, kind, dest, lambda: jobs, own_id=own_id)])
     return None
+
+
+def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
+    """Return the mark of a task, or the way to its target.
+
+    Clients may send all three kinds of targets, with the unused ones empty: a mark takes precedence
+    over a path, and a path over a pose. A charge task without any leads to the nearest charger.
+
+    Raises:
+        RefusedError: The task has no usable target.
+    """
+    if request.mark_no:
+        return task_mark(chassis, request.mark_no, request.type)
+    if request.plan_path.plan_path:
+        via, strict = _route(request.plan_path)
+        return Navigate(via.pop(), via, strict=strict)
+    if request.type == util_task_pb2.kCharge and pose(request.pose) == Pose():
+        charger = nearest_mark(chassis, MarkKind.CHARGER)
+        if charger is None:
+            raise RefusedError(
+                f"map {chassis.map.name} has no charger: add a mark of this type, or name another "
+                "target"
+            )
+        return charger
+    if request.HasField("pose"):
+        return Navigate(pose(request.pose))
+    raise RefusedError("the task has no target: give mark_no, plan_path or pose")
 
 
 def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
@@ -157,8 +176,7 @@ def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> Result:
 
 @command(RepeatTask)
 def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
-    if request.ByteSize() > _MAX_BYTES:
-        raise RefusedError(f"the task set has more than {_MAX_BYTES} bytes: give a smaller one")
+    _check_size(request)
     if request.order == RepeatTask.kPut:
         return _put(chassis, request)
     if request.order == RepeatTask.kDel:
@@ -167,6 +185,15 @@ def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
     if request.order in (RepeatTask.kExec, RepeatTask.kOrderUndefined):
         return _exec(chassis, request)
     raise RefusedError(f"unknown order {request.order}: 1 is put, 2 delete, 3 execute")
+
+
+@command(AddTask)
+def _add_task(chassis: Chassis, request: AddTask) -> Result:
+    """Run a task set once. There is no queue: it is refused in the same cases as ExecTask."""
+    chassis.readiness.require_ready()
+    _check_size(request)
+    _start(chassis, _checked_set(chassis, request.tset), 1)
+    return None
 
 
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
@@ -185,7 +212,7 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
     base.no = base.no or str(base.id)
     base.adapter = base.adapter or "woosh"
     sets[base.id] = kept
-    chassis.scene.predefined = RepeatTasks(repeat_tasks=sets.values())
+    set_predefined(chassis.scene, sets.values())
     return kept
 
 
@@ -195,7 +222,7 @@ def _delete(chassis: Chassis, request: RepeatTask) -> Result:
     _predefined(chassis, gone)
     sets = chassis.scene.predefined.repeat_tasks
     kept = [each for each in sets if each.task_set.base.id != gone]
-    chassis.scene.predefined = RepeatTasks(repeat_tasks=kept)
+    set_predefined(chassis.scene, kept)
     return None
 
 
@@ -204,16 +231,31 @@ def _exec(chassis: Chassis, request: RepeatTask) -> Result:
     chassis.readiness.require_ready()
     times = _checked_times(request.times)
     if request.task_set.tasks:
-        task_set = WooshTaskSet()
-        task_set.CopyFrom(request.task_set)
-        task_set.base.id = task_set.base.id or int(chassis.time)
-        _check_tasks(chassis, task_set)
+        task_set = _checked_set(chassis, request.task_set)
     else:
         predefined = _predefined(chassis, request.task_set.base.id)
         task_set = predefined.task_set
         times = times if request.times else predefined.times
     _start(chassis, task_set, times)
     return None
+
+
+def _check_size(request: Message) -> None:
+    if request.ByteSize() > _MAX_BYTES:
+        raise RefusedError(f"the task set has more than {_MAX_BYTES} bytes: give a smaller one")
+
+
+def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
+    """Return a copy of a task set that can be run, with ids where it has none.
+
+    Raises:
+        RefusedError: A task of it is invalid.
+    """
+    task_set = WooshTaskSet()
+    task_set.CopyFrom(given)
+    task_set.base.id = task_set.base.id or int(chassis.time)
+    _check_tasks(chassis, task_set)
+    return task_set
 
 
 def _predefined(chassis: Chassis, number: int) -> RepeatTask:
@@ -233,8 +275,8 @@ def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
     """Check the tasks of a set, and number them if none of them has an id.
 
     Raises:
-        RefusedError: There are none or too many, an id is invalid or used twice, or a mark is
-            unknown or does not suit the type of its task.
+        RefusedError: There are none or too many, an id is invalid or used twice, a mark is
+            unknown or does not suit the type of its task, or the scene has no actions for a task.
     """
     tasks = task_set.tasks
     if task_set.base.id < 0:
@@ -257,6 +299,7 @@ def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
                 f"unknown mark {task.base.mark_no}: no map of scene {chassis.scene.name} has it"
             )
         require_suitable(mark, task.base.type)
+        task_actions(chassis, task.base.type, task.base.type_no)
 
 
 def _checked_times(times: int) -> int:
@@ -279,12 +322,15 @@ def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
 
 def _task_order(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
     mark = task_mark(chassis, base.mark_no, base.type)
-    jobs = partial(_jobs, chassis, mark, base)
+    actions = task_actions(chassis, base.type, base.type_no)
+    jobs = partial(_jobs, chassis, mark, actions, base)
     return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
 
 
-def _jobs(chassis: Chassis, mark: Mark, base: task_pb2.TaskBase) -> list[Job]:
-    jobs = jobs_at_mark(chassis, mark, base.type, base.direction)
+def _jobs(
+    chassis: Chassis, mark: Mark, actions: Sequence[Action], base: task_pb2.TaskBase
+) -> list[Job]:
+    jobs = task_jobs(chassis, actions, base.direction, mark)
     if base.wait_time:
         jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
     return jobs

@@ -1,6 +1,7 @@
 """Reads maps of nav2's map_server: a picture (PNG, or plain or raw PGM) and a YAML file.
 
-The keys of the YAML file have the same meaning as for nav2's map_server.
+The keys of the YAML file have the same meaning as for nav2's map_server. Robots leave out `negate`
+and the thresholds.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,7 +17,7 @@ import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
 from woosh_robot_agent.data_files import Between, DataFileError, structure
-from woosh_robot_agent.simulator.world.grid import Grid
+from woosh_robot_agent.simulator.world.grid import Grid, KeepOut
 from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED, UNKNOWN
 
 _MAX_PIXELS = 4096 * 4096
@@ -40,9 +42,9 @@ class _Description:
     image: str
     resolution: Annotated[float, Between(0.001, 10)]
     origin: _Origin
-    negate: Literal[0, 1]
-    occupied_thresh: float
-    free_thresh: float
+    negate: Literal[0, 1] = 0
+    occupied_thresh: float = 0.65
+    free_thresh: float = 0.196
     mode: Literal["trinary", "scale", "raw"] = "trinary"
 
     def __post_init__(self) -> None:
@@ -57,8 +59,8 @@ class _Description:
             )
 
 
-def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> tuple[Grid, str, bytes]:
-    """Return the grid that a YAML file of map_server describes, and its picture with its name.
+def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
+    """Return the grid that a YAML file of map_server describes.
 
     Args:
         name: Name of the YAML file.
@@ -69,12 +71,33 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> tuple[Gr
         DataFileError: The YAML file or the picture is invalid.
     """
     description = structure(_Description, content, name, known_only=False)
-    picture = read(description.image)
-    cells = _cells(*_pixels(description.image, picture), description)
+    picture = str(PurePosixPath(name).parent / description.image)
+    cells = _cells(*_pixels(picture, read(description.image)), description)
     # The first row of a picture has the greatest y.
     low = description.origin.x, description.origin.y
-    grid = Grid(np.ascontiguousarray(cells[::-1]), description.resolution, low)
-    return grid, description.image, picture
+    return Grid(np.ascontiguousarray(cells[::-1]), description.resolution, low)
+
+
+def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
+    """Return the cells of a grid that a picture marks as areas to keep out of.
+
+    Args:
+        name: Name of the picture.
+        data: The picture, in which these areas are dark, as in the masks of nav2.
+        grid: The grid.
+
+    Raises:
+        DataFileError: The picture cannot be read, or has another size than the grid.
+    """
+    description = _Description(name, grid.resolution, _Origin(*grid.low, 0.0))
+    cells = _cells(*_pixels(name, data), description)[::-1]
+    if cells.shape != grid.cells.shape:
+        height, width = grid.cells.shape
+        raise DataFileError(
+            f"{name}: {cells.shape[1]} x {cells.shape[0]} pixels, but the map has "
+            f"{width} x {height}: save it in the size of the map"
+        )
+    return np.ascontiguousarray(cells == OCCUPIED)
 
 
 def check_picture(name: str, data: bytes) -> None:

@@ -1,25 +1,37 @@
-"""A scene: the maps of a site with their marks, its tasks, and the files that describe all this."""
+"""A scene: the maps of a site with their marks, its tasks, and its files as robots have them.
+
+A robot keeps a scene in a folder. The simulator serves and accepts the same files:
+
+    scene.json              the maps, each with the pose at which the robot was last
+    action_groups.json      the actions of which the tasks consist
+    task_info.data          the task sets: a serialised `woosh.task.TaskInfo`
+    MAP/map.yaml, map.png   the picture of the map and where it lies
+    MAP/keepout.png         the areas that navigation keeps out of
+    MAP/mark_info.data      the marks: a serialised `woosh.map.mark.MarkInfo`
+    MAP/nav_area.data, MAP/path_info.data, MAP/traffic_keepout.png and others: carried unchanged
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from itertools import count
 from pathlib import PurePosixPath, PureWindowsPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
-from woosh_robot_agent.data_files import load_yaml
 from woosh_robot_agent.pb.map import mark_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import common_pb2
-from woosh_robot_agent.simulator.world.geometry import Pose, Wall
-from woosh_robot_agent.simulator.world.maps import ImageFiles, Map, Mark, MarkKind
-
-if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
-    from woosh_robot_agent.simulator.world.grid import Grid
+from woosh_robot_agent.simulator.scenes.action_groups import (
+    ACTION_GROUPS,
+    ActionGroups,
+    default_action_groups,
+)
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
 
 @dataclass
@@ -29,11 +41,13 @@ class Scene:
     Attributes:
         name: Name, unique among the scenes.
         maps: At least one map. The first one is the default.
-        files: Files that clients uploaded and that describe neither map, mark nor task, by name.
+        files: Its files as they came, by path. A change removes those that it makes outdated, and
+            `files_of` writes those that are missing.
         start: Initial pose of the robot on `start_map`; None if the scene does not define one.
         start_map: Name of the map on which the robot starts; empty for the first one.
         predefined: Task sets that ExecPreTask can start.
         calls: Task sets that call buttons start.
+        action_groups: The actions of which tasks consist.
     """
 
     name: str
@@ -43,6 +57,7 @@ class Scene:
     start_map: str = ""
     predefined: woosh_task_pb2.RepeatTasks = field(default_factory=woosh_task_pb2.RepeatTasks)
     calls: woosh_task_pb2.CallTasks = field(default_factory=woosh_task_pb2.CallTasks)
+    action_groups: ActionGroups = field(default_factory=default_action_groups)
 
     def map(self, name: str) -> Map | None:
         """Return the map called `name`, the first map if `name` is empty, or None."""
@@ -131,7 +146,8 @@ def with_map(scene: Scene, area: Map) -> Scene:
     old = next((each for each in scene.maps if each.name == area.name), None)
     if old is None:
         number = _free_id(each.id for each in scene.maps)
-        return replace(scene, maps=[*scene.maps, replace(area, id=number)])
+        files = {name: data for name, data in scene.files.items() if name != SCENE_INDEX}
+        return replace(scene, maps=[*scene.maps, replace(area, id=number)], files=files)
     newer = replace(
         area,
         id=old.id,
@@ -146,27 +162,21 @@ def with_map(scene: Scene, area: Map) -> Scene:
 def without_map(scene: Scene, area: Map) -> Scene:
     """Return a scene without one of its maps."""
     maps = [each for each in scene.maps if each is not area]
+    files = {
+        name: data
+        for name, data in scene.files.items()
+        if name != SCENE_INDEX and not name.startswith(f"{area.name}/")
+    }
     if area is scene.map(scene.start_map):
-        return replace(scene, maps=maps, start_map="", start=None)
-    return replace(scene, maps=maps)
+        return replace(scene, maps=maps, files=files, start_map="", start=None)
+    return replace(scene, maps=maps, files=files)
 
 
 def with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
     """Return a scene in which one map has another name."""
-    image = area.image
-    if image and PurePosixPath(image.name).stem == area.name:
-        image = _renamed(image, name)
-    newer = replace(area, name=name, version=area.version + 1, image=image)
+    newer = replace(area, name=name, version=area.version + 1)
     start_map = name if scene.start_map == area.name else scene.start_map
     return replace(with_map_changed(scene, area, newer), start_map=start_map)
-
-
-def _renamed(image: ImageFiles, stem: str) -> ImageFiles:
-    """Return the files of a map under other names."""
-    picture_name = stem + PurePosixPath(image.picture_name).suffix
-    description = {**load_yaml(image.name, image.description), "image": picture_name}
-    text = yaml.safe_dump(description, sort_keys=False, allow_unicode=True)
-    return ImageFiles(f"{stem}.yaml", text.encode(), picture_name, image.picture)
 
 
 def free_mark_id(area: Map) -> int:
@@ -189,17 +199,46 @@ def _free_id(taken: Iterable[int]) -> int:
 
 def with_map_changed(scene: Scene, old: Map, new: Map) -> Scene:
     """Return a scene with `new` in place of one of its maps."""
-    return replace(scene, maps=[new if each is old else each for each in scene.maps])
+    outdated: set[str] = set()
+    if mark_info_of(new) != mark_info_of(old):
+        outdated.add(f"{old.name}/{MARK_INFO}")
+    if (new.id, new.name, new.end) != (old.id, old.name, old.end):
+        outdated.add(SCENE_INDEX)
+    if not new.same_ground(old):
+        outdated |= {f"{old.name}/{each}" for each in (*PICTURES, TRAFFIC_KEEPOUT)}
+    files: dict[str, bytes] = {}
+    for name, data in scene.files.items():
+        folder, _, file = name.partition("/")
+        if name not in outdated:
+            files[f"{new.name}/{file}" if file and folder == old.name else name] = data
+    maps = [new if each is old else each for each in scene.maps]
+    return replace(scene, maps=maps, files=files)
 
+
+def set_predefined(scene: Scene, sets: Iterable[woosh_task_pb2.RepeatTask]) -> None:
+    """Replace the task sets that ExecPreTask can start."""
+    scene.predefined = woosh_task_pb2.RepeatTasks(repeat_tasks=sets)
+    scene.files.pop(TASK_INFO, None)
+
+
+SCENE_INDEX = "scene.json"
+"""Name of the file that lists the maps of a scene."""
 
 TASK_INFO = "task_info.data"
-"""Name of the file with the tasks of a scene, a `woosh.task.TaskInfo`."""
+"""Name of the file with the task sets of a scene."""
 
-MARK_INFO = ".mark_info.data"
-"""End of the name of a file with the marks of a map, a `woosh.map.mark.MarkInfo`."""
+MAP_FILE, PICTURE, KEEPOUT = "map.yaml", "map.png", "keepout.png"
+PICTURES = (MAP_FILE, PICTURE, KEEPOUT)
+"""Names of the files of a map that depend on its cells."""
 
-SCENE_FILE = "scene.yaml"
-"""Name of the file that describes a scene."""
+TRAFFIC_KEEPOUT = "traffic_keepout.png"
+"""Name of the file with the areas that traffic control keeps out of. The robot does not use it."""
+
+MARK_INFO = "mark_info.data"
+"""Name of the file with the marks of a map."""
+
+NAV_AREA, PATH_INFO = "nav_area.data", "path_info.data"
+"""Names of the files with the fields and the guide paths of a map."""
 
 MAX_NAME = 255
 """Maximum length of a name, in characters."""
@@ -213,11 +252,7 @@ def is_plain(name: str) -> bool:
 
 @dataclass(frozen=True)
 class SceneFiles:
-    """The files of a scene as `scenes.files` reads them, by name. All names are plain file names.
-
-    Each map NAME has `NAME.mark_info.data`, and a map of map_server if it has a grid: a YAML file
-    and a picture. The scene has `scene.yaml`, `task_info.data`, and the files that clients uploaded
-    and that describe nothing.
+    """The files of a scene, by path.
 
     Attributes:
         shared: Files that belong to no map.
@@ -237,89 +272,63 @@ class SceneFiles:
 
 
 def files_of(scene: Scene) -> SceneFiles:
-    """Return the files of a scene."""
-    tasks = woosh_task_pb2.TaskInfo(
+    """Return the files of a scene, as they came where they still hold."""
+    made: dict[str, dict[str, bytes]] = {
+        area.name: _map_files(area, scene.files) for area in scene.maps
+    }
+    shared: dict[str, bytes] = {}
+    for name, data in scene.files.items():
+        made.get(name.partition("/")[0], shared)[name] = data
+    if SCENE_INDEX not in shared:
+        shared[SCENE_INDEX] = _index(scene)
+    shared[ACTION_GROUPS] = scene.action_groups.data
+    if TASK_INFO not in shared:
+        shared[TASK_INFO] = task_info_of(scene).SerializeToString(deterministic=True)
+    return SceneFiles(shared, made)
+
+
+def task_info_of(scene: Scene) -> woosh_task_pb2.TaskInfo:
+    """Return all task sets of a scene, as a new message."""
+    return woosh_task_pb2.TaskInfo(
         repeat_tasks=scene.predefined.repeat_tasks, call_tasks=scene.calls.call_tasks
     )
-    shared = {TASK_INFO: tasks.SerializeToString(deterministic=True)}
-    taken = {SCENE_FILE, TASK_INFO}
+
+
+def end_of(scene: Scene, area: Map) -> Pose | None:
+    """Return the pose at which the robot was last on a map; None if that is not known."""
+    starts = scene.start and area is scene.map(scene.start_map)
+    return scene.start if starts else area.end
+
+
+def _index(scene: Scene) -> bytes:
+    """Return the file that lists the maps of a scene."""
     maps: list[dict[str, Any]] = []
-    of_maps: dict[str, dict[str, bytes]] = {}
     for area in scene.maps:
-        description, files = _map_files(area, taken)
-        taken.update(files)
-        maps.append(description)
-        of_maps[area.name] = files
-    root: dict[str, Any] = {"name": scene.name}
-    if scene.start:
-        start = scene.start
-        root["start"] = {"pose": [start.x, start.y, start.theta]}
-        if scene.start_map:
-            root["start"]["map"] = scene.start_map
-    root |= {"maps": maps, "task_info": TASK_INFO}
-    text = yaml.safe_dump(root, sort_keys=False, allow_unicode=True, default_flow_style=None)
-    shared[SCENE_FILE] = text.encode()
-    shared.update((name, data) for name, data in scene.files.items() if name not in taken)
-    return SceneFiles(shared, of_maps)
+        entry: dict[str, Any] = {"id": area.id, "name": area.name}
+        if end := end_of(scene, area):
+            entry["end_pose"] = {"x": end.x, "y": end.y, "theta": end.theta}
+        maps.append(entry)
+    return (json.dumps({"maps": maps}, indent=2, ensure_ascii=False) + "\n").encode()
 
 
-def _map_files(area: Map, taken: set[str]) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Return the description of a map for `scene.yaml`, and its files."""
-    stem = area.name if is_plain(f"{area.name}{MARK_INFO}") else f"map-{area.id}"
-    description: dict[str, Any] = {
-        "name": area.name,
-        "id": area.id,
-        "floor": area.floor,
-        "area": [*area.low, *area.high],
-    }
-    if area.walls:
-        description["walls"] = _polylines(area.walls)
+def _map_files(area: Map, given: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the files of a map that are not given."""
     files: dict[str, bytes] = {}
-    if area.grid:
-        image = area.image or _drawn(area.grid, stem)
-        if {image.name, image.picture_name} & taken:  # of another map, from another folder
-            image = _drawn(area.grid, _free_stem(f"map-{area.id}", ".yaml", taken))
-        files = {image.name: image.description, image.picture_name: image.picture}
-        description["image"] = image.name
-    marks = _free_stem(stem, MARK_INFO, taken | set(files)) + MARK_INFO
-    files[marks] = mark_info_of(area).SerializeToString(deterministic=True)
-    description["mark_info"] = marks
-    return description, files
+    picture, folder = f"{area.name}/{PICTURE}", f"{area.name}/"
+    if picture not in given:
+        # numpy and Pillow load slowly, and only pictures need them.
+        from woosh_robot_agent.simulator.world.picture import draw
 
-
-def _free_stem(stem: str, suffix: str, taken: set[str]) -> str:
-    """Return `stem`, lengthened if the file with this suffix would not be new."""
-    while f"{stem}{suffix}" in taken:
-        stem += "-"
-    return stem
-
-
-def _polylines(walls: tuple[Wall, ...]) -> list[list[float]]:
-    """Return walls as polylines: x and y of each corner."""
-    lines: list[list[float]] = []
-    for wall in walls:
-        if lines and lines[-1][-2:] == [wall.x1, wall.y1]:
-            lines[-1] += [wall.x2, wall.y2]
-        else:
-            lines.append([wall.x1, wall.y1, wall.x2, wall.y2])
-    return lines
-
-
-@lru_cache(maxsize=32)
-def _drawn(grid: Grid, stem: str) -> ImageFiles:
-    """Return a grid as a map of map_server."""
-    # numpy and Pillow load slowly, and only pictures need them.
-    from woosh_robot_agent.simulator.world.picture import png
-
-    picture = f"{stem}.png"
-    description = {
-        "image": picture,
-        "mode": "trinary",
-        "resolution": grid.resolution,
-        "origin": [*grid.low, 0.0],
-        "negate": 0,
-        "occupied_thresh": 0.65,
-        "free_thresh": 0.196,
-    }
-    text = yaml.safe_dump(description, sort_keys=False, allow_unicode=True)
-    return ImageFiles(f"{stem}.yaml", text.encode(), picture, png(grid.cells))
+        drawn = draw(area)
+        description = {
+            "image": PICTURE,
+            "resolution": drawn.resolution,
+            "origin": [*drawn.low, 0],
+        }
+        files[folder + MAP_FILE] = yaml.safe_dump(description, sort_keys=False).encode()
+        files[picture] = drawn.png
+        if drawn.keepout:
+            files[folder + KEEPOUT] = drawn.keepout
+    if folder + MARK_INFO not in given:
+        files[folder + MARK_INFO] = mark_info_of(area).SerializeToString(deterministic=True)
+    return files

@@ -17,9 +17,10 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from woosh_robot_agent.simulator.world.geometry import Hull, Point, Pose
-from woosh_robot_agent.simulator.world.growing_grid import OCCUPIED, UNKNOWN
+from woosh_robot_agent.simulator.world.growing_grid import OCCUPIED, UNKNOWN, Raster
 
 Floats: TypeAlias = npt.NDArray[np.float64]
+KeepOut: TypeAlias = npt.NDArray[np.bool_]
 
 _FAR = 1e6
 """Distance to the nearest occupied cell in a grid without any, in cells."""
@@ -31,7 +32,8 @@ _OVERSHOOT = 1e-6
 class Grid:
     """The cells of a map.
 
-    The laser sees only occupied cells. Planned paths avoid occupied and unknown cells.
+    The laser sees only occupied cells. Planned paths avoid occupied and unknown cells, and those to
+    keep out of.
 
     Attributes:
         cells: Values of type int8, in rows by increasing y, each by increasing x: 0 to 99 is free,
@@ -39,14 +41,42 @@ class Grid:
         resolution: Side of a cell, in metres.
         low: Corner of the grid with the smallest x and y, in metres in the map's frame.
         high: Opposite corner, in metres.
+        keep_out: The cells to keep out of, as `cells`; None if there are none.
     """
 
-    def __init__(self, cells: npt.NDArray[np.int8], resolution: float, low: Point) -> None:
+    def __init__(
+        self,
+        cells: npt.NDArray[np.int8],
+        resolution: float,
+        low: Point,
+        keep_out: KeepOut | None = None,
+    ) -> None:
         self.cells = cells
+        self.keep_out = keep_out
         self.resolution = resolution
         rows, columns = cells.shape
         self.low = low
         self.high: Point = (low[0] + columns * resolution, low[1] + rows * resolution)
+
+    def kept_out(self, x: float, y: float) -> bool:
+        """Return True if (x, y) is in a cell to keep out of."""
+        column, row = (math.floor(value) for value in self._in_cells(x, y))
+        rows, columns = self.cells.shape
+        inside = 0 <= row < rows and 0 <= column < columns
+        return inside and self.keep_out is not None and bool(self.keep_out[row, column])
+
+    def keep_out_on(self, raster: Raster) -> KeepOut | None:
+        """Return the cells to keep out of on another raster of the same map and resolution."""
+        if self.keep_out is None:
+            return None
+        found: KeepOut = np.zeros(raster.cells.shape, np.bool_)
+        rows, columns = np.nonzero(self.keep_out)
+        columns = columns + round((self.low[0] - raster.low[0]) / self.resolution)
+        rows = rows + round((self.low[1] - raster.low[1]) / self.resolution)
+        height, width = found.shape
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        found[rows[inside], columns[inside]] = True
+        return found
 
     def known(self, x: float, y: float) -> bool:
         """Return True if (x, y) is in a cell that is not unknown."""
@@ -190,6 +220,8 @@ class Grid:
     def _to_not_free(self) -> npt.NDArray[np.float32]:
         """Distance from each cell to the nearest that is not free, centre to centre, in cells."""
         free = (self.cells != OCCUPIED) & (self.cells != UNKNOWN)
+        if self.keep_out is not None:
+            free &= ~self.keep_out
         # Everything outside the grid is unknown.
         return _distances(np.pad(free, 1))[1:-1, 1:-1]
 

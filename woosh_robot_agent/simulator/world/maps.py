@@ -49,23 +49,6 @@ class Mark:
     storage: mark_pb2.Storage | None = field(default=None, compare=False)
 
 
-@dataclass(frozen=True)
-class ImageFiles:
-    """The files of map_server from which a grid was read. Their names are plain file names.
-
-    Attributes:
-        name: Name of the YAML file.
-        description: Content of the YAML file.
-        picture_name: Name of the picture.
-        picture: Content of the picture.
-    """
-
-    name: str
-    description: bytes
-    picture_name: str
-    picture: bytes
-
-
 @dataclass(frozen=True, eq=False)
 class Map:
     """The map of one floor.
@@ -80,9 +63,9 @@ class Map:
         walls: Walls, which the laser sees and the robot cannot pass.
         marks: Marks, by number.
         grid: Occupancy grid, if the map has one; used in addition to the walls.
-        image: The files of the grid; None for a grid that does not come from files.
         other_marks: Marks of other kinds, such as beacons, which the robot only stores.
-        end: Pose of the robot at the end of the mapping; None if the map was not made by driving.
+        end: Pose of the robot when it was last on the map, or at the end of its mapping; None if
+            that is not known.
         ground_truth: The hall in which the map was made by driving: it has the real walls. None if
             the map itself is the hall.
     """
@@ -96,7 +79,6 @@ class Map:
     walls: tuple[Wall, ...]
     marks: dict[str, Mark] = field(default_factory=dict)
     grid: Grid | None = None
-    image: ImageFiles | None = None
     other_marks: mark_pb2.MarkInfo = field(default_factory=mark_pb2.MarkInfo)
     end: Pose | None = None
     ground_truth: Map | None = None

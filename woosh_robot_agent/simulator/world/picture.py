@@ -6,8 +6,10 @@ import io
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image
 
 from woosh_robot_agent.simulator.world.geometry import Point
@@ -26,6 +28,9 @@ _EDGE = 0.5
 _GREY_OCCUPIED, _GREY_UNKNOWN, _GREY_FREE = 0, 205, 254
 """Grey values of map_saver. A `free_thresh` of 0.196 distinguishes unknown from free."""
 
+_GREY_ALLOWED = 216
+"""Grey value in the picture of keep-out areas of the floor that belongs to none, as on a robot."""
+
 
 @dataclass(frozen=True, eq=False)
 class Picture:
@@ -35,18 +40,23 @@ class Picture:
         png: The picture as PNG. Its last row has the smallest y.
         resolution: Side of a pixel, in metres.
         low: Lower left corner of the picture, in metres in the map's frame.
+        keepout: Picture of the same size in which areas to keep out of are black; empty if there
+            are none.
     """
 
     png: bytes
     resolution: float
     low: Point
+    keepout: bytes
 
 
 @lru_cache(maxsize=32)
 def draw(area: Map) -> Picture:
     """Return the picture of a map with its walls, from a cache."""
     raster = rasterised(area)
-    return Picture(png(raster.cells), raster.resolution, raster.low)
+    keep_out = area.grid.keep_out if area.grid else None
+    keepout = b"" if keep_out is None else _png(np.where(keep_out, 0, _GREY_ALLOWED))
+    return Picture(png(raster.cells), raster.resolution, raster.low, keepout)
 
 
 def rasterised(area: Map) -> Raster:
@@ -64,8 +74,12 @@ def png(cells: Cells) -> bytes:
     greys = np.full(cells.shape, _GREY_FREE, np.uint8)
     greys[cells == OCCUPIED] = _GREY_OCCUPIED
     greys[cells == UNKNOWN] = _GREY_UNKNOWN
+    return _png(greys)
+
+
+def _png(greys: npt.NDArray[np.integer[Any]]) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(greys[::-1]).save(buffer, "PNG")
+    Image.fromarray(greys[::-1].astype(np.uint8)).save(buffer, "PNG")
     return buffer.getvalue()
 
 

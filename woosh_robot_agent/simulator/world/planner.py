@@ -10,6 +10,9 @@ from functools import lru_cache, partial
 from woosh_robot_agent.simulator.world.geometry import Point, Wall
 from woosh_robot_agent.simulator.world.maps import Map
 
+PATH_MARGIN = 0.05
+"""Clearance of planned paths in addition to the radius of the robot, in metres."""
+
 _SPACING = 0.2
 """Distance between neighbouring places of the lattice, in metres."""
 

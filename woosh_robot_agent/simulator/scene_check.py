@@ -1,0 +1,119 @@
+"""Checks the files of a scene: what cannot be read, and what a robot cannot reach there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from woosh_robot_agent.data_files import DataFileError
+from woosh_robot_agent.pb.util import task_pb2
+from woosh_robot_agent.simulator.profile import Profile
+from woosh_robot_agent.simulator.scenes import robot_files as robot
+from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS
+from woosh_robot_agent.simulator.scenes.files import load_scene, robot_folder, start
+from woosh_robot_agent.simulator.scenes.scene import (
+    MAP_FILE,
+    MARK_INFO,
+    SCENE_INDEX,
+    TASK_INFO,
+    Scene,
+)
+from woosh_robot_agent.simulator.world.geometry import Pose, hull, outer_radius
+from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.world.planner import PATH_MARGIN, SearchBudgetError, planner
+
+
+def check_scene(path: Path, profile: Profile) -> list[str]:
+    """Return what is wrong with a scene, a line for each finding.
+
+    Args:
+        path: Its folder or file, as for `load_scene`.
+        profile: The robot that is to drive there.
+    """
+    try:
+        is_of_robot = (path / SCENE_INDEX).is_file()
+        findings = list(_in_files(path)) if is_of_robot else []
+        # What is on a map can only be checked if all maps can be read.
+        return findings or list(_in_use(load_scene(path), profile))
+    except DataFileError as error:
+        return [str(error)]
+
+
+def _in_files(folder: Path) -> Iterator[str]:
+    """Find what cannot be read in a robot's folder."""
+    files = robot_folder(folder)
+    maps = robot.map_names(files[SCENE_INDEX])
+    yield from _problem(lambda: robot.read_groups(files.get(ACTION_GROUPS, b"")))
+    yield from _problem(lambda: robot.read_task_info(TASK_INFO, files.get(TASK_INFO, b"")))
+    for name in maps:
+        yield from _in_map_files(name, files)
+    for other in sorted(folder.glob(f"*/{MAP_FILE}")):
+        if other.parent.name not in maps:
+            yield f"{other.parent.name}: {SCENE_INDEX} does not name this map"
+
+
+def _in_map_files(name: str, files: Mapping[str, bytes]) -> Iterator[str]:
+    """Find what cannot be read in the folder of a map."""
+
+    def keepout() -> None:
+        grid = robot.read_map_picture(name, files)
+        robot.read_map_keepout(name, files, grid)
+
+    picture = list(_problem(lambda: robot.read_map_picture(name, files)))
+    yield from picture or _problem(keepout)
+    marks = f"{name}/{MARK_INFO}"
+    yield from _problem(lambda: robot.read_mark_info(marks, files.get(marks, b"")))
+    yield from _problem(lambda: robot.check_carried(name, files))
+
+
+def _problem(read: Callable[[], object]) -> list[str]:
+    """Return the error of a function that reads a file, if there is one."""
+    try:
+        read()
+    except DataFileError as error:
+        return [str(error)]
+    return []
+
+
+def _in_use(scene: Scene, profile: Profile) -> Iterator[str]:
+    """Find what a robot cannot do in a scene."""
+    first, pose = start(scene)
+    outline = hull(profile.model.outline)
+    if not first.contains(*pose.point) or first.gap(outline, pose) < 0.0:
+        yield f"map {first.name}: the robot cannot stand at the start {pose}"
+    for area in scene.maps:
+        for mark in area.marks.values():
+            where = f"map {area.name}: mark {mark.number} at {mark.pose}"
+            if not area.contains(*mark.pose.point):
+                yield f"{where} is not on known floor"
+            elif area.gap(outline, mark.pose) < 0.0:
+                yield f"{where} is so close to a wall that the robot cannot stand there"
+            elif area.grid and area.grid.kept_out(*mark.pose.point):
+                yield f"{where} is in a keep-out area"
+            elif area is first and not _reaches(area, profile, pose, mark.pose):
+                yield f"{where} cannot be reached from the start {pose}"
+    yield from _in_tasks(scene)
+
+
+def _reaches(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
+    routes = planner(area, outer_radius(profile.model.outline) + PATH_MARGIN)
+    try:
+        return routes.plan(here.point, there.point) is not None
+    except SearchBudgetError:
+        return False
+
+
+def _in_tasks(scene: Scene) -> Iterator[str]:
+    """Find what is missing for tasks."""
+    for kind in task_pb2.Type.values():
+        if kind and not scene.action_groups.numbers(kind):
+            yield f"{ACTION_GROUPS}: it has no actions for tasks of type {kind}"
+    marks = {number for area in scene.maps for number in area.marks}
+    sets = [each.task_set for each in scene.predefined.repeat_tasks]
+    for task_set in [*sets, *(each.task_set for each in scene.calls.call_tasks)]:
+        for task in task_set.tasks:
+            if task.base.mark_no not in marks:
+                yield (
+                    f"{TASK_INFO}: task set {task_set.base.id}: no map has its mark "
+                    f"{task.base.mark_no}"
+                )

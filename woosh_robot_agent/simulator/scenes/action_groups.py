@@ -1,0 +1,122 @@
+"""The table of a scene that says of which actions its tasks consist: `action_groups.json`.
+
+The default, in the folder `data/`, has the content of the table of a real TR-200.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Literal
+
+from woosh_robot_agent.data_files import Between, DataFileError, NotNegative, load_json, structure
+from woosh_robot_agent.pb.util import action_pb2, task_pb2
+
+ACTION_GROUPS = "action_groups.json"
+"""Name of the file in the folder of a scene."""
+
+
+def _check_action(number: int) -> None:
+    if number not in _ACTIONS:
+        raise ValueError(f"{number} is not one of {', '.join(map(str, _ACTIONS))}")
+
+
+def _check_type(number: int) -> None:
+    if number not in _TYPES:
+        raise ValueError(f"{number} is not one of {', '.join(map(str, _TYPES))}")
+
+
+_ACTIONS = [number for number in action_pb2.Type.values() if number]
+_TYPES = [number for number in task_pb2.Type.values() if number]
+
+
+@dataclass(frozen=True)
+class Action:
+    """An action of a task.
+
+    Attributes:
+        action: The `woosh.action.Type`.
+        wait_id: Number of a wait, which TaskProc reports.
+        wait_time: Duration of a wait, in seconds.
+        stepctrl_type: Kind of a step: 0 is straight, 1 a turn.
+        stepctrl_value: Distance of a step in metres, or its angle in radians.
+        stepctrl_speed: Speed of a step, in m/s or rad/s; 0 for the default.
+        stepctrl_avoid: A step stops before obstacles.
+    """
+
+    action: Annotated[int, _check_action]
+    wait_id: Annotated[int, Between(0)] = 0
+    wait_time: NotNegative = 0.0
+    stepctrl_type: Literal[0, 1] = 0
+    stepctrl_value: float = 0.0
+    stepctrl_speed: NotNegative = 0.0
+    stepctrl_avoid: bool = False
+
+
+@dataclass(frozen=True)
+class ActionGroup:
+    """The actions of the tasks of one type and number.
+
+    Attributes:
+        type: The `woosh.task.Type`.
+        no: The number, as `task_type_no` in ExecTask.
+        order: The actions.
+    """
+
+    type: Annotated[int, _check_type]
+    no: Annotated[int, Between(0)]
+    order: Annotated[tuple[Action, ...], Between(1)]
+
+
+@dataclass(frozen=True)
+class _File:
+    task_type: tuple[ActionGroup, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ActionGroups:
+    """The table of a scene.
+
+    Attributes:
+        data: Content of its file.
+        groups: Its groups.
+    """
+
+    data: bytes
+    groups: tuple[ActionGroup, ...]
+
+    def actions(self, kind: int, number: int) -> tuple[Action, ...] | None:
+        """Return the actions of tasks of a type and number; None if the table has none."""
+        found = (each.order for each in self.groups if (each.type, each.no) == (kind, number))
+        return next(found, None)
+
+    def numbers(self, kind: int) -> Collection[int]:
+        """Return the numbers of the tasks of a type."""
+        return [each.no for each in self.groups if each.type == kind]
+
+
+def read_action_groups(name: str, data: bytes) -> ActionGroups:
+    """Read a table.
+
+    Args:
+        name: Name of the file, for errors.
+        data: Its content. Unknown keys are ignored.
+
+    Raises:
+        DataFileError: It is not such a table.
+    """
+    groups = structure(_File, load_json(name, data), name, known_only=False).task_type
+    keys = [(each.type, each.no) for each in groups]
+    for kind, number in keys:
+        if keys.count((kind, number)) > 1:
+            raise DataFileError(f"{name}: type {kind} has two groups with the number {number}")
+    return ActionGroups(data, groups)
+
+
+@lru_cache
+def default_action_groups() -> ActionGroups:
+    """Return the table of a scene without one of its own."""
+    file = Path(__file__).parents[1] / "data" / ACTION_GROUPS
+    return read_action_groups(ACTION_GROUPS, file.read_bytes())

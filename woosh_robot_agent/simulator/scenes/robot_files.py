@@ -1,0 +1,339 @@
+"""Reads the files of a scene as robots keep them; `scenes.scene` describes them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+from google.protobuf.message import DecodeError, Message
+
+from woosh_robot_agent.data_files import (
+    Between,
+    DataFileError,
+    load_json,
+    load_yaml,
+    place,
+    structure,
+)
+from woosh_robot_agent.pb.map import field_pb2, mark_pb2, path_pb2
+from woosh_robot_agent.pb.task import woosh_task_pb2
+from woosh_robot_agent.simulator.scenes.action_groups import (
+    ACTION_GROUPS,
+    ActionGroups,
+    default_action_groups,
+    read_action_groups,
+)
+from woosh_robot_agent.simulator.scenes.scene import (
+    KEEPOUT,
+    MAP_FILE,
+    MARK_INFO,
+    NAV_AREA,
+    PATH_INFO,
+    PICTURES,
+    SCENE_INDEX,
+    TASK_INFO,
+    Scene,
+    files_of,
+    has_pose,
+    is_plain,
+    marks_of,
+    other_marks,
+)
+from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Map
+
+if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
+    from woosh_robot_agent.simulator.world.grid import Grid, KeepOut
+
+Read = Callable[[str], bytes]
+"""Returns the content of the file with the given name, or raises `DataFileError`."""
+
+MAX_MAPS = 50
+"""Maximum number of maps of a scene."""
+
+MAX_MARKS = 5000
+"""Maximum number of marks of a map."""
+
+MAX_TASKS = 200
+"""Maximum number of task sets of one kind, and of tasks in a set."""
+
+_MAX_PIXELS = 32 * 1024 * 1024
+"""Limit for all pictures of a scene together. Reading them blocks the simulator."""
+
+_MAX_SIDE = 500.0
+"""Maximum length of a side of a map, in metres."""
+
+DEFAULT_FLOOR = "1F"
+"""Floor of a map that does not name one."""
+
+_INT32 = 2**31 - 1
+
+
+@dataclass(frozen=True)
+class _EndPose:
+    """Where the robot was last, in metres and radians."""
+
+    x: float
+    y: float
+    theta: float
+
+
+def check_map_name(name: str) -> None:
+    """Check that a name can be that of a map, which is also that of its folder.
+
+    Raises:
+        ValueError: It cannot.
+    """
+    if not is_plain(name):
+        raise ValueError(f"{name!r} must be a name that is not a path")
+
+
+@dataclass(frozen=True)
+class _MapEntry:
+    """A map in the index of a scene."""
+
+    id: Annotated[int, Between(0, 2**32 - 1)]
+    name: Annotated[str, check_map_name]
+    end_pose: _EndPose | None = None
+    where: str = place()
+
+
+@dataclass(frozen=True)
+class _Index:
+    """The index of a scene."""
+
+    maps: Annotated[tuple[_MapEntry, ...], Between(1, MAX_MAPS)]
+
+
+def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = None) -> Scene:
+    """Read a scene from its files. The robot starts where it was last.
+
+    Args:
+        name: Name of the scene.
+        files: All its files, by path.
+        old: The scene before. Maps whose pictures have not changed keep the walls that they have
+            there.
+
+    Raises:
+        DataFileError: A file cannot be used.
+    """
+    entries = _index(files[SCENE_INDEX]).maps
+    all_different([each.where for each in entries], "name", [each.name for each in entries])
+    all_different([each.where for each in entries], "id", [each.id for each in entries])
+    scene = Scene(name, [], files={**files})
+    scene.action_groups = read_groups(scene.files.pop(ACTION_GROUPS, b""))
+    before = files_of(old).of_maps if old else {}
+    for entry in entries:
+        known = old.map(entry.name) if old else None
+        if known and _same_pictures(entry.name, files, before[entry.name]):
+            scene.maps.append(_with_marks(entry, files, known))
+        else:
+            scene.maps.append(_map(entry, files))
+            check_pixels(entry.where, scene.maps)
+        if entry.end_pose and not scene.start:
+            scene.start, scene.start_map = scene.maps[-1].end, entry.name
+    if TASK_INFO in files:
+        info = read_task_info(TASK_INFO, files[TASK_INFO])
+        scene.predefined.repeat_tasks.extend(info.repeat_tasks)
+        scene.calls.call_tasks.extend(info.call_tasks)
+    return scene
+
+
+def map_names(index: bytes) -> list[str]:
+    """Return the names of the maps in the index of a scene, which are those of their folders.
+
+    Raises:
+        DataFileError: The index cannot be used.
+    """
+    return [each.name for each in _index(index).maps]
+
+
+def _index(data: bytes) -> _Index:
+    return structure(_Index, load_json(SCENE_INDEX, data), SCENE_INDEX, known_only=False)
+
+
+def read_groups(data: bytes) -> ActionGroups:
+    """Read the table of the tasks' actions; the default if the file is empty.
+
+    Raises:
+        DataFileError: The file cannot be used.
+    """
+    return read_action_groups(ACTION_GROUPS, data) if data.strip() else default_action_groups()
+
+
+def _same_pictures(name: str, files: Mapping[str, bytes], before: Mapping[str, bytes]) -> bool:
+    paths = [f"{name}/{each}" for each in PICTURES]
+    return all(files.get(path) == before.get(path) for path in paths)
+
+
+def _map(entry: _MapEntry, files: Mapping[str, bytes]) -> Map:
+    """Read one map."""
+    grid = read_map_picture(entry.name, files)
+    grid.keep_out = read_map_keepout(entry.name, files, grid)
+    check_sides(entry.where, grid.low, grid.high)
+    area = Map(entry.id, entry.name, "", 1, grid.low, grid.high, walls=(), grid=grid)
+    return _with_marks(entry, files, area)
+
+
+def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
+    """Read the cells of the map called `name` from the files of its scene.
+
+    Raises:
+        DataFileError: A file is missing, or cannot be used.
+    """
+    path = f"{name}/{MAP_FILE}"
+
+    def read(file: str) -> bytes:
+        found = f"{name}/{file}"
+        if found not in files:
+            raise DataFileError(f"{found}: the file of map {name} is missing")
+        return files[found]
+
+    # numpy, scipy and Pillow load in a third of a second, which only pictures need.
+    from woosh_robot_agent.simulator.scenes.map_server import read_grid
+
+    return read_grid(path, load_yaml(path, read(MAP_FILE)), read)
+
+
+def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepOut | None:
+    """Read which cells of a map are to be kept out of; None if no file says it.
+
+    Args:
+        name: Name of the map.
+        files: The files of its scene, by path.
+        grid: Its cells.
+
+    Raises:
+        DataFileError: The file cannot be used.
+    """
+    from woosh_robot_agent.simulator.scenes.map_server import read_keepout
+
+    path = f"{name}/{KEEPOUT}"
+    return read_keepout(path, files[path], grid) if files.get(path) else None
+
+
+def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
+    """Return a map with the marks in its files, and what the index says of it."""
+    path, end = f"{entry.name}/{MARK_INFO}", entry.end_pose
+    info = read_mark_info(path, files.get(path, b""))
+    check_carried(entry.name, files)
+    return dataclasses.replace(
+        area,
+        id=entry.id,
+        floor=info.floor_name or DEFAULT_FLOOR,
+        version=min(max(1, info.version), _INT32),
+        marks=marks_of(info),
+        other_marks=other_marks(info),
+        end=Pose(end.x, end.y, end.theta) if end else None,
+    )
+
+
+def check_carried(name: str, files: Mapping[str, bytes]) -> None:
+    """Check the files of a map that SceneData contains and the robot does not use.
+
+    Raises:
+        DataFileError: One cannot be read.
+    """
+    for file, cls in ((NAV_AREA, field_pb2.FieldInfo), (PATH_INFO, path_pb2.PathInfo)):
+        path = f"{name}/{file}"
+        read_message(path, files.get(path, b""), cls)
+
+
+def check_pixels(where: str, maps: Iterable[Map]) -> None:
+    """Check the total size of the pictures of a scene, the last of which is described at `where`.
+
+    Raises:
+        DataFileError: They are too large.
+    """
+    if sum(each.grid.cells.size for each in maps if each.grid) > _MAX_PIXELS:
+        text = f"the pictures of the scene have more than {_MAX_PIXELS} pixels in total"
+        raise DataFileError(f"{where}: {text}")
+
+
+def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None:
+    """Check the size of a map, which is described at `where`.
+
+    Raises:
+        DataFileError: It is empty or too large.
+    """
+    for least, most in zip(low, high, strict=True):
+        if not 0.0 < most - least <= _MAX_SIDE:
+            text = f"a side of {most - least:g} m is not within 0 to {_MAX_SIDE:g} m"
+            raise DataFileError(f"{where}: {text}")
+
+
+def all_different(places: Sequence[str], key: str, values: Sequence[Hashable]) -> None:
+    """Check that no two entries, which are at these places, have the same value of a key.
+
+    Raises:
+        DataFileError: Two have.
+    """
+    seen = set()
+    for where, value in zip(places, values, strict=True):
+        if value in seen:
+            raise DataFileError(f"{where}: {key} {value} is used twice")
+        seen.add(value)
+
+
+_M = TypeVar("_M", bound=Message)
+"""Class of the message in a file."""
+
+
+def read_task_info(name: str, data: bytes) -> woosh_task_pb2.TaskInfo:
+    """Read a file with the tasks of a scene.
+
+    Raises:
+        DataFileError: The file cannot be used.
+    """
+    info = read_message(name, data, woosh_task_pb2.TaskInfo)
+    counts = [len(info.repeat_tasks), len(info.call_tasks)]
+    counts += [len(each.task_set.tasks) for each in info.repeat_tasks]
+    counts += [len(each.task_set.tasks) for each in info.call_tasks]
+    if max(counts) > MAX_TASKS:
+        raise DataFileError(f"{name}: {max(counts)} tasks are more than {MAX_TASKS}")
+    return info
+
+
+def read_mark_info(name: str, data: bytes) -> mark_pb2.MarkInfo:
+    """Read a file with the marks of a map.
+
+    Raises:
+        DataFileError: The file cannot be used.
+    """
+    info = read_message(name, data, mark_pb2.MarkInfo)
+    if len(info.storages) > MAX_MARKS:
+        raise DataFileError(f"{name}: {len(info.storages)} marks are more than {MAX_MARKS}")
+    numbers: set[str] = set()
+    ids: set[int] = set()
+    for index, storage in enumerate(info.storages):
+        where, identity = f"{name}: storages[{index}]", storage.identity
+        if not identity.no:
+            raise DataFileError(f"{where}: identity.no is missing")
+        if identity.no in numbers or identity.id in ids:
+            raise DataFileError(
+                f"{where}: its number {identity.no} or id {identity.id} is used twice"
+            )
+        if not has_pose(storage):
+            raise DataFileError(f"{where}: pose.dock is missing")
+        for pose in (storage.pose.dock, storage.pose.real):
+            if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
+                raise DataFileError(f"{where}: the pose is not finite")
+        numbers.add(identity.no)
+        ids.add(identity.id)
+    return info
+
+
+def read_message(name: str, data: bytes, cls: type[_M]) -> _M:
+    """Read a file with a serialised message; an empty file has an empty one.
+
+    Raises:
+        DataFileError: The file cannot be used.
+    """
+    try:
+        return cls.FromString(data)
+    except DecodeError as error:
+        text = f"{name}: not a serialised {cls.DESCRIPTOR.full_name}: {error}"
+        raise DataFileError(text) from error

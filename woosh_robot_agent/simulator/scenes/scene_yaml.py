@@ -1,0 +1,377 @@
+"""Reads scenes that people write: a folder with `scene.yaml`, and maps of nav2's map_server.
+
+`scene.yaml` has the keys of `SceneEntry`; docs/simulator.md has an example. Lengths are in metres,
+angles in radians, poses are [x, y, theta].
+
+Without `scene.yaml`, each map of map_server in the folder becomes a map of the scene, named after
+its YAML file. Its marks come from a file NAME.mark_info.data, if there is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import count, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+
+from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, place, structure
+from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
+from woosh_robot_agent.simulator.scenes.robot_files import (
+    DEFAULT_FLOOR,
+    MAX_MAPS,
+    MAX_MARKS,
+    MAX_TASKS,
+    Read,
+    all_different,
+    check_map_name,
+    check_pixels,
+    check_sides,
+)
+from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+
+if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
+    from woosh_robot_agent.simulator.world.grid import Grid
+
+SCENE_FILE = "scene.yaml"
+"""Name of the file that describes a scene."""
+
+_MAX_WALLS = 1000
+"""Laser and planner check each wall. A map with more walls needs a picture instead."""
+
+_INT32 = 2**31 - 1
+
+_Id = Annotated[int, Between(0, 2**32 - 1)]
+_Positive = Annotated[int, Between(1, _INT32)]
+
+
+class _Pose(NamedTuple):
+    x: float
+    y: float
+    theta: float
+
+
+class _Corners(NamedTuple):
+    x1: float
+    y1: float
+    x2: float
+    y2: float
+
+
+@dataclass(frozen=True)
+class StartEntry:
+    """Where the robot starts.
+
+    Attributes:
+        pose: Its pose.
+        map: Name of the map; default: the first one.
+    """
+
+    pose: _Pose
+    map: str = ""
+
+
+@dataclass(frozen=True)
+class MarkEntry:
+    """A mark of a map.
+
+    Attributes:
+        number: Number by which tasks name it.
+        pose: Pose of a robot that stands at it.
+        id: Its id; default: its index in the list, from 1.
+        type: Kind of mark.
+        description: Description for people.
+    """
+
+    number: str
+    pose: _Pose
+    id: _Id | None = None
+    type: MarkKind = MarkKind.BASE
+    description: str = ""
+    where: str = place()
+
+
+@dataclass(frozen=True)
+class MapEntry:
+    """A map, with an image, walls or both.
+
+    Attributes:
+        name: Its name.
+        id: Its id; default: the first one from 1 that no map has.
+        floor: Name of the floor; default: 1F.
+        version: Its version; default: 1.
+        image: YAML file of a map of map_server, with its PNG or PGM beside it.
+        area: Two corners of the mapped area: [x1, y1, x2, y2]; default: around everything.
+        walls: Polylines: x and y of each corner.
+        marks: Its marks.
+    """
+
+    name: Annotated[str, check_map_name]
+    id: _Id | None = None
+    floor: str = ""
+    version: _Positive | None = None
+    image: str = ""
+    area: _Corners | None = None
+    walls: Annotated[tuple[tuple[float, ...], ...], Between(0, _MAX_WALLS)] = ()
+    marks: Annotated[tuple[MarkEntry, ...], Between(0, MAX_MARKS)] = ()
+    where: str = place()
+
+    def __post_init__(self) -> None:
+        if not (self.image or self.walls):
+            raise ValueError("a map needs an image or walls")
+
+
+@dataclass(frozen=True)
+class StepEntry:
+    """A task of a task set.
+
+    Attributes:
+        mark: Number of its mark.
+        type: Kind of task.
+        direction: Direction of a task that carries goods.
+        wait: Time to wait after the task, in seconds; -1 until a client tells it to continue.
+    """
+
+    mark: str
+    type: Literal["pick", "parking", "charge", "carry"] = "pick"
+    direction: Literal["feeding", "cutting"] | None = None
+    wait: Annotated[int, Between(-1, _INT32)] = 0
+    where: str = place()
+
+
+@dataclass(frozen=True)
+class ButtonEntry:
+    """A call button.
+
+    Attributes:
+        mac: Its address.
+        key: Number of the key that is pressed.
+    """
+
+    mac: str
+    key: Annotated[int, Between(1, 2**32 - 1)]
+
+
+@dataclass(frozen=True)
+class TaskSetEntry:
+    """A task set.
+
+    Attributes:
+        id: Its id.
+        name: Its name.
+        steps: Its tasks.
+        times: Number of repetitions, of a set for ExecPreTask.
+        button: Button that starts it, of a set for call buttons.
+    """
+
+    id: _Positive
+    name: str
+    steps: Annotated[tuple[StepEntry, ...], Between(1, MAX_TASKS)]
+    times: _Positive = 1
+    button: ButtonEntry | None = None
+    where: str = place()
+
+
+_TaskSets = Annotated[tuple[TaskSetEntry, ...], Between(0, MAX_TASKS)]
+
+
+@dataclass(frozen=True)
+class TasksEntry:
+    """The task sets of the scene.
+
+    Attributes:
+        predefined: Task sets for ExecPreTask.
+        calls: Task sets for call buttons, with the same keys.
+    """
+
+    predefined: _TaskSets = ()
+    calls: _TaskSets = ()
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """The content of `scene.yaml`.
+
+    Attributes:
+        maps: The maps, the default one first.
+        name: Name of the scene; default: that of the folder.
+        start: Initial pose of the robot; default: any free place.
+        tasks: Task sets.
+    """
+
+    maps: Annotated[tuple[MapEntry, ...], Between(1, MAX_MAPS)]
+    name: str = ""
+    start: StartEntry | None = None
+    tasks: TasksEntry | None = None
+
+
+def read_scene_yaml(name: str, read: Read, *, use_own_name: bool) -> Scene:
+    """Read the scene that `scene.yaml` describes.
+
+    Args:
+        name: Name of the scene.
+        read: Returns the content of a file.
+        use_own_name: Prefer the name in the file, if it has one.
+
+    Raises:
+        DataFileError: A file cannot be used.
+    """
+    entry = structure(SceneEntry, load_yaml(SCENE_FILE, read(SCENE_FILE)), SCENE_FILE)
+    return _scene(entry, (entry.name if use_own_name else "") or name, read)
+
+
+def read_maps(names: Collection[str], read: Read) -> list[Map]:
+    """Read the maps of map_server among some files.
+
+    Raises:
+        DataFileError: A file cannot be used.
+    """
+    maps: list[Map] = []
+    for file in sorted(names):
+        if Path(file).suffix not in (".yaml", ".yml"):
+            continue
+        content = load_yaml(file, read(file))
+        if not isinstance(content, dict) or not content.get("image"):
+            continue
+        stem = Path(file).stem
+        entry = MapEntry(name=stem, image=file, where=file)
+        maps.append(_map(entry, iter([len(maps) + 1]), read, content))
+        check_pixels(file, maps)
+        if stem in [other.name for other in maps[:-1]]:
+            raise DataFileError(f"{file}: another file has the map name {stem} too")
+    return maps
+
+
+def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
+    maps: list[Map] = []
+    # Not from 0, with which robots report a pose that belongs to no map.
+    given = [each.id for each in entry.maps]
+    free_ids = (number for number in count(1) if number not in given)
+    for each in entry.maps:
+        maps.append(_map(each, free_ids, read))
+        check_pixels(each.where, maps)
+    places = [each.where for each in entry.maps]
+    all_different(places, "name", [each.name for each in maps])
+    all_different(places, "id", [each.id for each in maps])
+    scene = Scene(name, maps)
+    if entry.start:
+        scene.start, scene.start_map = Pose(*entry.start.pose), entry.start.map
+        known = [each.name for each in maps]
+        if scene.start_map and scene.start_map not in known:
+            raise DataFileError(
+                f"{SCENE_FILE}: start.map: {scene.start_map!r} is not one of {', '.join(known)}"
+            )
+    if entry.tasks:
+        marks = {number for each in maps for number in each.marks}
+        scene.predefined.repeat_tasks.extend(
+            woosh_task_pb2.RepeatTask(times=each.times, task_set=_task_set(each, marks))
+            for each in entry.tasks.predefined
+        )
+        scene.calls.call_tasks.extend(_call(each, marks) for each in entry.tasks.calls)
+    return scene
+
+
+def _map(entry: MapEntry, free_ids: Iterator[int], read: Read, content: Any = None) -> Map:
+    """Return the map that an entry describes.
+
+    Args:
+        entry: The entry.
+        free_ids: Ids for maps without one.
+        read: Returns the content of a file.
+        content: Content of the file `image`, None to read it.
+    """
+    walls = tuple(_walls(entry))
+    if len(walls) > _MAX_WALLS:
+        text = f"{len(walls)} walls are more than {_MAX_WALLS}"
+        raise DataFileError(f"{entry.where}.walls: {text}")
+    marks = _marks(entry)
+    grid = None
+    if entry.image:
+        grid = _grid(entry.image, content or load_yaml(entry.image, read(entry.image)), read)
+    if entry.area:
+        x1, y1, x2, y2 = entry.area
+        corners = [(x1, y1), (x2, y2)]
+    else:
+        corners = [point for wall in walls for point in ((wall.x1, wall.y1), (wall.x2, wall.y2))]
+        corners += [mark.pose.point for mark in marks.values()] if walls else []
+        corners += [grid.low, grid.high] if grid else []
+    x, y = ([*values] for values in zip(*corners, strict=True))
+    low, high = (min(x), min(y)), (max(x), max(y))
+    check_sides(entry.where, low, high)
+    return Map(
+        id=next(free_ids) if entry.id is None else entry.id,
+        name=entry.name,
+        floor=entry.floor or DEFAULT_FLOOR,
+        version=entry.version or 1,
+        low=low,
+        high=high,
+        walls=walls,
+        marks=marks,
+        grid=grid,
+    )
+
+
+def _grid(name: str, content: Any, read: Read) -> Grid:
+    # numpy, scipy and Pillow load in a third of a second, which only pictures need.
+    from woosh_robot_agent.simulator.scenes.map_server import read_grid
+
+    folder = Path(name).parent
+    return read_grid(name, content, lambda file: read(str(folder / file)))
+
+
+def _walls(entry: MapEntry) -> Iterator[Wall]:
+    for number, line in enumerate(entry.walls):
+        if len(line) < 4 or len(line) % 2:
+            text = "must be [x1, y1, x2, y2], or more corners in pairs of x and y"
+            raise DataFileError(f"{entry.where}.walls[{number}]: {text}")
+        for start, end in pairwise(zip(line[::2], line[1::2], strict=True)):
+            yield Wall(*start, *end)
+
+
+def _marks(entry: MapEntry) -> dict[str, Mark]:
+    marks = [
+        Mark(
+            number if each.id is None else each.id,
+            each.number,
+            Pose(*each.pose),
+            each.type,
+            each.description,
+        )
+        for number, each in enumerate(entry.marks, start=1)
+    ]
+    places = [each.where for each in entry.marks]
+    all_different(places, "number", [mark.number for mark in marks])
+    all_different(places, "id", [mark.id for mark in marks])
+    return {mark.number: mark for mark in marks}
+
+
+def _call(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.CallTask:
+    if entry.button is None:
+        raise DataFileError(f"{entry.where}: button is missing")
+    info = woosh_task_pb2.CallInfo
+    caller = info.Caller(mac_addr=entry.button.mac, key_id=entry.button.key)
+    call = info(type=info.kOr, events=[info.CallEvent(caller=caller, release=1)])
+    return woosh_task_pb2.CallTask(call_info=call, task_set=_task_set(entry, marks))
+
+
+def _task_set(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.WooshTaskSet:
+    tasks = []
+    for number, step in enumerate(entry.steps, start=1):
+        if step.mark not in marks:
+            text = f"no map of the scene has a mark {step.mark}"
+            raise DataFileError(f"{step.where}.mark: {text}")
+        base = task_pb2.TaskBase(
+            id=number,
+            name=f"{entry.name} {number}",
+            mark_no=step.mark,
+            type=f"k{step.type.title()}",
+            direction=f"k{step.direction.title()}" if step.direction else None,
+            wait_time=step.wait,
+        )
+        custom = woosh_task_pb2.WooshTask.Custom(executable=True)
+        tasks.append(woosh_task_pb2.WooshTask(base=base, custom=custom))
+    number = entry.id
+    base_of_set = task_pb2.TaskSetBase(id=number, name=entry.name, no=str(number), adapter="woosh")
+    return woosh_task_pb2.WooshTaskSet(base=base_of_set, tasks=tasks)
