@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
@@ -28,10 +29,12 @@ from woosh_robot_agent.simulator.status_codes import (
     OBSTACLE_AVOIDED,
 )
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall, outer_radius, wrap
-from woosh_robot_agent.simulator.world.planner import SearchBudget, SearchBudgetError, planner
-
-PATH_MARGIN = 0.05
-"""Clearance of planned paths in addition to the radius of the robot, in metres."""
+from woosh_robot_agent.simulator.world.planner import (
+    PATH_MARGIN,
+    SearchBudget,
+    SearchBudgetError,
+    planner,
+)
 
 
 class NoRouteError(Exception):
@@ -92,6 +95,9 @@ def plan_route(
                 "or add poses on the way, each in sight of the next"
             ) from None
         if leg is None:
+            grid = robot.map.grid
+            if grid and grid.kept_out(*goal.point):
+                raise NoRouteError(f"{goal} is in a keep-out area: choose a goal outside of it")
             raise NoRouteError(f"no free path to {goal}: choose a goal on free floor")
         for corner in leg:
             poses.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
@@ -113,6 +119,21 @@ _POSITION_TOLERANCE = 1e-3
 _ANGLE_TOLERANCE = 1e-4
 """Angle from a heading at which it counts as reached, in radians."""
 
+_GENTLE_BEND = 0.35
+"""Angle between two parts of a path up to which the base drives on without stopping, in radians."""
+
+_LOOKAHEAD = 0.2
+"""Distance of the point of a bending path that the base steers to, in metres."""
+
+_STEERING_TOLERANCE = 1e-3
+"""Bearing of this point up to which the base drives straight on, in radians."""
+
+_MAX_RUN = 2.0
+"""Length of a path that is looked at to decide on the speed, in metres: the base can stop in it."""
+
+_PATH_SPACING = 0.3
+"""Distance of two poses below which they are points of a path, in metres."""
+
 _WAIT_TIMEOUT = 30.0
 """Time that a navigation waits in the modes with a timeout unless a client sets it, in seconds."""
 
@@ -125,18 +146,38 @@ _WAITING_MODES = (
 """Modes that never leave the path, and wait for an obstacle without a timeout."""
 
 
+class _Run(NamedTuple):
+    """The part of a path that the base drives without stopping.
+
+    Attributes:
+        length: Length from the base on, in metres.
+        aim: The point that the base steers to.
+        next: Corner after the next one; None if the base stops at the next one.
+    """
+
+    length: float
+    aim: Point
+    next: Point | None
+
+
+def _direction(here: Point, there: Point) -> float:
+    return math.atan2(there[1] - here[1], there[0] - here[0])
+
+
 class Navigate(Job):
     """Drives to a goal.
 
-    The base turns on the spot towards each corner of its path, drives there and stops. At the goal
-    it turns to the goal's heading. It stops before an obstacle that is not on the map. The
+    The base turns on the spot towards each corner of its path, and drives there. It stops at a
+    corner, unless the path bends only gently. At the goal it turns to the goal's heading. It stops
+    before an obstacle that is not on the map. The
     navigation mode decides whether it then goes round the obstacle, waits or gives up.
 
     Args:
         goal: Goal, in the map's frame.
         via: Poses to pass on the way.
         strict: Drive straight from one pose to the next. Otherwise plan paths between them.
-        one_by_one: Turn to the heading of each pose of `via` too.
+        one_by_one: Turn to the heading of each pose of `via` too, unless the next one is so close
+            that both are points of a path.
 
     Attributes:
         goal: Goal, in the map's frame.
@@ -167,6 +208,8 @@ class Navigate(Job):
         """Remaining corners of the path to each stop, None if a path must be planned first."""
         self._announced = False
         """True if the start of the navigation has been reported."""
+        self._from: Point = (0.0, 0.0)
+        """The corner before the next one."""
         self._turning = True
         """True until the base points to the next corner."""
         self._waited = 0.0
@@ -237,8 +280,7 @@ class Navigate(Job):
             if corners:
                 if self._drive_to(corners[0], robot, dt):
                     return impeded or self._progress(base)
-                corners.popleft()
-                self._turning = True
+                self._from = corners.popleft()
             elif self._turn_to(stop, base, dt):
                 return impeded or self._progress(base)
             else:
@@ -262,13 +304,14 @@ class Navigate(Job):
         )
         self.path = route.poses
         self._corners = deque(map(deque, route.legs))
+        self._from = robot.base.pose.point
         self._turning = True
 
     def _clear_ahead(self, robot: Robot) -> bool:
         """Return True if no obstacle is in the way to the next corner."""
         if self._turning or not self._corners or not self._corners[0]:
             return True
-        return is_clear(robot, 0.0, robot.base.pose.distance(self._corners[0][0]))
+        return is_clear(robot, 0.0, self._run(robot.base.pose).length)
 
     def _handle_obstacle(self, robot: Robot) -> Progress:
         """Drive round an obstacle, wait or give up, depending on the mode."""
@@ -302,10 +345,13 @@ class Navigate(Job):
         return True
 
     def _drive_to(self, corner: Point, robot: Robot, dt: float) -> bool:
-        """Drive towards `corner`. Return False when it is reached."""
-        base = robot.base
+        """Drive towards `corner`. Return False when it is reached or passed."""
+        base, run = robot.base, self._run(robot.base.pose)
         distance, bearing = base.pose.distance(corner), base.pose.bearing(corner)
+        if run.next and base.pose.distance(run.next) <= math.dist(corner, run.next):
+            return False
         if distance <= _POSITION_TOLERANCE:
+            self._turning = run.next is None
             return False
         if self._turning:
             if abs(bearing) > _ANGLE_TOLERANCE:
@@ -313,16 +359,70 @@ class Navigate(Job):
                 return True
             self._turning = False
             robot.codes.report(DRIVING_STRAIGHT, self.kind)
-        ahead = distance * math.cos(bearing)
+        ahead = run.length if run.next else distance * math.cos(bearing)
         if ahead <= _POSITION_TOLERANCE:
+            self._turning = True
             return False
-        base.drive(Velocity(approach(ahead, self._speed(), ACCELERATION, dt)))
+        speed, turn = approach(ahead, self._speed(), ACCELERATION, dt), 0.0
+        to_aim = base.pose.bearing(run.aim)
+        if abs(to_aim) > _STEERING_TOLERANCE:
+            # The arc that leads to the aim.
+            curvature = 2.0 * math.sin(to_aim) / base.pose.distance(run.aim)
+            speed = min(speed, TURN_SPEED / abs(curvature))
+            turn = speed * curvature
+        # After a detour, for example, the base may point elsewhere.
+        self._turning = abs(to_aim) > 2.0 * _GENTLE_BEND
+        base.drive(Velocity(speed, turn=turn))
         return True
+
+    def _run(self, here: Pose) -> _Run:
+        """Return the part of the path up to the next place where the base has to stop."""
+        points = self._points_of_run()
+        length, aim, before = 0.0, points[-1], here.point
+        for point in points:
+            step = math.dist(before, point)
+            if length < _LOOKAHEAD <= length + step:
+                share = (_LOOKAHEAD - length) / step
+                aim = (
+                    before[0] + share * (point[0] - before[0]),
+                    before[1] + share * (point[1] - before[1]),
+                )
+            length += step
+            before = point
+        return _Run(length, aim, points[1] if len(points) > 1 else None)
+
+    def _points_of_run(self) -> list[Point]:
+        """Return the next corners up to the first one at which the base has to stop."""
+        assert self._corners
+        points: list[Point] = []
+        length = 0.0
+        for number, leg in enumerate(self._corners):
+            for corner in leg:
+                if points and corner != points[-1]:
+                    before, last = points[-2] if len(points) > 1 else self._from, points[-1]
+                    if (
+                        abs(wrap(_direction(last, corner) - _direction(before, last)))
+                        > _GENTLE_BEND
+                    ):
+                        return points
+                    length += math.dist(last, corner)
+                if not points or corner != points[-1]:
+                    points.append(corner)
+            if self._turns_at(number) or length > _MAX_RUN:
+                break
+        return points
+
+    def _turns_at(self, number: int) -> bool:
+        """Return True if the base turns to the heading of a stop, the next one being number 0."""
+        if number == len(self._stops) - 1:
+            return True
+        stop, after = self._stops[number], self._stops[number + 1]
+        return self._one_by_one and stop.distance(after.point) >= _PATH_SPACING
 
     def _turn_to(self, stop: Pose, base: Base, dt: float) -> bool:
         """Turn to the heading of `stop`. Return False when no turn is needed."""
         last = len(self._stops) == 1
-        if not (self._one_by_one or last) or (last and self._mode.type == navigation_pb2.kVague):
+        if not self._turns_at(0) or (last and self._mode.type == navigation_pb2.kVague):
             return False
         error = wrap(stop.theta - base.pose.theta)
         if abs(error) <= _ANGLE_TOLERANCE:
