@@ -22,6 +22,7 @@ import pytest
 import yaml
 from PIL import Image
 
+from tests.fact_files import FOLDER
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from tests.simulator.test_sim_map_library import scene_data, scenes, send_files
@@ -175,9 +176,9 @@ def test_download_saves_all_scenes(run: Run, wire: JsonClient, tmp_path: Path) -
     assert out.startswith("downloaded scene wooshmap to backup/today/wooshmap: maps 1, marks 11")
     folder = tmp_path / "backup" / "today"
     assert {path.name for path in folder.iterdir()} == {"wooshmap", "scenex"}
-    assert {"maps/scenex.yaml", "maps/scenex2.png", "marks/scenex.yaml"} <= set(
-        tree(folder / "scenex")
-    )
+    saved = set(tree(folder / "scenex"))
+    assert {"nav2/scenex.yaml", "nav2/scenex2.png", "marks/scenex.yaml"} <= saved
+    assert {"scene.json", "scenex/map.png", "scenex2/mark_info.data"} <= saved
     marks = marks_in(folder / "wooshmap" / "marks" / "wooshmap.yaml")
     assert marks["A1"] == {
         "number": "A1",
@@ -195,7 +196,7 @@ def test_saved_map_is_that_of_the_topic_map(
     upload_lab(wire)
     run("download", scene)
     (area,) = wire.ask("woosh.map.SceneData", {"name": scene})["maps"]
-    file = tmp_path / scene / "maps" / f"{area['name']}.yaml"
+    file = tmp_path / scene / "nav2" / f"{area['name']}.yaml"
     description = yaml.safe_load(file.read_text())
     assert description["resolution"] == pytest.approx(area["resolution"], rel=1e-7)
     origin = [area["origin"][key] for key in ("x", "y", "theta")]
@@ -219,7 +220,7 @@ def test_coloured_picture_is_saved_in_the_shades_of_the_topic_map(
 
     replace_body(chassis, SceneData, change)
     assert run("download", "wooshmap")[0] == 0
-    file = tmp_path / "wooshmap" / "maps" / "wooshmap.yaml"
+    file = tmp_path / "wooshmap" / "nav2" / "wooshmap.yaml"
     grid = load_scene(file).maps[0].grid
     assert grid is not None
     _, _, cells = cells_of(buffer.getvalue())
@@ -231,12 +232,67 @@ def test_scene_comes_to_a_second_robot(run: Run, wire: JsonClient, second: Simul
     assert run("download", "lab")[0] == 0
     status, out, err = run("upload", "lab", robot=second)
     assert (status, err) == (0, "")
-    assert out.startswith("uploaded scene lab: maps 1, files ")
+    assert out == "uploaded scene lab: files 6\n"
     there = JsonClient(second.port)
     assert scene_data(there, "lab") == scene_data(wire, "lab")
     assert run("upload", "lab", "--scene", "lab 2", robot=second)[0] == 0
     assert scene_data(there, "lab 2") == scene_data(wire, "lab")
     there.close()
+
+
+def test_folder_of_a_real_robot_passes_through_two_robots_unchanged(
+    run: Run, second: SimulatorThread, tmp_path: Path
+) -> None:
+    real = FOLDER / "real_scene"
+    files = tree(real)
+    assert run("upload", str(real), "--scene", "office")[0] == 0
+    assert run("download", "office", "--output", "one")[0] == 0
+    assert run("upload", "one/office", robot=second)[0] == 0
+    assert run("download", "office", "--output", "two", robot=second)[0] == 0
+    for output in ("one", "two"):
+        saved = tree(tmp_path / output / "office")
+        assert {name: saved[name] for name in files} == files
+        others = {name.split("/")[0] for name in set(saved) - set(files)}
+        assert others == {"nav2", "marks"}
+    # The saved folder is a scene for the simulator, too.
+    scene = load_scene(tmp_path / "two" / "office")
+    assert (scene.name, len(scene.maps[0].marks)) == ("office", 4)
+    assert set(scene.files) == set(files) - {"action_groups.json"}
+
+
+def test_keep_out_areas_are_saved_as_a_mask_for_nav2(run: Run, tmp_path: Path) -> None:
+    real = FOLDER / "real_scene"
+    run("upload", str(real), "--scene", "office")
+    run("download", "office", "wooshmap")
+    folder = tmp_path / "office" / "nav2"
+    mask, area = (
+        load_scene(folder / f"Wego_Robotics_503{end}.yaml").maps[0].grid for end in ("_keepout", "")
+    )
+    expected = load_scene(real).maps[0].grid
+    assert mask is not None
+    assert area is not None
+    assert expected is not None
+    assert (mask.low, mask.resolution) == (area.low, area.resolution)
+    assert np.array_equal(mask.cells == 100, expected.keep_out)
+    assert set(np.unique(mask.cells)) == {0, 100}
+    assert not list((tmp_path / "wooshmap" / "nav2").glob("*_keepout*"))
+
+
+def test_robots_map_with_the_name_of_a_folder_of_ours(
+    run: Run, wire: JsonClient, tmp_path: Path
+) -> None:
+    rename = {"oldSceneName": "scenex", "oldMapName": "scenex2", "newMapName": "marks"}
+    wire.ask("woosh.map.Rename", rename)
+    run("download", "scenex")
+    assert (tmp_path / "scenex" / "%6Darks" / "map.png").is_file()
+    edit(
+        tmp_path / "scenex" / "marks" / "marks.yaml",
+        lambda marks: marks.append({"number": "N1", "pose": [1, 2, 0]}),
+    )
+    assert run("upload", "scenex", "--scene", "copy")[0] == 0
+    assert scenes(wire)["copy"] == ["scenex", "marks"]
+    data = wire.ask("woosh.map.SceneData", {"name": "copy"})["maps"][1]
+    assert [each["identity"]["no"] for each in data["markInfo"]["storages"]] == ["N1"]
 
 
 def test_edited_marks_come_to_the_robot(run: Run, wire: JsonClient, tmp_path: Path) -> None:
@@ -268,13 +324,10 @@ def test_marks_outside_of_the_files_come_by_requests(
     run: Run, wire: JsonClient, tmp_path: Path
 ) -> None:
     def save() -> None:
+        """Save the scenes of a robot whose marks are in no file."""
         run("download", "--force", "wooshmap", "scenex")
-        for scene in ("wooshmap", "scenex"):
-            index = tmp_path / scene / "scene.yaml"
-            content = yaml.safe_load(index.read_text())
-            for area in content["maps"]:
-                area["mark_file"] = None
-            index.write_text(yaml.safe_dump(content))
+        for file in tmp_path.rglob("mark_info.data"):
+            file.unlink()
 
     def change(marks: list[dict[str, Any]]) -> None:
         marks[0]["pose"] = [1.0, 2.0, 0.5]
@@ -285,7 +338,7 @@ def test_marks_outside_of_the_files_come_by_requests(
     edit(tmp_path / "wooshmap" / "marks" / "wooshmap.yaml", change)
     assert run("upload", "wooshmap", "--force") == (
         0,
-        "uploaded scene wooshmap: maps 1, files 3\n",
+        "uploaded scene wooshmap: files 5\n",
         "",
     )
     (area,) = wire.ask("woosh.map.SceneData")["maps"]
@@ -338,7 +391,8 @@ def test_names_from_the_robot_are_never_paths(
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
     assert [path.name for path in output.iterdir()] == ["wooshmap"]
     saved = [path for path in output.rglob("*") if path.is_file() and path.read_bytes() == b"evil"]
-    assert [path.parent for path in saved] == [output / "wooshmap" / "files"]
+    folder = output / "wooshmap"
+    assert [path.parent for path in saved] == [folder / "a" if name == "a/b.png" else folder]
     # It goes back under its own name, which this robot refuses if it is a path.
     chassis.clear_faults()
     run("upload", str(output / "wooshmap"), "--force")
@@ -355,7 +409,7 @@ def test_scene_and_map_names_from_the_robot_are_never_paths(
     replace_body(chassis, SceneData, change)
     assert run("download", "wooshmap", "--output", "a/b")[0] == 0
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
-    assert (tmp_path / "a/b/wooshmap/maps/%2E.%2F..%2Fevil.png").is_file()
+    assert (tmp_path / "a/b/wooshmap/nav2/%2E.%2F..%2Fevil.png").is_file()
 
 
 def test_different_names_have_different_file_names() -> None:
@@ -389,7 +443,7 @@ def test_rename_and_delete(run: Run, wire: JsonClient) -> None:
         (["rename", "scenex", "wooshmap"], "cannot be renamed: wooshmap exists already"),
         (["rename", "scenex", "--map", "scenex", "scenex2"], "scenex2 exists already"),
         (["rename", "scenex", "../x"], "the robot refused woosh.map.Rename: new_scene_name"),
-        (["upload", "nothing"], "nothing/scene.yaml cannot be read: No such file"),
+        (["upload", "nothing"], "nothing is not a saved scene"),
     ],
 )
 def test_failures_are_told_with_exit_status_1(run: Run, arguments: list[str], reason: str) -> None:
@@ -406,14 +460,6 @@ def test_upload_of_the_folder_of_all_backups_names_the_scenes_in_it(run: Run) ->
     assert err == (
         "error: backup is not a saved scene: give a folder in it: backup/scenex, backup/wooshmap\n"
     )
-
-
-def test_missing_file_of_a_saved_scene_is_told(run: Run, tmp_path: Path) -> None:
-    run("download", "scenex")
-    (tmp_path / "scenex" / "files" / "task_info.data").unlink()
-    status, _, err = run("upload", "scenex", "--force")
-    assert status == 1
-    assert "scenex/files/task_info.data cannot be read" in err
 
 
 @pytest.mark.parametrize(
@@ -469,8 +515,8 @@ def test_a_map_without_a_usable_picture_does_not_prevent_the_backup(
     status, out, err = run("download", "scenex")
     assert status == 0
     assert out.startswith("downloaded scene scenex")
-    assert err.startswith(f"warning: map scenex is not saved for map_server: {reason}")
-    saved = {path.name for path in (tmp_path / "scenex" / "maps").iterdir()}
+    assert err.startswith(f"warning: map scenex is not saved for nav2: {reason}")
+    saved = {path.name for path in (tmp_path / "scenex" / "nav2").iterdir()}
     assert saved == {"scenex2.yaml", "scenex2.png"}
     assert run("upload", "scenex", "--scene", "copy")[0] == 0
     assert scenes(wire)["copy"] == ["scenex", "scenex2"]
@@ -507,11 +553,7 @@ def save_big_scene(run: Run, wire: JsonClient, folder: Path) -> Json:
     """Save the scene `lab` in a folder, and add a file of 20 MiB there; return its SceneData."""
     upload_lab(wire)
     run("download", "lab")
-    index = folder / "scene.yaml"
-    content = yaml.safe_load(index.read_text())
-    content["files"].append("big.bin")
-    index.write_text(yaml.safe_dump(content))
-    (folder / "files" / "big.bin").write_bytes(bytes(20 << 20))
+    (folder / "big.bin").write_bytes(bytes(20 << 20))
     return wire.ask("woosh.map.SceneData", {"name": "lab"})
 
 
@@ -575,7 +617,7 @@ def test_a_map_of_20_mib_goes_both_ways(
     port = chassis.port if transport == "websocket" else chassis.tcp_port
     where = ["--ip", f"127.0.0.1:{port}", "--transport", transport]
     assert main([*where, "download", "lab"]) == 0
-    assert (tmp_path / "lab" / "files" / "big.bin").read_bytes() == big
+    assert (tmp_path / "lab" / "big.bin").read_bytes() == big
     assert main([*where, "upload", "lab", "--scene", "copy"]) == 0
     assert scenes(wire)["copy"] == ["floor"]
 

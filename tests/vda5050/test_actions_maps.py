@@ -227,8 +227,11 @@ def test_only_usable_zip_files_are_unpacked() -> None:
         (zipped(), "has 0 files"),
         (zipped(**{f"f{number}": b"" for number in range(201)}), "has 201 files"),
         (zipped(bomb=bytes(65 * 1024 * 1024)), "more than 67108864 bytes"),
-        (zipped(**{"a/x": b"", "b/x": b""}), "same name"),
+        (zipped(**{"a/x": b"", "../a/x": b""}), "same name"),
     ):
         with pytest.raises(MapFileError, match=reason):
             unpack(data)
-    assert unpack(zipped(**{"../../x": b"1"})) == {"x": b"1"}
+    assert unpack(zipped(**{"../../x": b"1", "/etc/y": b"2"})) == {"x": b"1", "etc/y": b"2"}
+    files = {"scene.json": b"{}", "hall/map.png": b"1"}
+    assert unpack(zipped(**files)) == files
+    assert unpack(zipped(**{f"folder/{name}": data for name, data in files.items()})) == files

@@ -122,12 +122,31 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
     Raises:
         MapError: the robot has not sent a usable map.
     """
+    if not area.map_png:
+        raise MapError("the robot sent no image")
+    return _server_files(area, area.map_png, stem)
+
+
+def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
+    """Return the same files for the mask of nav2's KeepoutFilter; none if there is no mask.
+
+    They have the values of the agent's topic `keepout_mask`.
+
+    Args:
+        area: the map.
+        stem: names of the files without their suffixes.
+
+    Raises:
+        MapError: the mask is not usable.
+    """
+    return _server_files(area, area.keepout_png, stem) if area.keepout_png else {}
+
+
+def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
     import numpy
     import yaml
 
-    if not area.map_png:
-        raise MapError("the robot sent no image")
-    png, origin = grey_png(area.map_png), area.origin
+    png, origin = grey_png(image), area.origin
     check_place(area.resolution, origin.x, origin.y, origin.theta)
     numbers = (area.resolution, origin.x, origin.y, origin.theta)
     # the chassis sends numbers of 32 bits: 0.05, not 0.0500000007

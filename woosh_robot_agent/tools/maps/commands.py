@@ -277,8 +277,7 @@ async def _upload(robot: Robot, name: str, scene: SavedScene) -> None:
         raise MapsError(f"the robot accepted scene {name} but does not list it")
     for area in scene.loose_marks:
         await _bring_marks(robot, name, area, scene)
-    text = f"uploaded scene {name}: maps {len(scene.maps)}, files {len(scene.files)}"
-    print(printable(text), flush=True)
+    print(printable(f"uploaded scene {name}: files {len(scene.files)}"), flush=True)
 
 
 async def _bring_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -> None:

@@ -84,7 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     listing.add_argument("--json", action="store_true", help="print one JSON list instead of lines")
 
     download = subparsers.add_parser(
-        "download", help="save scenes: maps for nav2, marks as YAML, and the scenes' own files"
+        "download", help="save scenes: the robot's files, maps for nav2, and marks as YAML"
     )
     download.add_argument(
         "names", nargs="*", metavar="SCENE", help="scene to save (default: all scenes)"

@@ -1,12 +1,12 @@
 """The folder in which a scene is saved.
 
-- `scene.yaml` lists what is there.
-- `maps/NAME.yaml` and `maps/NAME.png` are the map NAME for nav2's map_server.
+- The files of the robot, as it sent them: `scene.json` and others, and a folder for each map.
+- `nav2/NAME.yaml` and `nav2/NAME.png` are the map NAME for nav2's map_server, and
+  `nav2/NAME_keepout.yaml` is the mask of its keep-out areas.
 - `marks/NAME.yaml` has the marks of the map, for people to edit.
-- `files/` has the scene's own files, as the robot sent them.
 
 The names come from a robot, which may call a file `../../.bashrc`. Characters that could make a
-name a path, or that some file systems do not have, are written as in URLs.
+name a path out of the folder, or that some file systems do not have, are written as in URLs.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
+from urllib.parse import unquote
 
 import yaml
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
@@ -26,7 +27,7 @@ from google.protobuf.message import DecodeError
 from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, place, structure
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
-from woosh_robot_agent.robot.maps import MapError, map_files
+from woosh_robot_agent.robot.maps import MapError, keepout_files, map_files
 
 
 class MapsError(Exception):
@@ -256,33 +257,32 @@ def _numbers(pose: dict[str, float] | None) -> list[float] | None:
     return None if pose is None else [float(pose.get(key, 0.0)) for key in ("x", "y", "theta")]
 
 
-_INDEX = "scene.yaml"
-"""File that lists what is in the folder."""
-_MAPS, _MARKS_NAME, _FILES = "maps", "marks", "files"
-"""Folders inside the folder."""
-_FORMAT = 1
-"""Version of the format of the folder."""
-_MAX_ITEMS = 10_000
-"""Maximum number of maps and of files of a scene."""
-_MAX_INDEX = 1024 * 1024
-"""Maximum size of the list, in bytes."""
+_NAV2, _MARKS_FOLDER = "nav2", "marks"
+"""Folders of this program inside the folder."""
+_SIGNS = (_MARKS_FOLDER, "scene.json")
+"""Names of which a saved scene has one."""
+_MARK_INFO = "mark_info.data"
+"""Name of a robot's file with the marks of the map whose folder it is in."""
 
 
-@dataclass(frozen=True)
-class _IndexedMap:
-    name: str
-    mark_file: str | None = None
-    where: str = place()
+def to_path(name: str) -> str:
+    """Return the path of a robot's file in the folder of its scene.
+
+    Raises:
+        MapsError: The name cannot be a path.
+    """
+    parts = name.split("/")
+    if any(part in ("", ".", "..") for part in parts):
+        return to_file_name(name)
+    paths = [to_file_name(part) for part in parts]
+    if paths[0] in (_NAV2, _MARKS_FOLDER):  # not a robot's
+        paths[0] = f"%{ord(paths[0][0]):02X}{paths[0][1:]}"
+    return "/".join(paths)
 
 
-@dataclass(frozen=True)
-class _Index:
-    """The content of the list."""
-
-    format: Annotated[int, Between(_FORMAT, _FORMAT)]
-    scene: str
-    files: Annotated[tuple[str, ...], Between(0, _MAX_ITEMS)]
-    maps: Annotated[tuple[_IndexedMap, ...], Between(0, _MAX_ITEMS)]
+def _robot_name(path: str) -> str:
+    """Return the robot's name of a file in the folder."""
+    return unquote(path)
 
 
 @dataclass(frozen=True)
@@ -291,14 +291,12 @@ class SavedScene:
 
     Attributes:
         name: Name of the scene.
-        maps: Names of its maps.
-        files: The scene's own files, by the robot's names for them. Edited marks are in them.
-        loose_marks: YAML files of the marks that none of the scene's own files contains, by the
-            name of the map.
+        files: The files of the robot, by its names for them. Edited marks are in them.
+        loose_marks: YAML files of the marks that none of these files contains, by the name of the
+            map.
     """
 
     name: str
-    maps: list[str]
     files: dict[str, bytes]
     loose_marks: dict[str, Path]
 
@@ -324,7 +322,7 @@ def check_writable(target: Path, *, force: bool) -> None:
         raise MapsError(
             f"{target} exists already: use --force to replace it, or --output for another folder"
         )
-    if target.is_symlink() or not (target / _INDEX).is_file():
+    if target.is_symlink() or not (target / _MARKS_FOLDER).is_dir():
         raise MapsError(f"{target} is not a saved scene and is not replaced: move it first")
 
 
@@ -336,31 +334,32 @@ def write_scene(
     Args:
         target: The folder, which is created.
         data: The maps with their pictures and marks.
-        files: The scene's own files.
+        files: The files of the robot.
         force: Replace an older folder.
 
     Returns:
-        Which maps are not there for map_server because the robot sent no usable picture, and why.
+        Which maps and masks are not there for nav2 because the robot sent no usable picture, and
+        why.
 
     Raises:
         MapsError: The scene cannot be saved.
     """
-    contents: dict[str, bytes] = {}
+    contents = {to_path(name): content for name, content in files.items()}
     unusable: list[str] = []
-    maps: list[dict[str, object]] = []
     for area in data.maps:
         stem = to_file_name(area.name)
-        try:
-            for name, content in map_files(area, stem).items():
-                contents[f"{_MAPS}/{name}"] = content
-        except MapError as error:  # the scene's own files may be worth saving all the same
-            unusable.append(f"map {area.name} is not saved for map_server: {error}")
-        contents[f"{_MARKS_NAME}/{stem}.yaml"] = write_marks(area.mark_info, area.name)
-        maps.append({"name": area.name, "mark_file": _mark_file(area, files)})
-    for name, content in files.items():
-        contents[f"{_FILES}/{to_file_name(name)}"] = content
-    index = {"format": _FORMAT, "scene": data.name, "maps": maps, "files": sorted(files)}
-    contents[_INDEX] = yaml.safe_dump(index, sort_keys=False, allow_unicode=True).encode()
+        for what, of_server, name in (
+            ("map", map_files, stem),
+            ("the keep-out mask of map", keepout_files, f"{stem}_keepout"),
+        ):
+            try:
+                for file, content in of_server(area, name).items():
+                    contents[f"{_NAV2}/{file}"] = content
+            except MapError as error:  # the robot's own files may be worth saving all the same
+                unusable.append(f"{what} {area.name} is not saved for nav2: {error}")
+        in_file = _marks_in_files(area.name, files)
+        info = area.mark_info if in_file is None else in_file[1]
+        contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = write_marks(info, area.name)
     try:
         _write_folder(target, contents, force=force)
     except OSError as error:
@@ -374,29 +373,47 @@ def read_scene(folder: Path) -> SavedScene:
     Raises:
         MapsError: The folder cannot be used.
     """
-    index = folder / _INDEX
-    if not index.exists():
-        inside = _scenes_in(folder)
-        if inside:
-            raise MapsError(f"{folder} is not a saved scene: give a folder in it: {inside}")
-    try:
-        root = structure(_Index, load_yaml(str(index), _read(index), _MAX_INDEX), str(index))
-        files = {name: _read(folder / _FILES / to_file_name(name)) for name in root.files}
-        loose_marks: dict[str, Path] = {}
-        for each in root.maps:
-            path = folder / _MARKS_NAME / f"{to_file_name(each.name)}.yaml"
-            if each.mark_file:
-                _update_marks(files, each.mark_file, f"{each.where}.mark_file", path)
-            else:
-                loose_marks[each.name] = path
-    except DataFileError as error:
-        raise MapsError(str(error)) from None
-    return SavedScene(root.scene, [each.name for each in root.maps], files, loose_marks)
+    if not _is_scene(folder):
+        inside = ", ".join(str(each) for each in sorted(folder.glob("*")) if _is_scene(each))
+        hint = f": give a folder in it: {inside}" if inside else ""
+        raise MapsError(f"{folder} is not a saved scene{hint}")
+    paths = {each.relative_to(folder).as_posix(): each for each in sorted(folder.rglob("*"))}
+    files = {
+        _robot_name(name): _read(path)
+        for name, path in paths.items()
+        if path.is_file() and not _is_own(name)
+    }
+    loose_marks: dict[str, Path] = {}
+    for path in sorted((folder / _MARKS_FOLDER).glob("*.yaml")):
+        area = unquote(path.stem)
+        found = _marks_in_files(area, files)
+        if found is None:
+            loose_marks[area] = path
+        elif (new := edited_marks(path, found[1])) is not found[1]:
+            files[found[0]] = new.SerializeToString()
+    return SavedScene(unquote(folder.resolve().name), files, loose_marks)
 
 
-def _scenes_in(folder: Path) -> str:
-    """Return the folders of the saved scenes in a folder, as a text for people."""
-    return ", ".join(str(index.parent) for index in sorted(folder.glob(f"*/{_INDEX}")))
+def _is_scene(folder: Path) -> bool:
+    return any((folder / sign).exists() for sign in _SIGNS)
+
+
+def _is_own(path: str) -> bool:
+    """Return True for a file that is not the robot's: one of this program, or a hidden one."""
+    parts = path.split("/")
+    return parts[0] in (_NAV2, _MARKS_FOLDER) or any(part.startswith(".") for part in parts)
+
+
+def _marks_in_files(area: str, files: Mapping[str, bytes]) -> tuple[str, MarkInfo] | None:
+    """Return the robot's file with the marks of a map, and its content; None if there is none."""
+    end = f"/{area}/{_MARK_INFO}"
+    for name, content in files.items():
+        if f"/{name}".endswith(end):
+            try:
+                return name, MarkInfo.FromString(content)
+            except DecodeError:  # its firmware stores them otherwise
+                return None
+    return None
 
 
 def edited_marks(path: Path, old: MarkInfo) -> MarkInfo:
@@ -406,47 +423,6 @@ def edited_marks(path: Path, old: MarkInfo) -> MarkInfo:
         MapsError: The file cannot be used.
     """
     return read_marks(str(path), _read(path), old)
-
-
-def _update_marks(files: dict[str, bytes], name: str, where: str, path: Path) -> None:
-    """Put the marks in a YAML file into the scene's own file for them.
-
-    Args:
-        files: The scene's own files.
-        name: Name of its file for these marks.
-        where: Place of this name in the list, for errors.
-        path: The YAML file.
-    """
-    if name not in files:
-        raise DataFileError(f"{where}: {name!r} is not one of {', '.join(files)}")
-    try:
-        old = MarkInfo.FromString(files[name])
-    except DecodeError as error:
-        text = f"{name} has no marks: {error}: download the scene again"
-        raise DataFileError(f"{where}: {text}") from None
-    new = edited_marks(path, old)
-    if new is not old:
-        files[name] = new.SerializeToString()
-
-
-def _mark_file(area: SceneData.Map, files: Mapping[str, bytes]) -> str | None:
-    """Return which of a scene's own files contains the marks of a map; None if it is not clear.
-
-    The names of these files differ between robots, so the content decides.
-    """
-    if not area.mark_info.ByteSize():
-        return None
-    found = [name for name, content in files.items() if _contains(content, area.mark_info)]
-    if len(found) > 1:
-        found = [name for name in found if name.startswith((f"{area.name}.", f"{area.name}/"))]
-    return found[0] if len(found) == 1 else None
-
-
-def _contains(content: bytes, info: MarkInfo) -> bool:
-    try:
-        return bool(MarkInfo.FromString(content) == info)
-    except DecodeError:
-        return False
 
 
 def _read(path: Path) -> bytes:
@@ -462,6 +438,7 @@ def _write_folder(target: Path, contents: Mapping[str, bytes], *, force: bool) -
     work = Path(tempfile.mkdtemp(prefix=".maps-", dir=target.parent))
     try:
         new, old = work / "new", work / "old"
+        (new / _MARKS_FOLDER).mkdir(parents=True)
         for name, content in contents.items():
             path = new / name
             path.parent.mkdir(parents=True, exist_ok=True)

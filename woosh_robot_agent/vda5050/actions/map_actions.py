@@ -147,7 +147,9 @@ def fetch(link: str, expected: str = "", max_duration: float = _MAX_DURATION) ->
 
 
 def unpack(data: bytes) -> dict[str, bytes]:
-    """Return the files in a ZIP file by their names, without folders.
+    """Return the files in a ZIP file by their paths in the folder of the scene.
+
+    The archive may contain that folder itself, with `scene.json` in it.
 
     Raises:
         MapFileError: it is no usable ZIP file.
@@ -159,12 +161,22 @@ def unpack(data: bytes) -> dict[str, bytes]:
                 raise MapFileError(f"the ZIP file has {len(entries)} files, not 1 to {_MAX_FILES}")
             if sum(each.file_size for each in entries) > _MAX_BYTES:
                 raise MapFileError(f"the files in the ZIP file have more than {_MAX_BYTES} bytes")
-            files = {PurePosixPath(each.filename).name: archive.read(each) for each in entries}
+            files = {_inner_path(each.filename): archive.read(each) for each in entries}
     except _ZIP_ERRORS as error:
         raise MapFileError(f"the downloaded file is no usable ZIP file: {error}") from None
     if len(files) < len(entries):
-        raise MapFileError("two files in different folders of the ZIP file have the same name")
+        raise MapFileError("two files in the ZIP file have the same name")
+    folders = {name.split("/")[0] for name in files}
+    (folder,) = folders if len(folders) == 1 else ("",)
+    if f"{folder}/scene.json" in files:
+        return {name.removeprefix(f"{folder}/"): content for name, content in files.items()}
     return files
+
+
+def _inner_path(name: str) -> str:
+    """Return the path of a file in an archive, which cannot lead out of a folder."""
+    parts = PurePosixPath(name).parts
+    return "/".join(part for part in parts if part not in ("/", ".."))
 
 
 _TIMEOUT = 10.0
