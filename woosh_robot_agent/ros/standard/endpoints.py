@@ -88,6 +88,13 @@ STANDARD = (
         "current map, or the one that the robot is making",
     ),
     StandardEndpoint(
+        "keepout_mask",
+        "nav_msgs/OccupancyGrid",
+        Kind.LATCHED,
+        "map",
+        "keep-out areas of the current map, as a mask for Nav2's KeepoutFilter",
+    ),
+    StandardEndpoint(
         "plan", "nav_msgs/Path", Kind.LATCHED, "plan", "path that the robot is following"
     ),
     StandardEndpoint(

@@ -1,7 +1,11 @@
-"""map: the chassis's map as an occupancy grid, also while the robot is making it."""
+"""map: the chassis's map as an occupancy grid, also while the robot is making it.
+
+keepout_mask: the areas that its navigation keeps out of, as a grid of their own.
+"""
 
 from __future__ import annotations
 
+import array
 import asyncio
 import logging
 import math
@@ -113,10 +117,10 @@ _RETRY_DELAY = 10.0
 
 
 class Map(Part):
-    """Publishes map on the first subscription, and when the scene, map or version changes.
+    """Publishes map and keepout_mask on demand, and when the scene, map or version changes.
 
-    A map can have many MiB, so it is requested only on demand. Failed requests are retried. While
-    the robot is making a map, that one is published instead, whenever the robot reports it.
+    A map can have many MiB, so it is requested only for a subscriber. Failed requests are retried.
+    While the robot is making a map, that one is published instead, whenever the robot reports it.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -124,6 +128,7 @@ class Map(Part):
         self._log = LogOnce(_LOG)
         self._subscribers = context.subscribers()
         self._publisher = context.publisher("map", self._subscribers)
+        self._keepout_publisher = context.publisher("keepout_mask", self._subscribers)
         self._wanted: tuple[str, int, str, int] | None = None
         """Scene, map id, map name and version that the robot uses; None if unknown."""
         self._published: tuple[str, int, str, int] | None = None
@@ -206,11 +211,28 @@ class Map(Part):
             self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
             self._not_before = now + _RETRY_DELAY
             return
+        mask = await self._mask(area, message)
         if epoch is not self._epoch or self._growing.active:
             return
         self._publisher.publish(message)
+        if mask is not None:
+            self._keepout_publisher.publish(mask)
         self._published = wanted
         self._shows_growing = False
+
+    async def _mask(self, area: SceneData.Map, grid: OccupancyGrid) -> OccupancyGrid | None:
+        """Return the mask of a map's keep-out areas; None if it cannot be read."""
+        if not area.keepout_png:  # a map without such areas
+            cells = array.array("b", bytes(len(grid.data)))
+            return OccupancyGrid(header=grid.header, info=grid.info, data=cells)
+        try:
+            origin = Pose2D.from_message(area.origin)
+            mask = await self._grid(area.keepout_png, area.resolution, origin)
+        except ValueError as error:
+            self._context.robot.chassis.count_bad_value(SceneData, f"no keepout_mask, {error}")
+            return None
+        mask.header, mask.info.map_load_time = grid.header, grid.info.map_load_time
+        return mask
 
     async def _grid(self, image: bytes, resolution: float, origin: Pose2D) -> OccupancyGrid:
         """Return the message for a map.

@@ -1,0 +1,83 @@
+"""The topic keepout_mask: the areas that the robot's navigation keeps out of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from nav_msgs.msg import OccupancyGrid
+from PIL import Image
+
+from tests.fact_files import FOLDER
+from tests.harness import Client, Collector, RunningAgent
+from tests.quick_chassis import quick_config
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+
+SCENE = FOLDER / "real_scene"
+StartAgent = Callable[..., RunningAgent]
+
+
+@pytest.fixture
+def office() -> Iterator[SimulatorThread]:
+    """A robot in the real scene."""
+    with SimulatorThread(quick_config(port=0, tcp_port=0, seed=1, scenes=(SCENE,))) as running:
+        yield running
+
+
+def cells(grid: OccupancyGrid) -> np.ndarray[Any, np.dtype[np.int8]]:
+    return np.array(grid.data, np.int8).reshape(grid.info.height, grid.info.width)
+
+
+def test_mask_is_the_robots_picture(
+    office: SimulatorThread, start_agent: StartAgent, client: Client
+) -> None:
+    start_agent(ip="127.0.0.1", port=office.port)
+    mask = client.echo(OccupancyGrid, "keepout_mask").wait_count(1)[0]
+    with Image.open(SCENE / "Wego_Robotics_503" / "keepout.png") as picture:
+        black = np.asarray(picture.convert("L"))[::-1] == 0
+    assert np.array_equal(cells(mask), np.where(black, 100, 0))
+    area = client.echo(OccupancyGrid, "map").wait_count(1)[0]
+    assert mask.info == area.info
+    assert mask.header.frame_id == area.header.frame_id == "map"
+    assert office.counts["woosh.map.SceneData"] == 1
+
+
+def test_map_without_keep_out_areas_has_an_empty_mask(agent: RunningAgent, client: Client) -> None:
+    mask = client.echo(OccupancyGrid, "keepout_mask").wait_count(1)[0]
+    area = client.echo(OccupancyGrid, "map").wait_count(1)[0]
+    assert mask.info == area.info
+    assert not cells(mask).any()
+
+
+def test_mask_that_cannot_be_read_does_not_withhold_the_map(
+    office: SimulatorThread, start_agent: StartAgent, client: Client, logs: Collector
+) -> None:
+    def damage(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, SceneData):
+            frame.body.maps[0].keepout_png = b"no picture"
+        return [frame]
+
+    office.intercept(damage)
+    start_agent(ip="127.0.0.1", port=office.port)
+    masks = client.echo(OccupancyGrid, "keepout_mask")
+    assert client.echo(OccupancyGrid, "map").wait_count(1)
+    assert not masks.messages
+    assert logs.wait(lambda record: "no keepout_mask, " in record.getMessage())
+
+
+def test_mask_follows_the_map(
+    office: SimulatorThread, start_agent: StartAgent, client: Client
+) -> None:
+    start_agent(ip="127.0.0.1", port=office.port)
+    masks = client.echo(OccupancyGrid, "keepout_mask")
+    masks.wait_count(1)
+    office.call(lambda inner: inner.chassis.enter(*_hall(inner.chassis)))
+    assert masks.wait(lambda mask: not cells(mask).any())
+
+
+def _hall(chassis: Any) -> tuple[Any, Any]:
+    scene = chassis.scenes["wooshmap"]
+    return scene, scene.maps[0]
