@@ -6,7 +6,9 @@ import argparse
 import asyncio
 import contextlib
 import json
+import re
 import socket
+import socketserver
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -156,6 +158,10 @@ def test_closed_port_fails():
     [
         (None, "no answer came within 0.5 s"),
         (b"HTTP/1.1 404 Not Found\r\n\r\n", "not a chassis: not a WebSocket server"),
+        (
+            b"HTTP/1.1 502 Bad Gateway\r\nServer: nginx/1.2\r\nContent-Length: 3\r\n\r\nBad",
+            "; HTTP is answered with status 502 by nginx/1.2 -> check --ip",
+        ),
         (b"220 ready\r\n", "not a chassis"),
         (b"", "not a chassis"),
     ],
@@ -166,6 +172,53 @@ def test_another_program_on_the_port_fails(answer, text):
     assert report.failed == ["handshake"]
     assert report.with_status(Status.OK) == ["network", "port"]
     assert text in report.text("handshake")
+
+
+@contextlib.contextmanager
+def proxy(port: int, refusal: bytes | None) -> Iterator[int]:
+    """A proxy for HTTP: it answers handshakes of WebSockets with `refusal`, or not at all."""
+
+    class Handler(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            head = b"".join(iter(self.rfile.readline, b"\r\n"))
+            if b"upgrade: websocket" in head.lower():
+                if refusal is None:
+                    self.rfile.read()
+                else:
+                    self.wfile.write(refusal)
+                return
+            length = re.search(rb"content-length: (\d+)", head.lower())
+            body = self.rfile.read(int(length[1]) if length else 0)
+            with socket.create_connection(("127.0.0.1", port)) as robot:
+                robot.sendall(head + b"Connection: close\r\n\r\n" + body)
+                while data := robot.recv(65536):
+                    self.wfile.write(data)
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server.server_address[1]
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    ("refusal", "reason"),
+    [
+        (b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\n\r\n", "HTTP 403"),
+        (None, "no answer came within 2 s"),
+    ],
+)
+def test_proxy_that_refuses_websockets_is_told_from_another_program(chassis, refusal, reason):
+    with proxy(chassis.port, refusal) as port:
+        report = examine(port, "--timeout", "2")
+    assert report.failed == ["handshake"]
+    text = report.text("handshake")
+    assert text.startswith("robot 30001 answers HTTP requests at this address, but its WebSocket")
+    assert reason in text
+    assert "-> a proxy or firewall between this computer and the robot" in text
+    assert dict(chassis.counts) == {INFO: 1}
 
 
 def test_unanswered_robot_info_fails(chassis):
@@ -329,7 +382,7 @@ def test_json_has_all_checks(chassis, set_state, capsys):
     assert main(["--ip", f"127.0.0.1:{chassis.port}", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert (found["address"], found["ok"]) == (f"ws://127.0.0.1:{chassis.port}", False)
-    assert tuple(check["check"] for check in found["checks"]) == CHECKS
+    assert tuple(check["check"] for check in found["checks"]) == (*CHECKS, "subscribers")
     mode = found["checks"][CHECKS.index("mode")]
     assert (mode["status"], mode["text"]) == ("fail", "the robot is in manual mode")
     assert mode["remedy"].startswith("turn the key switch")

@@ -11,7 +11,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.codecs import client_codec
+from woosh_robot_agent.link.codecs import JSON, client_codec
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import enum_name, full_name
 from woosh_robot_agent.link.tasks import run_with_timeout
@@ -78,6 +78,9 @@ class CheckFailedError(Exception):
         super().__init__(text)
         self.result = Result(Status.FAIL, text, remedy)
 
+
+_MAX_BODY = 1024 * 1024
+"""Number of bytes from which on no more is read of a response over HTTP."""
 
 _SN = 1
 """Serial number of the request."""
@@ -280,12 +283,14 @@ async def open_link(config: LinkConfig) -> Transport:
     try:
         return await open_transport(config)
     except TransportClosedError as error:
-        raise CheckFailedError(
+        raise await _explained(
+            config,
             f"the program on this port is not a chassis: {error}",
             "check --ip and --transport; a proxy or another program may use the port",
         ) from None
     except TimeoutError:
-        raise CheckFailedError(
+        raise await _explained(
+            config,
             f"the connection was accepted, but no answer came within {config.connect_timeout:g} s",
             "check --ip and --transport; if they are right, the robot's program hangs: switch "
             "the robot off and on",
@@ -295,6 +300,65 @@ async def open_link(config: LinkConfig) -> Transport:
             f"the connection was lost: {system_text(error)}",
             "try again; if it happens repeatedly, the network or the robot's program is unstable",
         ) from None
+
+
+async def _explained(config: LinkConfig, text: str, remedy: str) -> CheckFailedError:
+    """Return the error of a WebSocket that did not open, with what answers HTTP at its address.
+
+    A chassis answers HTTP there too, so a proxy or firewall that refuses WebSockets can be told
+    from another program.
+    """
+    answer = await _ask_over_http(config) if config.transport == "websocket" else None
+    if answer is None:
+        return CheckFailedError(text, remedy)
+    status, server, body = answer
+    info = _info_in(body)
+    if info is None:
+        found = f"HTTP is answered with status {status}"
+        return CheckFailedError(f"{text}; {found}{f' by {server}' if server else ''}", remedy)
+    number = info.robot_id or info.genral.serial_number
+    return CheckFailedError(
+        f"robot {number} answers HTTP requests at this address, but its WebSocket cannot be "
+        f"opened: {text}",
+        "a proxy or firewall between this computer and the robot lets only HTTP pass: let it pass "
+        "the headers Upgrade and Connection too, or connect without it",
+    )
+
+
+async def _ask_over_http(config: LinkConfig) -> tuple[int, str, bytes] | None:
+    """Request RobotInfo over HTTP.
+
+    Returns:
+        Status, name of the server and body of the response; None if nothing answers HTTP.
+    """
+    import aiohttp  # loads slowly, and is seldom needed
+
+    host = f"[{config.ip}]" if ":" in config.ip else config.ip
+    path = full_name(RobotInfo).replace(".", "/")
+    url = f"http://{host}:{config.effective_port}/{path}"
+    timeout = aiohttp.ClientTimeout(total=config.connect_timeout)
+    try:
+        async with (
+            aiohttp.ClientSession(timeout=timeout) as session,
+            session.post(url, json={}, allow_redirects=False) as response,
+        ):
+            body = b""
+            async for chunk in response.content.iter_any():
+                body += chunk
+                if len(body) > _MAX_BODY:
+                    break
+            return response.status, response.headers.get("Server", ""), body
+    except (aiohttp.ClientError, TimeoutError, OSError):  # it does not speak HTTP either
+        return None
+
+
+def _info_in(body: bytes) -> RobotInfo | None:
+    """Return the RobotInfo in a response over HTTP, None if it is none."""
+    try:
+        envelope = JSON.decode(body)
+        return JSON.body(envelope, RobotInfo) if envelope.type == full_name(RobotInfo) else None
+    except FrameError:
+        return None
 
 
 _MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)

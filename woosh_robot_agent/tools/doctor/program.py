@@ -28,6 +28,7 @@ from woosh_robot_agent.tools.doctor.checks import (
     own_address,
     request_robot_info,
 )
+from woosh_robot_agent.tools.doctor.ros_graph import check_subscribers
 from woosh_robot_agent.tools.options import add_link_options, link_config
 
 CHECKS = (
@@ -43,7 +44,7 @@ CHECKS = (
     "status codes",
     "clock",
 )
-"""Names of the checks, in order."""
+"""Names of the checks of the robot, in order."""
 NOT_REACHED = "not checked, because an earlier check failed"
 """Text of the checks that were not reached."""
 
@@ -94,7 +95,8 @@ async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Resu
 
 _NAME_WIDTH = max(map(len, CHECKS))
 _EPILOG = """\
-doctor requests RobotInfo once and never commands the robot.
+doctor requests RobotInfo once and never commands the robot. Where ROS is
+available, it also looks for nodes that do not get the last value of a topic.
 
 Exit status: 0 if no check failed (there may be warnings), 1 if a check failed
 or the output was not read to its end, 2 if the command line is invalid."""
@@ -138,8 +140,11 @@ async def _examine(config: LinkConfig, *, quiet: bool) -> list[Result]:
         if not quiet and result.text != NOT_REACHED:
             print(_line(result), flush=True)
     not_reached = [result.check for result in results if result.text == NOT_REACHED]
-    if not_reached and not quiet:
-        print(f"{Status.SKIPPED.value:<5} {', '.join(not_reached)}: {NOT_REACHED}")
+    results.append(await check_subscribers())
+    if not quiet:
+        print(_line(results[-1]))
+        if not_reached:
+            print(f"{Status.SKIPPED.value:<5} {', '.join(not_reached)}: {NOT_REACHED}")
     return results
 
 
