@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 import yaml
 from nav_msgs.msg import OccupancyGrid
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from tests.harness import Client, RunningAgent, wait_until
-from tests.node.test_documented_commands import echo
 from tests.ros2_commands import NAMESPACE, parse, set_message_fields
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
@@ -114,10 +114,20 @@ class Terminal:
         parser.add_argument("--once", action="store_true", required=True)
         parser.add_argument("--no-arr", action="store_true")
         parser.add_argument("--filter", default="True")
+        parser.add_argument("--qos-durability", default="volatile")
+        parser.add_argument("--qos-reliability", default="best_effort")
         parser.add_argument("topic")
-        parser.add_argument("type", nargs="?")
+        parser.add_argument("type")
         options = parser.parse_args(words)
-        seen = echo(self._client, options.topic.removeprefix(NAMESPACE))
+        # Without these options, the tool chooses by the publishers that it happens to know.
+        qos = QoSProfile(
+            depth=1,
+            durability=DurabilityPolicy.get_from_short_key(options.qos_durability),
+            reliability=ReliabilityPolicy.get_from_short_key(options.qos_reliability),
+        )
+        package, _, short = options.type.split("/")
+        name = options.topic.removeprefix(NAMESPACE)
+        seen = self._client.echo_with(class_of(f"{package}/{short}", "msg"), name, qos)
         seen.wait(lambda m: eval(options.filter, {"m": m}))
 
     def _odometry(self) -> Pose:
