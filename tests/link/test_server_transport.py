@@ -70,6 +70,17 @@ async def test_too_large_message_is_refused_before_all_of_it_has_arrived() -> No
     await listener.close()
 
 
+@aio
+@pytest.mark.parametrize("line", [b"Sec-WebSocket-Version: 1", b"Sec-WebSocket-Key: A", b"Host: h"])
+async def test_headers_that_are_no_text_are_refused(line: bytes) -> None:
+    listener = await serve_websocket(lambda _: asyncio.sleep(0), "127.0.0.1", 0, max_size=1000)
+    reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
+    writer.write(HANDSHAKE.replace(line, line + b"\xa2"))
+    assert (await soon(reader.readline())).startswith(b"HTTP/1.1 400")
+    writer.close()
+    await listener.close()
+
+
 async def send_forever(writer: asyncio.StreamWriter) -> None:
     while True:
         writer.write(b"x" * 65536)

@@ -383,9 +383,9 @@ def test_zero_twist_pauses_a_moving_action(simulator: SimulatorThread, client: J
     assert answer["msg"] == "stopped: StepControl is paused, continue or cancel it"
     assert simulator.state.velocity.speed == 0.0
     states: dict[str, int] = {}
-    while states.get("woosh.ros.action.LiftControl") != SUCCESS:
+    expected = {"woosh.ros.action.LiftControl": SUCCESS, "woosh.ros.action.StepControl": PAUSE}
+    while states != expected:
         one = next_feedback(client)
         states[one["action"]] = one["state"]
-    assert states["woosh.ros.action.StepControl"] == PAUSE
     client.ask(CALL, {"stepControl": {"action": 3}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS

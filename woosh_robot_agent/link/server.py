@@ -510,6 +510,8 @@ async def serve_websocket(
         connection = None if request.transport is None else request.transport.get_protocol()
         if not isinstance(connection, HttpConnection):  # it has ended already
             return web.Response()
+        if not all(name.isascii() and value.isascii() for name, value in request.raw_headers):
+            return web.Response(status=HTTPStatus.BAD_REQUEST, text="headers must be ASCII\n")
         if local_pages_only and not _is_local(request.headers.getall("Origin", [])):
             return web.Response(status=HTTPStatus.FORBIDDEN, text="web pages may not connect\n")
         try:
