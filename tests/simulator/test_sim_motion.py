@@ -12,8 +12,6 @@ from tests.quick_chassis import quick_config
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
-    MAX_SPEED,
-    MAX_TURN_RATE,
     STANDSTILL,
     Base,
     Velocity,
@@ -65,7 +63,7 @@ def test_approach_stops_exactly_at_the_goal_within_limits(distance: float) -> No
 
 
 def test_base_integrates_an_arc_exactly() -> None:
-    base = Base(Pose(), odometer=0.0)
+    base = Base(Pose(), odometer=0.0, max_speed=0.9, max_turn_rate=0.7)
     base.velocity = Velocity(0.5, 0.0, 0.5)  # a circle of 1 m radius
     steps = 100
     for _ in range(steps):
@@ -78,7 +76,7 @@ def test_base_integrates_an_arc_exactly() -> None:
 
 
 def test_base_respects_speed_and_acceleration_limits() -> None:
-    base = Base(Pose(), odometer=0.0)
+    base = Base(Pose(), odometer=0.0, max_speed=0.9, max_turn_rate=0.7)
     before = STANDSTILL
     for _ in range(40):
         base.drive(Velocity(3.0, -4.0, -9.0))
@@ -88,9 +86,9 @@ def test_base_respects_speed_and_acceleration_limits() -> None:
         )
         assert change <= ACCELERATION * TIME_STEP + 1e-9
         before = base.velocity
-    assert base.velocity.speed == pytest.approx(MAX_SPEED)
+    assert base.velocity.speed == pytest.approx(0.9)
     assert base.velocity.left / base.velocity.forward == pytest.approx(-4 / 3)
-    assert base.velocity.turn == pytest.approx(-MAX_TURN_RATE)
+    assert base.velocity.turn == pytest.approx(-0.7)
 
 
 def test_twist_times_out_and_ramps_to_zero(chassis: Chassis) -> None:

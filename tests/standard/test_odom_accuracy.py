@@ -42,7 +42,14 @@ class Errors:
 def drive(profile: str, delay: float, seed: int) -> Errors:
     """Drive, with a delay of the reports that is exponentially distributed."""
     driving = load_profile(profile).driving
-    base = Base(Pose(), 0.0, driving.rolls_for, driving.stops_below)
+    base = Base(
+        Pose(),
+        0.0,
+        driving.rolls_for,
+        driving.stops_below,
+        max_speed=driving.max_speed,
+        max_turn_rate=driving.max_turn_rate,
+    )
     chance, errors = random.Random(seed), Errors()
     odometry, prediction = Odometry(), Prediction()
     on_the_way: list[tuple[float, Pose2D, BaseVelocity]] = []

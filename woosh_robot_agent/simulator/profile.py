@@ -22,6 +22,7 @@ from woosh_robot_agent.data_files import (
 )
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.status_codes import Language
+from woosh_robot_agent.simulator.world.laser import Laser
 
 
 class Distribution(NamedTuple):
@@ -76,8 +77,8 @@ def _check_rising(times: Distribution | Interval) -> None:
         raise ValueError(f"must be [{shape}], each at least as long as the one before")
 
 
-def _check_request(times: Mapping[str, Distribution]) -> None:
-    for name in times:
+def _check_request(requests: Mapping[str, object]) -> None:
+    for name in requests:
         try:
             message_type(name)
         except KeyError:
@@ -159,8 +160,10 @@ class RateProfile:
 
 @dataclass(frozen=True)
 class DrivingProfile:
-    """Remote control."""
+    """Speeds, and remote control."""
 
+    max_speed: Annotated[float, Between(0.01)]
+    max_turn_rate: Annotated[float, Between(0.01)]
     start_delay: NotNegative
     rolls_for: NotNegative
     stops_below: NotNegative
@@ -194,6 +197,8 @@ class ChargingProfile:
 class RefusalProfile:
     """Refused requests."""
 
+    always: Annotated[Mapping[str, str], _check_request]
+    texts: Annotated[Mapping[str, str], _check_request]
     explained: bool
     codes: bool
     while_busy: bool
@@ -215,6 +220,7 @@ class Profile:
     answers: AnswerProfile
     mapping: MappingProfile
     rates: RateProfile
+    laser: Laser
     driving: DrivingProfile
     battery: BatteryProfile
     charging: ChargingProfile

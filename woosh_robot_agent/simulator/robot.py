@@ -19,7 +19,6 @@ from woosh_robot_agent.simulator.scenes.scene import Scene, with_map_changed
 from woosh_robot_agent.simulator.timeline import ROUNDING, Timeline
 from woosh_robot_agent.simulator.world.collision import CollisionDetector, Obstacles
 from woosh_robot_agent.simulator.world.geometry import Outline, Pose, Wall, footprints, outer_radius
-from woosh_robot_agent.simulator.world.laser import Laser
 from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 from woosh_robot_agent.simulator.world.planner import PATH_MARGIN
 
@@ -84,9 +83,14 @@ class Robot(Timeline):
 
         driving = self.profile.driving
         self.base = Base(
-            start, odometer=1204.0, rolls_for=driving.rolls_for, stops_below=driving.stops_below
+            start,
+            odometer=1204.0,
+            rolls_for=driving.rolls_for,
+            stops_below=driving.stops_below,
+            max_speed=driving.max_speed,
+            max_turn_rate=driving.max_turn_rate,
         )
-        self.laser = Laser()
+        self.laser = self.profile.laser
         self.scan_pose = start
         self.scan_time: float = 0.0
         self.pushed_scan_time: float = 0.0

@@ -21,7 +21,6 @@ from woosh_robot_agent.simulator.behaviour.jobs import (
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
-from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.scenes.action_groups import Action
@@ -94,7 +93,7 @@ def task_jobs(
         elif kind == util_action_pb2.kSecondposQuit:
             jobs.append(dock(robot, -distance, util_action_pb2.kSecondposQuit))
         else:
-            jobs.append(_step(each))
+            jobs.append(_step(robot, each))
     return jobs
 
 
@@ -104,12 +103,12 @@ def leave_dock(robot: Robot) -> list[Job]:
     return [leave_charger(robot)] if leaves else []
 
 
-def _step(action: Action) -> Job:
+def _step(robot: Robot, action: Action) -> Job:
     speed, value = action.stepctrl_speed or STEP_SPEED, action.stepctrl_value
     if action.stepctrl_type:
-        step: Shift | Turn = Turn(value, min(speed, MAX_TURN_RATE))
+        step: Shift | Turn = Turn(value, min(speed, robot.base.max_turn_rate))
     else:
-        step = Shift(0.0, value, min(speed, MAX_SPEED))
+        step = Shift(0.0, value, min(speed, robot.base.max_speed))
     return Steps([step], avoid=action.stepctrl_avoid)
 
 

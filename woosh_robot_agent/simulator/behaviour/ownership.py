@@ -26,7 +26,6 @@ from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
     ANGULAR_ACCELERATION,
-    MAX_TURN_RATE,
     Base,
     Velocity,
     approach,
@@ -81,7 +80,7 @@ class Follower:
         ahead = max(0.0, base.pose.distance(leader) - _DISTANCE)
         drives = abs(bearing) < _MAX_DRIVING_BEARING and is_clear(robot, 0.0, ahead)
         speed = approach(ahead, _SPEED, ACCELERATION, dt) if drives else 0.0
-        turn = approach(bearing, MAX_TURN_RATE, ANGULAR_ACCELERATION, dt)
+        turn = approach(bearing, base.max_turn_rate, ANGULAR_ACCELERATION, dt)
         base.drive(Velocity(speed, 0.0, turn))
 
 

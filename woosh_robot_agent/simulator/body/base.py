@@ -8,11 +8,6 @@ from dataclasses import dataclass
 
 from woosh_robot_agent.simulator.world.geometry import Pose, wrap
 
-MAX_SPEED = 1.0
-"""Maximum speed, in m/s."""
-
-MAX_TURN_RATE = 1.0
-"""Maximum turn rate, in rad/s."""
 ACCELERATION = 1.0
 """Maximum acceleration, in m/s²."""
 
@@ -42,10 +37,10 @@ class Velocity:
         """Speed along the floor, in m/s."""
         return math.hypot(self.forward, self.left)
 
-    def limited(self) -> Velocity:
-        """Return this velocity, scaled to the limits of the base."""
-        scale = min(1.0, MAX_SPEED / self.speed) if self.speed else 1.0
-        turn = min(MAX_TURN_RATE, max(-MAX_TURN_RATE, self.turn))
+    def limited(self, max_speed: float, max_turn_rate: float) -> Velocity:
+        """Return this velocity, scaled to limits in m/s and rad/s."""
+        scale = min(1.0, max_speed / self.speed) if self.speed else 1.0
+        turn = min(max_turn_rate, max(-max_turn_rate, self.turn))
         return Velocity(self.forward * scale, self.left * scale, turn)
 
 
@@ -61,6 +56,8 @@ class Base:
         rolls_for: Time constant of the exponential slowdown after remote control, in seconds; 0
             to slow down at a constant rate.
         stops_below: Speed at which this slowdown ends, in m/s or rad/s.
+        max_speed: Maximum speed, in m/s.
+        max_turn_rate: Maximum turn rate, in rad/s.
 
     Attributes:
         pose: Pose in the map's frame, with a heading in (-pi, pi].
@@ -71,8 +68,17 @@ class Base:
     """
 
     def __init__(
-        self, pose: Pose, odometer: float, rolls_for: float = 0.0, stops_below: float = 0.0
+        self,
+        pose: Pose,
+        odometer: float,
+        rolls_for: float = 0.0,
+        stops_below: float = 0.0,
+        *,
+        max_speed: float,
+        max_turn_rate: float,
     ) -> None:
+        self.max_speed = max_speed
+        self.max_turn_rate = max_turn_rate
         self._rolls_for = rolls_for
         self._stops_below = stops_below
         self._rolls_on = False
@@ -95,7 +101,7 @@ class Base:
             velocity: Wanted velocity.
             rolls_on: Roll on afterwards, as after remote control, instead of a constant slowdown.
         """
-        self._wanted = velocity.limited()
+        self._wanted = velocity.limited(self.max_speed, self.max_turn_rate)
         self._rolls_on = rolls_on
 
     def halt(self) -> None:

@@ -24,7 +24,7 @@ from woosh_robot_agent.simulator.behaviour.jobs import (
     Turn,
 )
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate, NoRouteError, plan_route
-from woosh_robot_agent.simulator.body.base import MAX_SPEED, MAX_TURN_RATE, STANDSTILL, Velocity
+from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
@@ -158,7 +158,7 @@ def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
     speed = usable_speed(step.speed, _MIN_SPEED)
     if step.mode == _StepMode.kRotate:
-        return Turn(step.value, min(speed or STEP_SPEED, MAX_TURN_RATE))
+        return Turn(step.value, min(speed or STEP_SPEED, chassis.base.max_turn_rate))
     directions = {
         _StepMode.kStraight: 0.0,
         _StepMode.kLateral: math.pi / 2,
@@ -172,7 +172,8 @@ def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
         raise RefusedError(
             "a differential base cannot move sideways: use step modes 1 (straight) and 2 (rotate)"
         )
-    return Shift(directions[step.mode], step.value, min(speed or STEP_SPEED, MAX_SPEED))
+    fastest = min(speed or STEP_SPEED, chassis.base.max_speed)
+    return Shift(directions[step.mode], step.value, fastest)
 
 
 def _lift_control(chassis: Chassis, command: action_pb2.LiftControl) -> Job:

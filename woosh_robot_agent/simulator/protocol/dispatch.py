@@ -56,6 +56,9 @@ def is_query(name: str) -> bool:
 def dispatch(chassis: Chassis, request: Message) -> Answer:
     """Execute a request, whose type must be in `HANDLERS`, and return the answer."""
     name = request.DESCRIPTOR.full_name
+    always = chassis.profile.refusals.always.get(name)
+    if always is not None:
+        return Answer(name, None, False, always)
     try:
         number = non_finite(request)
         if number:
@@ -79,7 +82,8 @@ def _refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
     _LOG.info("%s is refused: %s", name, error)
     if profile.explained:
         return Answer(name, None, refusal.harmless, str(error))
-    return Answer(name, None, False, refusal.words, refusal.code if profile.codes else None)
+    words = profile.texts.get(name, refusal.words)
+    return Answer(name, None, False, words, refusal.code if profile.codes else None)
 
 
 def refusal(name: str, reason: str) -> Answer:

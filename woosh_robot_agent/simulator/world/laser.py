@@ -14,6 +14,10 @@ if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
     from woosh_robot_agent.simulator.world.grid import Grid
 
 
+_MAX_RAYS = 10_000
+"""Maximum number of rays of a scan."""
+
+
 @dataclass(frozen=True)
 class Laser:
     """A laser on the base.
@@ -37,6 +41,15 @@ class Laser:
     range_max: float = 25.0
     scan_time: float = 0.05
     noise: float = 0.003
+
+    def __post_init__(self) -> None:
+        if self.increment <= 0.0 or not 1 <= self.rays <= _MAX_RAYS:
+            raise ValueError(
+                f"a scan from angle_min to angle_max in steps of increment must have 1 to "
+                f"{_MAX_RAYS} rays"
+            )
+        if not 0.0 <= self.range_min < self.range_max:
+            raise ValueError("range_min must be at least 0 and less than range_max")
 
     @property
     def rays(self) -> int:
