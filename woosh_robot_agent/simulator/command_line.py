@@ -34,6 +34,9 @@ _DASHBOARD = "woosh_robot_agent.tools.dashboard.beside_simulator"
 
 It is imported by its name and only on demand, because it belongs to a layer above the simulator."""
 
+_LEARN = "woosh_robot_agent.tools.doctor.learn"
+"""Module for `--learn`, which belongs to the same layer."""
+
 _DASHBOARD_PORT = 8480
 """Default port of the page of `--dashboard`."""
 
@@ -64,6 +67,8 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
         return 0
     if options.check:
         return _check(options.check, options.profile)
+    if options.learn:
+        return _learn(options.learn, Path(options.profile))
     log_to_stderr(
         [logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
         "%(levelname)s %(name)s: %(message)s",
@@ -126,6 +131,17 @@ def _check(scene: Path, profile: str) -> int:
         return 1
     print("\n".join(findings) if findings else f"{scene}: nothing is wrong")
     return 1 if findings else 0
+
+
+def _learn(source: Path, profile: Path) -> int:
+    """Write the profile of a robot, and return the exit status."""
+    module = importlib.import_module(_LEARN)
+    try:
+        print(module.learn_profile(source, profile))
+    except DataFileError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
 
 
 class _DashboardError(Exception):
@@ -234,6 +250,13 @@ def make_parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FOLDER",
         help="print what is wrong with a scene, a line for each finding, and exit",
+    )
+    parser.add_argument(
+        "--learn",
+        type=Path,
+        metavar="RECORDING_OR_SURVEY",
+        help="write the profile of a robot to the new file --profile, and exit: from a recording, "
+        "or from the folder of a survey",
     )
     parser.add_argument(
         "--dashboard",

@@ -79,6 +79,10 @@ class CheckFailedError(Exception):
         self.result = Result(Status.FAIL, text, remedy)
 
 
+class SurveyError(Exception):
+    """A survey cannot be made, or its folder not be written."""
+
+
 _MAX_BODY = 1024 * 1024
 """Number of bytes from which on no more is read of a response over HTTP."""
 
@@ -308,14 +312,15 @@ async def _explained(config: LinkConfig, text: str, remedy: str) -> CheckFailedE
     A chassis answers HTTP there too, so a proxy or firewall that refuses WebSockets can be told
     from another program.
     """
-    answer = await _ask_over_http(config) if config.transport == "websocket" else None
+    is_http = config.transport == "websocket"
+    answer = await ask_over_http(config, full_name(RobotInfo)) if is_http else None
     if answer is None:
         return CheckFailedError(text, remedy)
-    status, server, body = answer
-    info = _info_in(body)
+    info = _info_in(answer.body)
     if info is None:
-        found = f"HTTP is answered with status {status}"
-        return CheckFailedError(f"{text}; {found}{f' by {server}' if server else ''}", remedy)
+        found = f"{text}; HTTP is answered with status {answer.status}"
+        by = f" by {answer.server}" if answer.server else ""
+        return CheckFailedError(f"{found}{by}", remedy)
     number = info.robot_id or info.genral.serial_number
     return CheckFailedError(
         f"robot {number} answers HTTP requests at this address, but its WebSocket cannot be "
@@ -325,18 +330,38 @@ async def _explained(config: LinkConfig, text: str, remedy: str) -> CheckFailedE
     )
 
 
-async def _ask_over_http(config: LinkConfig) -> tuple[int, str, bytes] | None:
-    """Request RobotInfo over HTTP.
+class HttpAnswer(NamedTuple):
+    """An answer over HTTP.
+
+    Attributes:
+        status: Status of the response.
+        server: Name that the server gives itself.
+        body: Body of the response.
+        delay: Time from request to response, in seconds.
+    """
+
+    status: int
+    server: str
+    body: bytes
+    delay: float
+
+
+async def ask_over_http(config: LinkConfig, name: str) -> HttpAnswer | None:
+    """Send an empty request over HTTP.
+
+    Args:
+        config: Address of the robot, and the timeout.
+        name: Full name of the request.
 
     Returns:
-        Status, name of the server and body of the response; None if nothing answers HTTP.
+        The answer; None if nothing answers HTTP.
     """
     import aiohttp  # loads slowly, and is seldom needed
 
     host = f"[{config.ip}]" if ":" in config.ip else config.ip
-    path = full_name(RobotInfo).replace(".", "/")
-    url = f"http://{host}:{config.effective_port}/{path}"
+    url = f"http://{host}:{config.effective_port}/{name.replace('.', '/')}"
     timeout = aiohttp.ClientTimeout(total=config.connect_timeout)
+    began = time.monotonic()
     try:
         async with (
             aiohttp.ClientSession(timeout=timeout) as session,
@@ -347,7 +372,8 @@ async def _ask_over_http(config: LinkConfig) -> tuple[int, str, bytes] | None:
                 body += chunk
                 if len(body) > _MAX_BODY:
                     break
-            return response.status, response.headers.get("Server", ""), body
+            server = response.headers.get("Server", "")
+            return HttpAnswer(response.status, server, body, time.monotonic() - began)
     except (aiohttp.ClientError, TimeoutError, OSError):  # it does not speak HTTP either
         return None
 

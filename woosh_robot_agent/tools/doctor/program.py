@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import sys
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import printable
@@ -15,6 +17,7 @@ from woosh_robot_agent.tools.doctor.checks import (
     CheckFailedError,
     Result,
     Status,
+    SurveyError,
     check_clock,
     check_codes,
     check_emergency_stop,
@@ -93,10 +96,16 @@ async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Resu
     yield check_clock(answer, max_skew)
 
 
+_MAX_MINUTES = 600
+"""Maximum duration of a survey, in minutes."""
 _NAME_WIDTH = max(map(len, CHECKS))
 _EPILOG = """\
 doctor requests RobotInfo once and never commands the robot. Where ROS is
 available, it also looks for nodes that do not get the last value of a topic.
+
+With --survey it then asks all queries and listens to all pushes, and writes
+what the robot answers, how fast, and what is unknown of it. This moves and
+changes nothing either; Ctrl-C ends it early. See docs/survey.md.
 
 Exit status: 0 if no check failed (there may be warnings), 1 if a check failed
 or the output was not read to its end, 2 if the command line is invalid."""
@@ -121,12 +130,56 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object instead of lines"
     )
+    parser.add_argument(
+        "--survey",
+        type=Path,
+        metavar="FOLDER",
+        help="then survey the robot: write what it answers and pushes to this new folder",
+    )
+    parser.add_argument(
+        "--minutes",
+        type=_minutes,
+        default=2.0,
+        help="duration of the survey; 10 while you drive the robot by hand (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--with-names",
+        action="store_true",
+        help="keep names, addresses and serial numbers in the survey (default: leave them out)",
+    )
     options = parser.parse_args(arguments)
     config = link_config(parser, options)
-    results = asyncio.run(_examine(config, quiet=options.json))
-    failed = any(result.status is Status.FAIL for result in results)
-    if options.json:
-        print(json.dumps(_as_json(config, results, failed), indent=2))
+    if options.survey and (config.transport, config.encoding) != ("websocket", "json"):
+        parser.error("--survey needs --transport websocket and --encoding json")
+    return asyncio.run(_run(config, options))
+
+
+def _minutes(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= _MAX_MINUTES:
+        raise argparse.ArgumentTypeError(f"must be more than 0 and at most {_MAX_MINUTES}: {text}")
+    return value
+
+
+async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
+    """Run the checks, and the survey if it is wanted; return the exit status."""
+    if options.survey:
+        # slow to load, and seldom needed
+        from woosh_robot_agent.tools.doctor import survey
+    try:
+        if options.survey:
+            survey.check_folder(options.survey)
+        results = await _examine(config, quiet=options.json)
+        failed = any(result.status is Status.FAIL for result in results)
+        if options.json:
+            print(json.dumps(_as_json(config, results, failed), indent=2))
+        if options.survey and not any(result.text == NOT_REACHED for result in results):
+            wanted = survey.SurveyOptions(options.survey, options.minutes, options.with_names)
+            text = await survey.survey(config, wanted)
+            print(text, file=sys.stderr if options.json else None)
+    except SurveyError as error:
+        print(printable(f"error: {error}"), file=sys.stderr)
+        return 1
     return int(failed)
 
 

@@ -1,0 +1,550 @@
+"""The survey of a robot, and the profile that the simulator learns from it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.fact_files import FOLDER
+from tests.quick_chassis import quick_config
+from tests.tools.connections import connected, link
+from woosh_robot_agent.data_files import DataFileError
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.__main__ import main as simulator_main
+from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER, Profile, load_profile
+from woosh_robot_agent.simulator.protocol.dispatch import is_query
+from woosh_robot_agent.tools.doctor.learn import learn, learn_profile, profile_text
+from woosh_robot_agent.tools.doctor.observations import Observations, Seen
+from woosh_robot_agent.tools.doctor.program import main as doctor_main
+from woosh_robot_agent.tools.doctor.survey import SurveyOptions, survey
+from woosh_robot_agent.tools.doctor.survey_report import markdown, results
+from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.proxy import RecordingProxy
+from woosh_robot_agent.tools.recording.writer import RecordingWriter
+
+Json = dict[str, Any]
+
+MODE = "woosh.robot.Mode"
+BATTERY = "woosh.robot.Battery"
+SETTING = "woosh.robot.Setting"
+CALL_TASKS = "woosh.task.CallTasks"
+UNKNOWN_CODE = 999_999_999_999
+
+CHANGES: Json = {
+    "model": {
+        "display_model": "Odd 7",
+        "length": 900,
+        "weight": 77,
+        "outline": [[0.45, 0.3], [0.45, -0.3], [-0.45, -0.3], [-0.45, 0.3]],
+    },
+    "answers": {
+        "default": [0.0, 0.0, 0.0],
+        "requests": {MODE: [0.9, 0.91, 0.92], BATTERY: [1.4, 1.41, 1.42]},
+    },
+    "rates": {"pose_speed": 0.6, "scan": 0.5, "scan_push": 1.0},
+    "laser": {"angle_min": -1.5, "angle_max": 1.6, "increment": 0.01, "range_max": 12.0},
+    "driving": {"max_speed": 0.35, "max_turn_rate": 0.7},
+    "battery": {"health": 91, "temp_max": 44},
+    "refusals": {
+        "always": {SETTING: "not on this model", CALL_TASKS: f"unknown message type {CALL_TASKS}"},
+    },
+    "status_codes": {"language": "en"},
+}
+"""What is odd about the surveyed robot."""
+
+
+def odd_profile(path: Path) -> Path:
+    data: Json = yaml.safe_load((SHIPPED_FOLDER / "tr200.yaml").read_text("utf-8"))
+    for section, fields in CHANGES.items():
+        data[section].update(fields)
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+def make_odd(simulator: SimulatedChassis) -> None:
+    """Add a field that the schema lacks to each answer to Battery."""
+
+    def with_field(codec: object, data: str | bytes) -> str:
+        frame = json.loads(data)
+        frame["body"]["cellTemps"] = [21, 22]
+        return json.dumps(frame)
+
+    simulator.intercept(
+        lambda out: [replace(out, damage=with_field) if out.request == BATTERY else out]
+    )
+
+
+@dataclass
+class Surveyed:
+    """A surveyed robot.
+
+    Attributes:
+        results: The content of `survey.json`.
+        report: The content of `survey.md`.
+        folder: The folder with both.
+        recording: A recording of everything that passed.
+        odd: The profile of the robot.
+        requests: Types of the requests that the survey has sent.
+    """
+
+    results: Json
+    report: str
+    folder: Path
+    recording: Path
+    odd: Profile
+    requests: set[str]
+
+
+async def drive(port: int) -> None:
+    """Drive in a circle, faster than the robot can."""
+    async with connected(port) as (client, _):
+        while True:
+            await client.request(Twist(linear=2.0, angular=2.0))
+            await asyncio.sleep(0.1)
+
+
+async def push_unknown(simulator: SimulatedChassis) -> None:
+    while True:
+        body = {"joints": [0.5, 1.5], "name": "left arm", "mounted": True}
+        simulator.send_raw(json.dumps({"type": "woosh.robot.ArmState", "body": body}))
+        code = {"code": str(UNKNOWN_CODE), "msg": "gripper is warm"}
+        simulator.send_raw(json.dumps({"type": "woosh.robot.count.StatusCode", "body": code}))
+        await asyncio.sleep(0.5)
+
+
+@pytest.fixture(scope="module")
+def surveyed(tmp_path_factory: pytest.TempPathFactory) -> Surveyed:
+    """The odd robot, surveyed through a recording proxy while somebody drives it."""
+    folder = tmp_path_factory.mktemp("survey")
+    odd, made, path = odd_profile(folder / "odd.yaml"), folder / "made", folder / "all.mcap"
+
+    async def make() -> set[str]:
+        config = SimulatorConfig(port=0, tcp_port=0, profile=odd, clock_offset=18000.0)
+        async with SimulatedChassis(config) as simulator:
+            make_odd(simulator)
+            writer = RecordingWriter(path, "ws://robot", Limits(2**28), pytest.fail)
+            proxy = RecordingProxy(link(simulator.port), writer, 0.0)
+            port = await proxy.start("127.0.0.1", 0)
+            beside = [
+                asyncio.ensure_future(each) for each in (drive(port), push_unknown(simulator))
+            ]
+            await survey(link(port), SurveyOptions(made, minutes=0.75, with_names=False))
+            for each in beside:
+                each.cancel()
+                with suppress(asyncio.CancelledError):
+                    await each
+            requests = {each.type for each in simulator.received}
+            await proxy.stop()
+            writer.close()
+        return requests - {"woosh.robot.Twist", "woosh.Subscription"}
+
+    requests = asyncio.run(make())
+    return Surveyed(
+        json.loads((made / "survey.json").read_text()),
+        (made / "survey.md").read_text(),
+        made,
+        path,
+        load_profile(odd),
+        requests,
+    )
+
+
+def near(value: Any) -> Any:
+    """Return something that equals a value whose numbers differ by at most 10 %."""
+    if isinstance(value, list | tuple):
+        return [near(each) for each in value]
+    return pytest.approx(value, rel=0.1) if isinstance(value, int | float) else value
+
+
+@pytest.mark.parametrize("source", ["survey", "recording"])
+def test_learned_profile_is_that_of_the_robot(
+    surveyed: Surveyed, tmp_path: Path, source: str, capsys: Any
+) -> None:
+    learned = tmp_path / "my_robot.yaml"
+    origin = surveyed.folder if source == "survey" else surveyed.recording
+    assert simulator_main(["--learn", str(origin), "--profile", str(learned)]) == 0
+    assert "values of the robot" in capsys.readouterr().out
+    text = learned.read_text()
+    data = yaml.safe_load(text)
+    for section, fields in CHANGES.items():
+        for name, value in fields.items():
+            if (section, name) == ("answers", "default"):
+                continue
+            found = data[section][name]
+            if isinstance(value, dict):
+                for key, each in value.items():
+                    # the longest times are those of a busy machine
+                    one, two = (
+                        (found[key], each) if isinstance(each, str) else (found[key][0], each[0])
+                    )
+                    assert one == near(two), f"{section}.{name}.{key}"
+            else:
+                assert found == near(value), f"{section}.{name}"
+    assert data["tasks"] == yaml.safe_load((SHIPPED_FOLDER / "tr200.yaml").read_text())["tasks"]
+    measured = [line for line in text.splitlines() if " samples" in line and ":" in line]
+    assert any(line.startswith("  scan_push: ") for line in measured)
+    assert not any(line.startswith("  between_jobs: ") for line in measured)
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile=learned)) as again:
+        profile = again.call(lambda simulator: simulator.chassis.profile)
+        assert profile.laser.range_max == pytest.approx(surveyed.odd.laser.range_max)
+
+
+def test_report_names_each_difference(surveyed: Surveyed) -> None:
+    differing = {tuple(each["field"]) for each in surveyed.results["profile"] if each["differs"]}
+    for section, fields in CHANGES.items():
+        for name, value in fields.items():
+            if (section, name) in (("answers", "default"), ("status_codes", "language")):
+                continue
+            keys = [(key,) for key in value] if isinstance(value, dict) else [()]
+            for key in keys:
+                assert (section, name, *key) in differing
+                assert f"- `{'.'.join((section, name, *key))}`: " in surveyed.report
+    verdicts = {each["type"]: each["verdict"] for each in surveyed.results["requests"]}
+    assert verdicts[SETTING] == "refused"
+    assert verdicts[CALL_TASKS] == "unknown"
+    assert verdicts[MODE] == "answered"
+    assert f"- Query {SETTING}: refused: 'not on this model'" in surveyed.report
+    assert [(each["type"], each["field"]) for each in surveyed.results["unknown_fields"]] == [
+        (BATTERY, "cellTemps")
+    ]
+    assert surveyed.results["unknown_fields"][0]["values"] == [[21, 22]]
+    assert f"- Unknown field `cellTemps` of {BATTERY}: " in surveyed.report
+    (unknown,) = surveyed.results["unknown_types"]
+    assert unknown["type"] == "woosh.robot.ArmState"
+    assert unknown["values"] == [
+        {"joints": [0.5, 1.5], "name": "<text of 8 characters>", "mounted": True}
+    ]
+    (code,) = surveyed.results["status_codes"]
+    assert (code["code"], code["text"]) == (UNKNOWN_CODE, "gripper is warm")
+    assert "5.0 hours ahead of this computer's" in surveyed.report
+
+
+def test_report_has_rates_delays_and_sizes(surveyed: Surveyed) -> None:
+    scans = next(
+        each for each in surveyed.results["pushes"] if each["type"].endswith("ScannerData")
+    )
+    assert scans["period"]["median"] == pytest.approx(1.0, rel=0.1)
+    assert scans["period"]["p99"] >= scans["period"]["median"]
+    assert scans["bytes"]["most"] > 1000
+    asked = {each["type"]: each for each in surveyed.results["requests"]}
+    assert asked[BATTERY]["delay"]["median"] == pytest.approx(1.4, rel=0.1)
+    assert asked[BATTERY]["delay"]["samples"] == asked[BATTERY]["accepted"] >= 3
+    assert asked[BATTERY]["http"]["status"] == 200
+    assert asked[BATTERY]["http"]["delay"] > 0.0
+    assert asked[SETTING]["http"]["ok"] is False
+    poses = next(each for each in surveyed.results["pushes"] if each["type"].endswith("PoseSpeed"))
+    assert poses["count"] > 10
+
+
+def test_survey_only_reads(surveyed: Surveyed) -> None:
+    assert len(surveyed.requests) > 25
+    assert all(map(is_query, surveyed.requests))
+
+
+SECRETS = ("wooshmap", "K10", "30001", "172.20.254.63", "RB2000030100000000Z", "left arm")
+"""Some of the names, addresses and numbers of the simulated robot."""
+
+
+def test_names_are_left_out(surveyed: Surveyed) -> None:
+    for text in (surveyed.report, (surveyed.folder / "survey.json").read_text()):
+        assert [secret for secret in SECRETS if secret in text] == []
+        assert "127.0.0.1" not in text
+
+
+def test_names_are_kept_on_request(tmp_path: Path) -> None:
+    folder = tmp_path / "survey"
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as simulator:
+        address = f"127.0.0.1:{simulator.port}"
+        arguments = ["--ip", address, "--survey", str(folder), "--minutes", "0.15", "--with-names"]
+        assert doctor_main(arguments) == 0
+    found = json.loads((folder / "survey.json").read_text())
+    assert found["address"] == f"ws://{address}"
+    assert set(SECRETS) - {"left arm"} <= set(found["names"])
+
+
+@pytest.mark.parametrize(
+    ("text", "hidden"),
+    [
+        ("mark K10 of wooshmap is unknown", "mark <name> of <name> is unknown"),
+        ("robot 30001 at 172.20.254.63", "robot <name> at <address>"),
+        ("no route to 00:1a:2B:3c:4d:5e", "no route to <address>"),
+    ],
+)
+def test_names_in_the_texts_of_refusals_are_hidden(text: str, hidden: str) -> None:
+    found = observed(
+        request("woosh.robot.Scene", 1),
+        answer("woosh.robot.Scene", 1, {"sceneName": "wooshmap", "robotId": 30001}),
+        request("woosh.robot.TaskProc", 2),
+        answer("woosh.robot.TaskProc", 2, {"dest": "K10"}),
+        request("woosh.robot.Mode", 3),
+        answer("error", 3, {}, ok=False, msg=text),
+    )
+    assert report(found)["requests"][0]["refused"] == {hidden: 1}
+    assert report(found, with_names=True)["requests"][0]["refused"] == {text: 1}
+
+
+def test_values_that_do_not_fit_are_named_without_the_value() -> None:
+    body = {"power": "secret"}
+    found = observed(request(BATTERY, 1), answer(BATTERY, 1, body), push(BATTERY, [1]))
+    assert report(found)["unreadable"] == {
+        f"{BATTERY}: power": 1,
+        f"{BATTERY}: expected an object": 1,
+    }
+    assert any("secret" in reason for reason in report(found, with_names=True)["unreadable"])
+
+
+def test_robot_that_answers_nothing_over_http_is_surveyed() -> None:
+    found = observed(request(BATTERY, 1), answer(BATTERY, 1, {"power": 50}), request(MODE, 2))
+    made = results(
+        found,
+        http={BATTERY: None},
+        seconds=1.0,
+        complete=False,
+        lost=2,
+        address="",
+        with_names=False,
+    )
+    battery, mode = made["requests"]
+    assert (battery["verdict"], battery["http"]) == ("answered", {"status": 0})
+    assert (mode["verdict"], mode["http"]) == ("no answer", None)
+    text = markdown(made)
+    assert "stopped early" in text
+    assert "lost connections: 2" in text
+
+
+def request(name: str, sn: int, body: Json | None = None) -> tuple[float, bool, Json]:
+    return 0.0, False, {"type": name, "sn": sn, "body": body or {}}
+
+
+def answer(name: str, sn: int, body: Json, **more: Any) -> tuple[float, bool, Json]:
+    return 0.1, True, {"type": name, "sn": sn, "body": body, "ok": True, **more}
+
+
+def push(name: str, body: Any) -> tuple[float, bool, Json]:
+    return 0.2, True, {"type": name, "body": body}
+
+
+def observed(*frames: tuple[float, bool, Json]) -> Observations:
+    return Observations(Seen(t, 1, by_robot, json.dumps(frame)) for t, by_robot, frame in frames)
+
+
+def report(found: Observations, *, with_names: bool = False) -> Json:
+    return results(
+        found, http={}, seconds=1.0, complete=True, lost=0, address="", with_names=with_names
+    )
+
+
+def real_logs() -> Iterator[Seen]:
+    """Yield the frames of tasks of a real robot, with as many days between two tasks."""
+    for number, task in enumerate(json.loads((FOLDER / "real_tasks.json").read_text())):
+        began = number * 86400.0
+        sn = number + 1
+        sent: Json = {"type": task["request"], "sn": sn, "body": {}}
+        if task["request"].endswith("ExecTask") and task["task_id"] != "None":
+            sent["body"] = {"taskId": task["task_id"]}
+        yield Seen(began, 1, False, json.dumps(sent))
+        for t, kind, name, body in task["frames"]:
+            frame: Json = {"type": name, "body": body}
+            if kind == "answer":
+                text = task["refused"] or ""
+                frame = {"type": "", "body": {}, "sn": sn, "ok": not text, "msg": text}
+            elif kind != "push":
+                frame["sn"] = 1000 + sn
+            yield Seen(began + t, 1, kind in ("answer", "push"), json.dumps(frame))
+
+
+def test_real_logs_show_what_they_contain() -> None:
+    found = report(Observations(real_logs()))
+    asked = {each["type"]: each for each in found["requests"]}
+    refused = asked["woosh.robot.ExecTask"]["refused"]
+    assert set(refused) == {
+        "Request failed",
+        "Task is excuting,request failed",
+        "It is not auto mode,request failed",
+    }
+    accepted = sum(each["accepted"] for each in asked.values())
+    assert accepted == 38  # 78 answers, 40 refusals
+    assert asked["woosh.robot.ActionOrder"]["asked"] == 40
+    counts = {each["type"]: each["count"] for each in found["pushes"]}
+    assert (counts["woosh.robot.TaskProc"], counts["woosh.robot.RobotState"]) == (338, 118)
+    assert (counts[MODE], counts[BATTERY], counts["woosh.robot.DeviceState"]) == (26, 15, 19)
+    assert found["unknown_fields"] == found["unknown_types"] == []
+    assert found["unreadable"] == {}
+    assert found["clock"] is None
+
+
+def test_real_logs_teach_what_the_profile_says() -> None:
+    values = learn(Observations(real_logs()))
+    firsts, samples = values[("tasks", "first_report")]
+    assert (firsts[3], samples) == (pytest.approx(1.0, abs=0.02), 34)
+    least, most = values[("tasks", "empty_report")].value
+    assert 0.0 <= least <= most <= 0.5
+    assert values[("battery", "temp_max")] == (28, 15)
+    assert values[("answers", "requests", "woosh.robot.ExecTask")].value[0] <= 0.016
+    assert not any(path[0] == "refusals" for path in values)  # the words are known
+    profile_text(values, "real logs")
+
+
+def test_answers_without_most_of_their_fields_teach_what_they_have() -> None:
+    found = observed(
+        request("woosh.robot.ScannerData", 1),
+        answer("woosh.robot.ScannerData", 1, {"rangeMin": 0.1, "rangeMax": 30}),
+        request("woosh.robot.General", 2),
+        answer("woosh.robot.General", 2, {"modelData": {"length": 4_000_000_000, "width": 800}}),
+        request("woosh.robot.Mode", 3),
+        answer("error", 3, {}, ok=False),
+    )
+    values = learn(found)
+    assert {path: value for path, (value, _) in values.items()} == {
+        ("laser", "range_min"): 0.1,
+        ("laser", "range_max"): 30.0,
+        ("model", "width"): 800,
+        ("refusals", "always", "woosh.robot.Mode"): "Request failed",
+    }
+    assert "range_max: 30.0  # 1 sample" in profile_text(values, "a robot")
+
+
+def test_start_delay_is_learned_from_velocities() -> None:
+    frames: list[Seen] = []
+
+    def add(t: float, by_robot: bool, frame: Json) -> None:
+        frames.append(Seen(t, 1, by_robot, json.dumps(frame)))
+
+    for start in range(5):
+        t = start * 20.0
+        for number in range(10):
+            sn = start * 10 + number + 1
+            add(t + number * 0.1, False, {"type": "woosh.robot.Twist", "sn": sn, "body": {}})
+            ok = {"type": "woosh.robot.Twist", "sn": sn, "body": {}, "ok": True}
+            add(t + number * 0.1 + 0.01, True, ok)
+            if number >= 4:
+                body = {"twist": {"linear": 0.3}}
+                add(t + number * 0.1 + 0.05, True, {"type": "woosh.robot.PoseSpeed", "body": body})
+    values = learn(Observations(frames))
+    assert values[("driving", "start_delay")] == (pytest.approx(0.45), 5)
+    assert values[("driving", "max_speed")] == (0.3, 30)
+    assert values[("rates", "pose_speed")] == (pytest.approx(0.1), 25)
+
+
+def test_survey_that_is_stopped_early_is_written(tmp_path: Path) -> None:
+    folder = tmp_path / "survey"
+    with SimulatorThread(quick_config(port=0, tcp_port=0)) as simulator:
+        command = [sys.executable, "-m", "woosh_robot_agent.tools", "doctor"]
+        arguments = ["--ip", f"127.0.0.1:{simulator.port}", "--survey", str(folder)]
+        program = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 60.0
+        while simulator.counts["woosh.robot.Mode"] < 1:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        program.send_signal(signal.SIGINT)
+        output, _ = program.communicate(timeout=60.0)
+    assert program.returncode == 0
+    assert "stopped early" in output
+    found = json.loads((folder / "survey.json").read_text())
+    assert found["complete"] is False
+    verdicts = {each["type"]: each["verdict"] for each in found["requests"]}
+    assert verdicts["woosh.robot.RobotInfo"] == "answered"
+
+
+def test_lost_connection_is_opened_again(tmp_path: Path) -> None:
+    folder = tmp_path / "survey"
+
+    async def make() -> None:
+        async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
+            options = SurveyOptions(folder, minutes=0.1, with_names=False)
+            running = asyncio.ensure_future(survey(link(simulator.port), options))
+            await simulator.wait_received("woosh.robot.Mode")
+            simulator.inject("drop")
+            await running
+
+    asyncio.run(make())
+    found = json.loads((folder / "survey.json").read_text())
+    assert found["lost_connections"] == 1
+    asked = {each["type"]: each for each in found["requests"]}
+    assert asked["woosh.robot.Network"]["accepted"] >= 1  # comes after Mode
+
+
+def test_pushes_to_several_clients_count_once() -> None:
+    frames = [
+        Seen(t * 0.5, connection, True, json.dumps({"type": BATTERY, "body": {"power": t}}))
+        for t in range(5)
+        for connection in (1, 2)
+    ]
+    (battery,) = report(Observations(frames))["pushes"]
+    assert (battery["count"], battery["period"]["median"]) == (5, 0.5)
+
+
+def test_query_without_an_answer_is_asked_twice(tmp_path: Path) -> None:
+    folder = tmp_path / "survey"
+
+    async def make() -> None:
+        async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
+            simulator.mute(MODE)
+            options = SurveyOptions(folder, minutes=0.3, with_names=False)
+            await survey(link(simulator.port, request_timeout=0.5, connect_timeout=0.5), options)
+
+    asyncio.run(make())
+    found = json.loads((folder / "survey.json").read_text())
+    asked = {each["type"]: each for each in found["requests"]}
+    assert (asked[MODE]["verdict"], asked[MODE]["asked"]) == ("no answer", 2)
+    assert asked[BATTERY]["accepted"] >= 2
+    assert found["lost_connections"] == 0
+
+
+def test_existing_files_are_not_overwritten(tmp_path: Path, capsys: Any) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    assert doctor_main(["--ip", "127.0.0.1:1", "--survey", str(tmp_path)]) == 1
+    assert "is not empty: give --survey a new folder" in capsys.readouterr().err
+    (tmp_path / "survey.json").write_text('{"profile": []}')
+    with pytest.raises(DataFileError, match="shows nothing"):
+        learn_profile(tmp_path, tmp_path / "new.yaml")
+    entry = {"field": ["rates", "scan"], "value": 0.3, "samples": 5}
+    (tmp_path / "survey.json").write_text(json.dumps({"profile": [entry]}))
+    with pytest.raises(DataFileError, match=r"notes\.txt: File exists: give --profile a new file"):
+        learn_profile(tmp_path, tmp_path / "notes.txt")
+    learn_profile(tmp_path, tmp_path / "new.yaml")
+    assert load_profile(tmp_path / "new.yaml").rates.scan == 0.3
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("{}", "profile is missing"),
+        ("not", "not readable as JSON"),
+        ('{"profile": [{"field": ["rates", "scan"], "value": -1, "samples": 5}]}', "rates.scan"),
+        ('{"profile": [{"field": ["rates", "scan"], "value": 1, "samples": 0}]}', "samples"),
+    ],
+)
+def test_survey_that_cannot_be_used_is_told(tmp_path: Path, content: str, reason: str) -> None:
+    (tmp_path / "survey.json").write_text(content)
+    with pytest.raises(DataFileError, match=reason):
+        learn_profile(tmp_path, tmp_path / "new.yaml")
+    assert not (tmp_path / "new.yaml").exists()
+
+
+def test_source_must_be_a_recording_or_a_survey(tmp_path: Path, capsys: Any) -> None:
+    arguments = ["--learn", str(tmp_path / "none.mcap"), "--profile", str(tmp_path / "new.yaml")]
+    assert simulator_main(arguments) == 1
+    assert "none.mcap" in capsys.readouterr().err
+    assert simulator_main(["--learn", str(tmp_path), *arguments[2:]]) == 1
+    assert "give the folder of a survey, or a recording" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--transport", "tcp"], ["--encoding", "protobuf"]])
+def test_survey_needs_json(arguments: list[str], tmp_path: Path, capsys: Any) -> None:
+    with pytest.raises(SystemExit):
+        doctor_main(["--ip", "127.0.0.1", "--survey", str(tmp_path / "new"), *arguments])
+    assert "--survey needs --transport websocket" in capsys.readouterr().err

@@ -1,0 +1,489 @@
+"""A profile of the simulator from what a robot has shown.
+
+Each value comes with the number of samples behind it. What the robot has not shown is as in the
+profile `tr200`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+from woosh_robot_agent.data_files import Between, DataFileError, load_json, load_yaml, structure
+from woosh_robot_agent.endpoints import QUERIES
+from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.link.reports import printable
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    Battery,
+    General,
+    Model,
+    PoseSpeed,
+    ScannerData,
+    TaskProc,
+)
+from woosh_robot_agent.pb.util import task_pb2
+from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER, Profile
+from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
+from woosh_robot_agent.tools.doctor.observations import Observations, Seen, busiest
+
+REFERENCE = "tr200"
+"""Profile that has all values which a robot has not shown."""
+
+Keys = tuple[str, ...]
+"""Keys of a value in a profile, e.g. `("rates", "scan")`."""
+
+
+class Learned(NamedTuple):
+    """A learned value.
+
+    Attributes:
+        value: The value, as in the file of a profile.
+        samples: Number of samples behind it.
+    """
+
+    value: Any
+    samples: int
+
+
+Values = dict[Keys, Learned]
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """Return the quantile of some values at `share`, from 0 to 1, interpolated."""
+    ordered = sorted(values)
+    place = share * (len(ordered) - 1)
+    low = int(place)
+    high = min(low + 1, len(ordered) - 1)
+    return ordered[low] + (ordered[high] - ordered[low]) * (place - low)
+
+
+def learn(seen: Observations) -> Values:
+    """Return what a robot has shown of its profile."""
+    parts = (_model, _tasks, _answers, _mapping, _rates, _laser, _driving, _battery, _refusals)
+    return {path: found for part in parts for path, found in part(seen)}
+
+
+_Found = Iterator[tuple[Keys, Learned]]
+
+_MIN_SAMPLES = 3
+"""Number of samples from which on a distribution is learned."""
+
+
+_MAX_SIZE = 100_000
+"""Maximum of a size in mm, or of a weight in kg, that can be meant."""
+
+
+def _model(seen: Observations) -> _Found:
+    general, count = seen.latest(General)
+    if general:
+        texts = {"display_model": general.display_model, "urdf_name": general.urdf_name}
+        sizes = {each.name: value for each, value in general.model_data.ListFields()}
+        for name, value in (*texts.items(), *sizes.items()):
+            if value and (isinstance(value, str) or value <= _MAX_SIZE):
+                clean = printable(value) if isinstance(value, str) else value
+                yield ("model", name), Learned(clean, count)
+    model, count = seen.latest(Model)
+    if model and len(model.model) > 2:
+        corners = [[round(each.x, 3), round(each.y, 3)] for each in model.model]
+        yield ("model", "outline"), Learned(corners, count)
+
+
+_ENDED = (task_pb2.kCompleted, task_pb2.kCanceled, task_pb2.kFailed)
+_MAX_FIRST_REPORT = 30.0
+"""Maximum time from the answer to a task to its first report, in seconds."""
+_MAX_EFFECT = 5.0
+"""Maximum time from an order to its effect, in seconds."""
+_MAX_EMPTY = 0.5
+"""Maximum time from the last report of a task to the empty one, in seconds."""
+_FIRST_REPORTS = 8
+"""Maximum number of values of `tasks.first_report`."""
+
+
+def _tasks(seen: Observations) -> _Found:
+    reports = seen.pushed(TaskProc)
+    firsts = []
+    for each in seen.answered(pack.ExecTask) + seen.answered(pack.ExecPreTask):
+        if each.sent is None:
+            continue
+        wanted = getattr(each.sent, "task_id", 0)
+        for t, proc in reports:
+            is_it = proc.robot_task_id == wanted if wanted else proc.robot_task_id != 0
+            if is_it and 0.0 <= t - each.t <= _MAX_FIRST_REPORT:
+                firsts.append(t - each.t)
+                break
+    if firsts:
+        count = min(_FIRST_REPORTS, len(firsts))
+        shares = [(number + 0.5) / count for number in range(count)]
+        values = [round(quantile(firsts, share), 2) for share in shares]
+        yield ("tasks", "first_report"), Learned(values, len(firsts))
+    effects = []
+    for order in seen.answered(pack.ActionOrder):
+        after = (t - order.t + order.delay for t, _ in reports if t >= order.t - order.delay)
+        effect = next(after, _MAX_EFFECT + 1.0)
+        if effect <= _MAX_EFFECT:
+            effects.append(effect)
+    if len(effects) >= _MIN_SAMPLES:
+        yield ("tasks", "order_effect"), _distribution(effects)
+    empty = [
+        later - t
+        for (t, proc), (later, after) in pairwise(reports)
+        if proc.state in _ENDED and not after.robot_task_id and later - t <= _MAX_EMPTY
+    ]
+    if empty:
+        yield ("tasks", "empty_report"), _interval(empty)
+
+
+_SLOW = {cls.DESCRIPTOR.full_name for cls in (pack.InitRobot, pack.BuildMap)}
+"""Requests whose answers come when they are done. Other fields describe them."""
+_FREQUENT = {cls.DESCRIPTOR.full_name for cls in (pack.Twist, ScannerData)}
+"""Requests that are sent so often that they would outweigh all others."""
+
+
+def _answers(seen: Observations) -> _Found:
+    delays: dict[str, list[float]] = {}
+    for each in seen.answers:
+        if each.ok and each.request in message_types() and each.request not in _SLOW:
+            delays.setdefault(each.request, []).append(each.delay)
+    delays = {name: found for name, found in delays.items() if len(found) >= _MIN_SAMPLES}
+    if delays.keys() - _FREQUENT:
+        everything = [
+            delay for name, found in delays.items() if name not in _FREQUENT for delay in found
+        ]
+        yield ("answers", "default"), _distribution(everything)
+    for name, found in sorted(delays.items()):
+        yield ("answers", "requests", name), _distribution(found)
+    done = [each.delay for each in seen.answered(pack.InitRobot)]
+    if done:
+        yield ("answers", "initialisation"), _interval(done)
+
+
+def _mapping(seen: Observations) -> _Found:
+    periods = _gaps([t for t, _ in seen.pushed(pack.BuildMapData)], longest=10.0)
+    if len(periods) >= _MIN_SAMPLES:
+        period = Learned(_milliseconds(quantile(periods, 0.5)), len(periods))
+        yield ("mapping", "picture_period"), period
+    kinds: dict[int, list[float]] = {}
+    for each in seen.answered(pack.BuildMap):
+        kinds.setdefault(getattr(each.sent, "type", 0), []).append(each.delay)
+    kind = pack.BuildMap
+    starts = kinds.get(kind.kAdd, []) + kinds.get(kind.kUpdate, [])
+    if starts:
+        yield ("mapping", "start"), _interval(starts)
+    if kind.kSave in kinds:
+        yield ("mapping", "save"), _distribution(kinds[kind.kSave])
+    if kind.kCanel in kinds:
+        yield ("mapping", "cancel"), _interval(kinds[kind.kCanel])
+
+
+_MAX_GAP_MOVING = 2.0
+"""Time between two pushes of PoseSpeed from which on the robot stood, in seconds."""
+_SAME_PERIOD = 0.7
+"""Share of the time between two pushes from which on each scan is pushed."""
+
+
+def _rates(seen: Observations) -> _Found:
+    moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], longest=_MAX_GAP_MOVING)
+    if len(moving) >= _MIN_SAMPLES:
+        yield ("rates", "pose_speed"), _median(moving)
+    pushed = _gaps([each.t for each in busiest([each for each in seen.scans if each.pushed])])
+    polled = _scan_period(seen)
+    if len(pushed) >= _MIN_SAMPLES:
+        push = _median(pushed)
+        yield ("rates", "scan_push"), push
+        # each scan is pushed, unless requests have shown many more
+        if polled is None or polled.value > _SAME_PERIOD * push.value:
+            polled = push
+    if polled:
+        yield ("rates", "scan"), polled
+    batteries = seen.pushed(Battery)
+    repeated = [after - t for (t, one), (after, two) in pairwise(batteries) if one == two]
+    if len(repeated) >= _MIN_SAMPLES:
+        yield ("rates", "battery"), _interval(repeated)
+
+
+def _scan_period(seen: Observations) -> Learned | None:
+    """Return the time between two scans, from requests that were more frequent than the scans."""
+    polls = busiest([each for each in seen.scans if not each.pushed])
+    ends = [number for number, gap in enumerate(_gaps([each.t for each in polls]), 1) if gap > 1.0]
+    time, count = 0.0, 0
+    for begin, end in pairwise([0, *ends, len(polls)]):
+        series = polls[begin:end]
+        changes = [two.t for one, two in pairwise(series) if one.ranges != two.ranges]
+        if len(changes) > 1 and len(series) >= 2 * len(changes):
+            time += changes[-1] - changes[0]
+            count += len(changes) - 1
+    return Learned(_milliseconds(time / count), count) if count >= _MIN_SAMPLES else None
+
+
+def _laser(seen: Observations) -> _Found:
+    if not seen.scans:
+        return
+    scan, count = seen.scans[-1].settings, len(seen.scans)
+    values: dict[str, float] = {}
+    if scan.angle_increment > 0.0 and scan.angle_max > scan.angle_min:
+        values["angle_min"], values["angle_max"] = scan.angle_min, scan.angle_max
+        values["increment"] = scan.angle_increment
+    if 0.0 <= scan.range_min < scan.range_max:
+        values["range_min"], values["range_max"] = scan.range_min, scan.range_max
+    if scan.scan_time > 0.0:
+        values["scan_time"] = scan.scan_time
+    if scan.HasField("offset"):
+        values["forward"] = scan.offset.x
+    for name, value in values.items():
+        if math.isfinite(value):
+            yield ("laser", name), Learned(round(value, 6), count)
+
+
+_STANDING = 0.01
+"""Speed up to which a robot stands, in m/s or rad/s."""
+_MIN_MOVING = 10
+"""Number of reports of a moving robot from which on its maximum speeds are learned."""
+_MAX_START = 3.0
+"""Maximum time from a velocity to the first motion, in seconds."""
+
+
+def _driving(seen: Observations) -> _Found:
+    poses = seen.pushed(PoseSpeed)
+    twists = [each.twist for _, each in poses]
+    for name, speeds in (
+        ("max_speed", [abs(each.linear) for each in twists if abs(each.linear) > _STANDING]),
+        ("max_turn_rate", [abs(each.angular) for each in twists if abs(each.angular) > _STANDING]),
+    ):
+        if len(speeds) >= _MIN_MOVING:
+            yield ("driving", name), Learned(round(max(speeds), 3), len(speeds))
+    starts, last = [], -math.inf
+    for order in seen.answered(pack.Twist):
+        sent = order.t - order.delay
+        is_new, last = sent - last > _MAX_START, sent
+        if is_new and not any(0.0 <= sent - t <= _MAX_GAP_MOVING for t, _ in poses):
+            first = next((t - sent for t, _ in poses if t > sent), _MAX_START + 1.0)
+            if first <= _MAX_START:
+                starts.append(first)
+    if len(starts) >= _MIN_SAMPLES:
+        yield ("driving", "start_delay"), _median(starts)
+
+
+def _battery(seen: Observations) -> _Found:
+    battery, count = seen.latest(Battery)
+    if battery:
+        for name in ("health", "charge_cycle", "battery_cycle", "temp_max"):
+            yield ("battery", name), Learned(max(0, getattr(battery, name)), count)
+
+
+_QUERIES = {each.request for each in QUERIES}
+_WORDS = {each.words for each in REFUSALS.values()}
+
+
+def _refusals(seen: Observations) -> _Found:
+    accepted = {each.request for each in seen.answers if each.ok}
+    texts: dict[str, Counter[str]] = {}
+    for each in seen.answers:
+        if not each.ok and each.request in message_types():
+            texts.setdefault(each.request, Counter())[printable(each.text)] += 1
+    for name, found in sorted(texts.items()):
+        text, count = found.most_common(1)[0]
+        if name in _QUERIES and name not in accepted:
+            yield ("refusals", "always", name), Learned(text or REQUEST_FAILED, count)
+        elif text and text not in _WORDS:
+            yield ("refusals", "texts", name), Learned(text, count)
+    messages = [code.msg for body in seen.bodies() for code in _codes(body)]
+    if messages:
+        foreign = any(not text.isascii() for text in messages)
+        language = "zh" if foreign else "en" if any(messages) else "none"
+        yield ("status_codes", "language"), Learned(language, len(messages))
+
+
+def _codes(body: Any) -> Sequence[StatusCode]:
+    if isinstance(body, StatusCode):
+        return [body]
+    return body.scs if isinstance(body, AbnormalCodes) else []
+
+
+def _gaps(times: Sequence[float], longest: float = math.inf) -> list[float]:
+    gaps = [after - before for before, after in pairwise(times)]
+    return [each for each in gaps if each <= longest]
+
+
+def _milliseconds(seconds: float) -> float:
+    return round(seconds, 3)
+
+
+def _median(times: Sequence[float]) -> Learned:
+    return Learned(_milliseconds(quantile(times, 0.5)), len(times))
+
+
+def _distribution(times: Sequence[float]) -> Learned:
+    shares = (0.5, 0.9, 1.0)
+    return Learned([_milliseconds(quantile(times, each)) for each in shares], len(times))
+
+
+def _interval(times: Sequence[float]) -> Learned:
+    return Learned([_milliseconds(min(times)), _milliseconds(max(times))], len(times))
+
+
+@lru_cache
+def reference() -> dict[str, dict[str, Any]]:
+    """Return the values of the profile `tr200`, by section and field."""
+    file = SHIPPED_FOLDER / f"{REFERENCE}.yaml"
+    values: dict[str, dict[str, Any]] = load_yaml(file.name, file.read_bytes())
+    return values
+
+
+_TIMES = {"answers", "mapping", "rates", "tasks"}
+"""Sections with times, which depend on this computer and the network, too."""
+_TOLERANCES = {True: (0.1, 0.02), False: (0.01, 0.0)}
+"""Share of a number, and difference in seconds, up to which two times or other numbers agree."""
+
+
+def known_value(path: Keys) -> Any:
+    """Return the value of `tr200` in place of a learned one."""
+    known: Any = reference()
+    for key in path:
+        known = known.get(key) if isinstance(known, dict) else None
+    is_default = known is None and path[:2] == ("answers", "requests")
+    return reference()["answers"]["default"] if is_default else known
+
+
+def differs(path: Keys, value: Any) -> bool:
+    """Return True if a learned value differs from that of `tr200`."""
+    known = known_value(path)
+    if path == ("tasks", "first_report"):  # in any order
+        value, known = sorted(value), sorted(known)
+    return _differ(value, known, *_TOLERANCES[path[0] in _TIMES])
+
+
+def _differ(one: Any, other: Any, share: float, least: float) -> bool:
+    if isinstance(one, list) and isinstance(other, list):
+        pairs = zip(one, other, strict=False)
+        return len(one) != len(other) or any(_differ(*each, share, least) for each in pairs)
+    if any(isinstance(each, str | None | list) for each in (one, other)):
+        return bool(one != other)
+    gap = abs(one - other)
+    return bool(gap > least and gap > share * max(abs(one), abs(other)))
+
+
+def profile_text(values: Mapping[Keys, Learned], source: str) -> str:
+    """Return the file of a profile.
+
+    Args:
+        values: What the robot has shown.
+        source: Where it comes from, for the heading.
+
+    Raises:
+        DataFileError: The values do not make a profile.
+    """
+    lines = [
+        f"# Learned from {printable(source)}. Values with a number of samples are of the robot,",
+        f"# all others of {REFERENCE}. docs/simulator_reference.md describes the fields.",
+    ]
+    for section, fields in reference().items():
+        lines += ["", f"{section}:"]
+        for name, value in fields.items():
+            own = {
+                path[2]: each
+                for path, each in values.items()
+                if path[:2] == (section, name) and path[2:]
+            }
+            if isinstance(value, dict) and (value or own):
+                lines.append(f"  {name}:")
+                merged = {**{key: Learned(each, 0) for key, each in value.items()}, **own}
+                lines += [f"    {key}: {_value(each)}" for key, each in merged.items()]
+            else:
+                lines.append(f"  {name}: {_value(values.get((section, name), Learned(value, 0)))}")
+    text = "\n".join(lines) + "\n"
+    structure(Profile, load_yaml("profile", text.encode()), "profile")
+    return text
+
+
+def _value(learned: Learned) -> str:
+    text = json.dumps(learned.value, ensure_ascii=False)
+    samples = "1 sample" if learned.samples == 1 else f"{learned.samples} samples"
+    return f"{text}  # {samples}" if learned.samples else text
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A learned value in the file of a survey."""
+
+    field: tuple[str, ...]
+    value: Any
+    samples: Annotated[int, Between(1)]
+
+
+@dataclass(frozen=True)
+class _Survey:
+    """The part of the file of a survey that is read."""
+
+    profile: tuple[_Entry, ...]
+
+
+SURVEY_FILE = "survey.json"
+"""File with the results of a survey, in its folder."""
+_MAX_SURVEY = 16 * 1024 * 1024
+"""Maximum size of this file, in bytes."""
+
+
+def learn_profile(source: Path, target: Path) -> str:
+    """Write the profile of a robot.
+
+    Args:
+        source: A recording, or the folder of a survey.
+        target: The file, which must not exist.
+
+    Returns:
+        What was done.
+
+    Raises:
+        DataFileError: The source cannot be used, shows nothing, or the file cannot be written.
+    """
+    if source.is_dir():
+        file = source / SURVEY_FILE
+        try:
+            data = file.read_bytes()
+        except OSError as error:
+            text = f"{file}: {error.strerror}: give the folder of a survey, or a recording"
+            raise DataFileError(text) from None
+        content = load_json(file.name, data, _MAX_SURVEY)
+        entries = structure(_Survey, content, file.name, known_only=False).profile
+        values = {each.field: Learned(each.value, each.samples) for each in entries}
+    else:
+        values = learn(observe_recording(source))
+    if not values:
+        raise DataFileError(f"{source}: it shows nothing that a profile has")
+    text = profile_text(values, source.name)
+    try:
+        with target.open("x", encoding="utf-8") as opened:
+            opened.write(text)
+    except OSError as error:
+        raise DataFileError(f"{target}: {error.strerror}: give --profile a new file") from None
+    return f"{target}: {len(values)} values of the robot, all others are those of {REFERENCE}"
+
+
+def observe_recording(path: Path) -> Observations:
+    """Return what a recording shows.
+
+    Raises:
+        DataFileError: It cannot be read.
+    """
+    # it needs mcap, which surveys do not
+    from woosh_robot_agent.tools.recording.layout import Frame, RecordingError
+    from woosh_robot_agent.tools.recording.reader import read_recording
+
+    try:
+        recording = read_recording(path)
+    except RecordingError as error:
+        raise DataFileError(str(error)) from None
+    return Observations(
+        Seen(recording.started + each.t, each.connection, each.sender == "chassis", each.data)
+        for each in recording.records
+        if isinstance(each, Frame) and not each.invalid
+    )

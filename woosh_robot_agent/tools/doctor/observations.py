@@ -1,0 +1,385 @@
+"""What the frames of a robot show: requests and answers, pushes, clock, and gaps of the schema."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TypeVar
+
+from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link.codecs import server_codec
+from woosh_robot_agent.link.codecs.json_codec import is_repeated, is_well_known, json_names
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
+from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, ScannerData
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+
+_LARGE = 64 * 1024
+"""Size of a frame whose body is not kept, in bytes."""
+_EXAMPLES = 3
+"""Number of values that are kept of an unknown field."""
+_MAX_NAMES = 20_000
+"""Maximum number of names that are kept."""
+_OPEN_FIELDS = {"action", "adapter", "display_model", "msg", "rc", "system", "urdf_name"}
+"""Fields of text that say nothing about a site."""
+_NUMBERS = {"robot_id", "serial_number"}
+"""Fields with numbers by which a robot can be recognised."""
+
+_M = TypeVar("_M", bound=Message)
+
+
+class Seen(NamedTuple):
+    """A frame.
+
+    Attributes:
+        t: Unix time at which it passed, in seconds.
+        connection: Number of its connection.
+        by_robot: True if the robot sent it, False for a client.
+        data: Text of a text frame, bytes of a binary frame.
+    """
+
+    t: float
+    connection: int
+    by_robot: bool
+    data: str | bytes
+
+
+class Answered(NamedTuple):
+    """An answered request.
+
+    Attributes:
+        t: Unix time of the answer, in seconds.
+        sn: Serial number.
+        request: Full name of the request.
+        sent: The request; None if it could not be read.
+        delay: Time from request to answer, in seconds.
+        ok: True if the request was accepted.
+        text: Text of the answer.
+        type: Type of the answer.
+        body: Its body; None if it is large, could not be read, or has an unknown type.
+        size: Size of the answer's frame, in bytes.
+    """
+
+    t: float
+    sn: int
+    request: str
+    sent: Message | None
+    delay: float
+    ok: bool
+    text: str
+    type: str
+    body: Message | None
+    size: int
+
+
+class Pushed(NamedTuple):
+    """A push; see `Answered` and `Seen`."""
+
+    t: float
+    connection: int
+    type: str
+    body: Message | None
+    size: int
+
+
+class Scan(NamedTuple):
+    """A laser scan.
+
+    Attributes:
+        t: Unix time, in seconds.
+        connection: Number of the connection.
+        pushed: True if it was pushed, False if it was requested.
+        ranges: Hash of its ranges.
+        settings: The scan without its ranges.
+    """
+
+    t: float
+    connection: int
+    pushed: bool
+    ranges: int
+    settings: ScannerData
+
+
+@dataclass
+class Unknown:
+    """Something that the schema lacks.
+
+    Attributes:
+        count: Number of occurrences.
+        values: Some of the values, as JSON.
+    """
+
+    count: int = 0
+    values: list[Any] = field(default_factory=list)
+
+    def add(self, value: Any) -> None:
+        self.count += 1
+        if value not in self.values and len(self.values) < _EXAMPLES:
+            self.values.append(value)
+
+
+class Observations:
+    """Everything that the frames have shown so far.
+
+    Attributes:
+        asked: Number of requests, by their type.
+        answers: Answered requests, in order.
+        pushes: Pushes, in order.
+        scans: Laser scans, in order.
+        subscribed: Types that clients have subscribed to.
+        unknown_fields: Fields that the schema lacks, by message type and path. Only frames in JSON
+            name them.
+        unknown_types: Types that the schema lacks, with their bodies.
+        unreadable: Frames and bodies that could not be read, by reason.
+        offsets: Time by which each timestamp of the robot is ahead of this computer's clock, in
+            seconds.
+        names: Names and numbers by which the site or the robot could be recognised.
+        frames: Number of frames of the robot.
+    """
+
+    def __init__(self, frames: Iterable[Seen] = ()) -> None:
+        self.asked: Counter[str] = Counter()
+        self.answers: list[Answered] = []
+        self.pushes: list[Pushed] = []
+        self.scans: list[Scan] = []
+        self.subscribed: set[str] = set()
+        self.unknown_fields: defaultdict[tuple[str, str], Unknown] = defaultdict(Unknown)
+        self.unknown_types: defaultdict[str, Unknown] = defaultdict(Unknown)
+        self.unreadable: Counter[str] = Counter()
+        self.offsets: list[float] = []
+        self.names: set[str] = set()
+        self.frames = 0
+        self._pending: dict[tuple[int, int], tuple[float, str, Message | None]] = {}
+        """Time, type and body of requests without an answer, by connection and serial number."""
+        self._latest: dict[str, Message] = {}
+        self._counts: Counter[str] = Counter()
+        for frame in frames:
+            self.add(frame)
+
+    def add(self, seen: Seen) -> Answered | None:
+        """Add a frame; return the answer in it, if it is one."""
+        self.frames += seen.by_robot
+        try:
+            envelope = server_codec(seen.data).decode(seen.data)
+        except FrameError as error:
+            self.unreadable[f"a frame: {error.kind}"] += 1
+            return None
+        if seen.by_robot:
+            return self._add_from_robot(seen, envelope)
+        self._add_from_client(seen, envelope)
+        return None
+
+    def latest(self, cls: type[_M]) -> tuple[_M | None, int]:
+        """Return the last message of a class, and the number of messages of it."""
+        name = cls.DESCRIPTOR.full_name
+        return self._latest.get(name), self._counts[name]  # type: ignore[return-value]
+
+    def bodies(self) -> Iterator[Message | None]:
+        """Yield the bodies of all answers, then of all pushes."""
+        yield from (each.body for each in self.answers)
+        yield from (each.body for each in self.pushes)
+
+    def pushes_of(self, name: str) -> list[Pushed]:
+        """Return the pushes of a type to one client, the one that has got the most of them."""
+        return busiest([each for each in self.pushes if each.type == name])
+
+    def pushed(self, cls: type[_M]) -> list[tuple[float, _M]]:
+        """Return time and body of the pushes of a class to one client."""
+        found = self.pushes_of(cls.DESCRIPTOR.full_name)
+        return [(each.t, each.body) for each in found if each.body]  # type: ignore[misc]
+
+    def answered(self, cls: type[Message], *, ok: bool = True) -> list[Answered]:
+        """Return all answers to requests of a class that were accepted, or refused."""
+        name = cls.DESCRIPTOR.full_name
+        return [each for each in self.answers if each.request == name and each.ok is ok]
+
+    def _add_from_client(self, seen: Seen, envelope: Envelope) -> None:
+        if envelope.type in (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name):
+            body = self._body(seen, Envelope(Subscription.DESCRIPTOR.full_name, envelope.body))
+            if isinstance(body, Subscription) and body.sub:
+                self.subscribed.update(body.topics)
+        else:
+            self.asked[envelope.type] += 1
+            request = seen.t, envelope.type, self._body(seen, envelope)
+            self._pending[seen.connection, envelope.sn] = request
+
+    def _add_from_robot(self, seen: Seen, envelope: Envelope) -> Answered | None:
+        if envelope.timestamp:
+            self.offsets.append(envelope.timestamp / 1000 - seen.t)
+        pending = self._pending.pop((seen.connection, envelope.sn), None) if envelope.sn else None
+        if pending and not envelope.type:  # an answer needs only its number
+            envelope.type = pending[1]
+        refused = envelope.sn != 0 and envelope.ok is False
+        body = None if refused and not envelope.body else self._body(seen, envelope)
+        if body is not None:
+            self._note(seen, body, pushed=not envelope.sn)
+        size = len(seen.data) if isinstance(seen.data, bytes) else len(seen.data.encode())
+        kept = None if size > _LARGE or isinstance(body, ScannerData) else body
+        if not envelope.sn:
+            self.pushes.append(Pushed(seen.t, seen.connection, envelope.type, kept, size))
+        elif pending:
+            sent_at, request, sent = pending
+            answer = Answered(
+                seen.t,
+                envelope.sn,
+                request,
+                sent,
+                seen.t - sent_at,
+                envelope.ok is not False,
+                envelope.msg,
+                envelope.type,
+                kept,
+                size,
+            )
+            self.answers.append(answer)
+            return answer
+        return None
+
+    def _body(self, seen: Seen, envelope: Envelope) -> Message | None:
+        """Return the body of a frame, and note what the schema lacks."""
+        cls = message_types().get(envelope.type)
+        if cls is None:
+            if seen.by_robot and envelope.type != "error":
+                self.unknown_types[envelope.type].add(_plain(envelope.body))
+            return None
+        if seen.by_robot and isinstance(envelope.body, dict):
+            for path, value in _unknown_fields(envelope.body, cls.DESCRIPTOR, ""):
+                self.unknown_fields[envelope.type, path].add(value)
+        try:
+            return server_codec(seen.data).body(envelope, cls)
+        except FrameError as error:
+            self.unreadable[str(error)] += 1
+            return None
+
+    def _note(self, seen: Seen, body: Message, *, pushed: bool) -> None:
+        self._keep(body)
+        if isinstance(body, RobotInfo):
+            for _, part in body.ListFields():
+                if isinstance(part, Message):
+                    self._keep(part)
+        if len(self.names) < _MAX_NAMES:
+            self.names.update(_names(body))
+        if isinstance(body, ScannerData):
+            settings = ScannerData()
+            settings.CopyFrom(body)
+            del settings.ranges[:]
+            ranges = hash(tuple(body.ranges))
+            self.scans.append(Scan(seen.t, seen.connection, pushed, ranges, settings))
+
+    def _keep(self, body: Message) -> None:
+        name = body.DESCRIPTOR.full_name
+        self._counts[name] += 1
+        self._latest[name] = body
+
+
+_Item = TypeVar("_Item", Pushed, Scan)
+
+
+def busiest(items: list[_Item]) -> list[_Item]:
+    """Return the items of the connection that has the most: several clients get the same pushes."""
+    counts = Counter(each.connection for each in items)
+    number, _ = counts.most_common(1)[0] if counts else (0, 0)
+    return [each for each in items if each.connection == number]
+
+
+def _unknown_fields(body: dict[str, Any], descriptor: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield path and value of each field that a message type lacks."""
+    fields = {name: each for each in descriptor.fields for name in json_names(each)}
+    for key, value in body.items():
+        known = fields.get(key)
+        if known is None:
+            yield f"{path}{key}", value
+        elif known.message_type is not None and not is_well_known(known):
+            items = value if isinstance(value, list) else [value]
+            inner = f"{path}{key}[]." if is_repeated(known) else f"{path}{key}."
+            for each in items:
+                if isinstance(each, dict):
+                    yield from _unknown_fields(each, known.message_type, inner)
+
+
+def _names(message: Any) -> Iterator[str]:
+    """Yield the names in a message, and the numbers by which a robot can be recognised."""
+    for each, value in message.ListFields():
+        items = value if is_repeated(each) else [value]
+        if each.message_type is not None:
+            for item in items:
+                yield from _names(item)
+        elif each.name in _NUMBERS:
+            yield from map(str, items)
+        elif each.type == FieldDescriptor.TYPE_STRING and each.name not in _OPEN_FIELDS:
+            yield from (item for item in items if len(item) > 1)
+        elif each.type == FieldDescriptor.TYPE_BYTES:  # the list of networks is JSON
+            yield from (text for item in items for text in _texts_in_json(item))
+
+
+def _texts_in_json(data: bytes) -> Iterator[str]:
+    if data[:1] not in (b"{", b"[") or len(data) > _LARGE:
+        return
+    try:
+        yield from (text for text in _texts(json.loads(data)) if len(text) > 1)
+    except (ValueError, RecursionError):  # only looks like JSON
+        return
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _texts(each)
+
+
+def _plain(body: object) -> Any:
+    """Return the body of an unknown type as JSON."""
+    return f"{len(body)} bytes of protobuf" if isinstance(body, bytes) else body
+
+
+_ADDRESS = re.compile(r"\b(?:\d{1,3}(?:\.\d{1,3}){3}|(?:[0-9a-f]{2}:){5}[0-9a-f]{2})\b", re.I)
+"""An address of IPv4 or of Ethernet."""
+_TELLING = re.compile(r"name|serial|sn$|id$|no$|addr|mac|ip$|wifi|ssid|pass|pwd|token|key", re.I)
+"""Keys whose values could tell whose robot it is."""
+_PLAIN_KEY = re.compile(r"[a-z]\w{0,40}")
+"""A key that is the name of a field, and not itself a name."""
+
+
+class Hider:
+    """Removes what could tell whose robot it is.
+
+    Args:
+        names: The names, as in `Observations.names`.
+    """
+
+    def __init__(self, names: Iterable[str]) -> None:
+        found = "|".join(re.escape(each) for each in sorted(names, key=len, reverse=True))
+        # a name inside the name of a type is none
+        self._names = re.compile(rf"(?<![\w.])(?:{found})(?!\w|\.\w)") if found else None
+
+    def text(self, text: str) -> str:
+        """Return a text without names and addresses."""
+        text = _ADDRESS.sub("<address>", text)
+        return self._names.sub("<name>", text) if self._names else text
+
+    def value(self, key: str, value: Any) -> Any:
+        """Return a JSON value without texts, and without numbers that could be ids.
+
+        Args:
+            key: Name of its field.
+            value: The value.
+        """
+        if isinstance(value, list):
+            return [self.value(key, each) for each in value]
+        if isinstance(value, dict):
+            return {self._key(name): self.value(name, each) for name, each in value.items()}
+        if isinstance(value, str):
+            return f"<text of {len(value)} characters>"
+        if isinstance(value, bool) or not _TELLING.search(key):
+            return value
+        return "<number>"
+
+    def _key(self, key: str) -> str:
+        return key if _PLAIN_KEY.fullmatch(key) and self.text(key) == key else "<key>"

@@ -1,0 +1,330 @@
+"""The survey of a robot: it asks every query, listens to every push, and commands nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.convert.converter import RequestMaker
+from woosh_robot_agent.endpoints import QUERIES, TOPICS
+from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.codecs import JSON, client_codec
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, FrameError
+from woosh_robot_agent.link.protos import full_name, message_type
+from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
+from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
+from woosh_robot_agent.pb.map import mark_pb2
+from woosh_robot_agent.pb.map.map_pack_pb2 import Download, SceneData, SceneDataEasy, SceneMd5
+from woosh_robot_agent.pb.map.storage_edit_pb2 import Find, Storages
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, ScannerData, Scene
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.tools.doctor.checks import HttpAnswer, SurveyError, ask_over_http
+from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
+from woosh_robot_agent.tools.doctor.observations import Answered, Observations, Seen
+from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, HttpResult, markdown, results
+from woosh_robot_agent.tools.options import stop_event
+
+LARGE_QUERIES = frozenset(full_name(cls) for cls in (SceneDataEasy, SceneData, SceneMd5, Download))
+"""Queries with large answers, which are asked a few times only."""
+_LARGE_ROUNDS = 3
+"""Number of rounds in which these are asked."""
+_PAUSE = 0.1
+"""Time between two queries, in seconds."""
+_POLLS = 60
+"""Number of scans that are requested in each round."""
+_POLL_PERIOD = 0.04
+"""Time between two of these requests, in seconds: some times less than between two scans."""
+_MAX_UNANSWERED = 2
+"""Number of queries of one type without an answer after which it is not asked again."""
+_RETRY = 1.0
+"""Time until a lost connection is opened again, in seconds."""
+_LINK = 1
+"""Number of the connection; all have the same one, because no serial number is used twice."""
+
+
+@dataclass(frozen=True)
+class SurveyOptions:
+    """Options of a survey.
+
+    Attributes:
+        folder: Folder for the results, which must not exist or be empty.
+        minutes: Duration, in minutes.
+        with_names: Keep names, addresses, texts and numbers by which the robot can be recognised.
+    """
+
+    folder: Path
+    minutes: float
+    with_names: bool
+
+
+class _Survey:
+    """A survey that runs.
+
+    Attributes:
+        seen: What the robot has shown.
+        http: Answers over HTTP, by query; None for a query that was not answered.
+        lost: Number of connections that were lost.
+    """
+
+    def __init__(self, config: LinkConfig) -> None:
+        self.seen = Observations()
+        self.http: dict[str, HttpResult | None] = {}
+        self.lost = 0
+        self._config = config
+        self._transport: Transport
+        self._start = time.time() - time.monotonic()
+        self._codec = client_codec(config)
+        self._make = RequestMaker(config.robot_id)
+        self._sn = 0
+        self._waiting: dict[int, asyncio.Future[Answered]] = {}
+        self._rounds = 0
+        self._unanswered: dict[str, int] = {}
+        self._scene = ""
+        """Name of the scene, by which its data are requested."""
+        self._mark = ""
+        """Number of a mark, by which it is requested."""
+
+    async def run(self) -> None:
+        """Observe the robot until the task is cancelled; connect again whenever that is needed."""
+        while True:
+            try:
+                self._transport = await open_transport(self._config)
+            except (OSError, TransportClosedError):
+                await asyncio.sleep(_RETRY)
+                continue
+            try:
+                await self._observe()
+            except TransportClosedError:
+                self.lost += 1
+            finally:
+                await self._transport.close(self._config.close_timeout)
+
+    async def _observe(self) -> None:
+        """Ask and listen until the connection is lost."""
+        reading = asyncio.ensure_future(self._read())
+        asking = asyncio.ensure_future(self._ask_all())
+        try:
+            await asyncio.wait({reading, asking}, return_when=asyncio.FIRST_COMPLETED)
+            for each in (reading, asking):
+                if each.done():
+                    each.result()
+        finally:
+            self._waiting.clear()
+            await cancel_and_wait(reading, asking)
+
+    async def _read(self) -> None:
+        while True:
+            try:
+                data = await self._transport.recv()
+            except FrameError as error:
+                self.seen.unreadable[f"a frame: {error.kind}"] += 1
+                continue
+            text = data if isinstance(data, str) else data.decode(errors="replace")
+            answer = self.seen.add(Seen(self._now(), _LINK, True, text))
+            waiting = self._waiting.pop(answer.sn, None) if answer else None
+            if answer and waiting and not waiting.done():
+                waiting.set_result(answer)
+
+    async def _ask_all(self) -> None:
+        topics = [*dict.fromkeys(topic.push for topic in TOPICS), full_name(Feedbacks)]
+        subscription = Subscription(sub=True, topics=topics)
+        await self._send(SUBSCRIPTION_TYPE, subscription, 0)
+        while True:
+            for request, timeout in self._requests():
+                if self._unanswered.get(full_name(request), 0) < _MAX_UNANSWERED:
+                    await self._ask(request, timeout)
+                    await asyncio.sleep(_PAUSE)
+            self._rounds += 1
+            if self._rounds == 1:
+                await self._ask_over_http()
+            for _ in range(_POLLS if self.seen.scans else 0):
+                # without waiting for the answers, which may be late
+                self._sn += 1
+                await self._send(full_name(ScannerData), self._make.empty(ScannerData), self._sn)
+                await asyncio.sleep(_POLL_PERIOD)
+            await asyncio.sleep(_PAUSE)
+
+    def _requests(self) -> Iterator[tuple[Message, float]]:
+        """Yield the queries of a round, each with its timeout."""
+        timeout = self._config.request_timeout
+        for query in QUERIES:
+            if query.request not in LARGE_QUERIES:
+                yield self._make.empty(message_type(query.request)), max(timeout, query.timeout)
+        yield self._make.empty(ScannerData), timeout
+        yield self._make.empty(Storages), timeout
+        yield self._make.address(Find(no=self._mark)), timeout
+        if self._rounds < _LARGE_ROUNDS:
+            name = self._scene
+            for large in (
+                SceneDataEasy(name=name),
+                SceneData(name=name),
+                SceneMd5(scene_name=name),
+            ):
+                yield self._make.address(large), max(timeout, 60.0)
+            yield self._make.address(Download(scene_name=name)), max(timeout, 120.0)
+
+    async def _ask(self, request: Message, timeout: float) -> None:
+        """Send a request, and wait for its answer."""
+        self._sn += 1
+        waiting: asyncio.Future[Answered] = asyncio.get_running_loop().create_future()
+        self._waiting[self._sn] = waiting
+        name = full_name(request)
+        await self._send(name, request, self._sn)
+        try:
+            answer = await run_with_timeout(timeout, waiting)
+        except TimeoutError:
+            self._waiting.pop(self._sn, None)
+            await self._check_link()
+            self._unanswered[name] = self._unanswered.get(name, 0) + 1
+            return
+        if isinstance(answer.body, RobotInfo):
+            self._scene = answer.body.scene.scene_name
+        elif isinstance(answer.body, Scene):
+            self._scene = answer.body.scene_name
+        elif isinstance(answer.body, mark_pb2.Storages):
+            lists = (found for _, found in answer.body.ListFields())
+            self._mark = next((each.identity.no for found in lists for each in found), "")
+
+    async def _check_link(self) -> None:
+        """Ping the robot.
+
+        Raises:
+            TransportClosedError: It does not answer.
+        """
+        try:
+            await run_with_timeout(self._config.request_timeout, self._transport.ping())
+        except TimeoutError:
+            raise TransportClosedError("a ping is not answered") from None
+
+    async def _send(self, name: str, body: Message, sn: int) -> None:
+        now = self._now()
+        data = self._codec.encode(name, body, sn=sn, timestamp=round(now * 1000))
+        self.seen.add(Seen(now, _LINK, False, data))
+        await self._transport.send(data)
+
+    def _now(self) -> float:
+        """Return the Unix time in seconds, by a clock that is never set."""
+        return self._start + time.monotonic()
+
+    async def _ask_over_http(self) -> None:
+        """Ask each query over HTTP, unless the first ones show that nothing answers there."""
+        for query in QUERIES:
+            if query.request in LARGE_QUERIES:
+                continue
+            answer = await ask_over_http(self._config, query.request)
+            self.http[query.request] = _http_result(answer) if answer else None
+            if len(self.http) > 1 and not any(self.http.values()):
+                return
+            await asyncio.sleep(_PAUSE)
+
+
+def _http_result(answer: HttpAnswer) -> HttpResult:
+    try:
+        envelope = JSON.decode(answer.body)
+    except FrameError:
+        return HttpResult(answer.status, None, "", answer.delay)
+    return HttpResult(answer.status, envelope.ok, envelope.msg, answer.delay)
+
+
+def check_folder(folder: Path) -> None:
+    """Check that the results can be written to a folder.
+
+    Raises:
+        SurveyError: There is something already.
+    """
+    try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise SurveyError(f"{folder} is not empty: give --survey a new folder")
+    except OSError as error:
+        raise SurveyError(f"{folder}: {error.strerror}") from None
+
+
+async def survey(config: LinkConfig, options: SurveyOptions) -> str:
+    """Make a survey, until its time is over or a signal arrives, and write its results.
+
+    Returns:
+        What was done.
+
+    Raises:
+        SurveyError: The robot has not answered, or the folder cannot be written.
+    """
+    stop = stop_event()
+    made = _Survey(config)
+    began = time.monotonic()
+    running = asyncio.ensure_future(made.run())
+    stopping = asyncio.ensure_future(stop.wait())
+    with _progress(made, options.minutes * 60.0):
+        ends: set[asyncio.Future[Any]] = {running, stopping}
+        await asyncio.wait(
+            ends, timeout=options.minutes * 60.0, return_when=asyncio.FIRST_COMPLETED
+        )
+    seconds = time.monotonic() - began
+    complete = not stop.is_set()
+    if running.done():
+        running.result()
+    await cancel_and_wait(running, stopping)
+    if not made.seen.frames:
+        raise SurveyError("the robot has sent nothing, so nothing is written: see the checks")
+    found = results(
+        made.seen,
+        http=made.http,
+        seconds=seconds,
+        complete=complete,
+        lost=made.lost,
+        address=config.address,
+        with_names=options.with_names,
+    )
+    try:
+        options.folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(found, indent=1, ensure_ascii=False)
+        (options.folder / SURVEY_FILE).write_text(f"{text}\n", encoding="utf-8")
+        (options.folder / REPORT_FILE).write_text(markdown(found), encoding="utf-8")
+    except OSError as error:
+        raise SurveyError(f"cannot write {options.folder}: {error.strerror}") from None
+    early = "" if complete else ", stopped early"
+    return (
+        f"surveyed for {seconds:.0f} s{early}: {len(made.seen.answers)} answers, "
+        f"{len(made.seen.pushes)} pushes; read {options.folder / REPORT_FILE}"
+    )
+
+
+@contextlib.contextmanager
+def _progress(made: _Survey, seconds: float) -> Iterator[None]:
+    """Show the progress on stderr, if that is a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )
+    shown = bar.add_task("survey", total=seconds)
+    began = time.monotonic()
+
+    async def update() -> None:
+        while True:
+            seen = made.seen
+            text = f"answers {len(seen.answers)}, pushes {len(seen.pushes)}"
+            bar.update(shown, completed=time.monotonic() - began, description=text)
+            await asyncio.sleep(0.5)
+
+    with bar:
+        updating = asyncio.ensure_future(update())
+        try:
+            yield
+        finally:
+            updating.cancel()

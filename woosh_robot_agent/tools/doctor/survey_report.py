@@ -1,0 +1,368 @@
+"""The results of a survey, as data for programs and as a report for people."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from woosh_robot_agent.endpoints import QUERIES
+from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.link.reports import printable
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
+from woosh_robot_agent.pb.robot.robot_pb2 import General, RobotInfo
+from woosh_robot_agent.robot.clock import difference
+from woosh_robot_agent.robot.status_codes import meaning
+from woosh_robot_agent.tools.doctor.learn import (
+    REFERENCE,
+    differs,
+    known_value,
+    learn,
+    quantile,
+)
+from woosh_robot_agent.tools.doctor.observations import Hider, Observations, Unknown
+
+REPORT_FILE = "survey.md"
+"""File with the report for people, in the folder of a survey."""
+
+_UNKNOWN = re.compile(r"unknown|unsupported|not support|not found|no such|invalid type", re.I)
+"""Text of an answer to a request that the robot does not have."""
+_NOT_FOUND = 404
+"""HTTP status for a request that the robot does not have."""
+
+
+class HttpResult(NamedTuple):
+    """The answer to a query over HTTP.
+
+    Attributes:
+        status: Status of the response.
+        ok: True if the query was answered, False if it was refused; None if the body is no answer.
+        text: Text of the answer.
+        delay: Time from request to response, in seconds.
+    """
+
+    status: int
+    ok: bool | None
+    text: str
+    delay: float
+
+
+def results(
+    seen: Observations,
+    *,
+    http: Mapping[str, HttpResult | None],
+    seconds: float,
+    complete: bool,
+    lost: int,
+    address: str,
+    with_names: bool,
+) -> dict[str, Any]:
+    """Return the results of a survey as JSON.
+
+    Args:
+        seen: What the robot has shown.
+        http: Answers over HTTP, by query; None for a query that was not answered.
+        seconds: Duration, in seconds.
+        complete: It was not stopped early.
+        lost: Number of lost connections.
+        address: Address of the robot.
+        with_names: Keep what could tell whose robot it is.
+    """
+    hider = None if with_names else Hider(seen.names)
+    learned = learn(seen)
+    found: dict[str, Any] = {
+        "seconds": round(seconds, 1),
+        "complete": complete,
+        "lost_connections": lost,
+        "robot": _robot(seen),
+        "requests": list(_requests(seen, http, hider)),
+        "pushes": list(_pushes(seen)),
+        "unknown_fields": [
+            {"type": name, "field": path, **_unknown(path, each, hider)}
+            for (name, path), each in sorted(seen.unknown_fields.items())
+        ],
+        "unknown_types": [
+            {"type": name, **_unknown("", each, hider)}
+            for name, each in sorted(seen.unknown_types.items())
+        ],
+        "unreadable": _unreadable(seen.unreadable, hider),
+        "status_codes": list(_codes(seen, hider)),
+        "clock": _series(seen.offsets, digits=3),
+        "profile": [
+            {
+                "field": list(path),
+                "value": hider.text(each.value) if hider and path[0] == "refusals" else each.value,
+                "samples": each.samples,
+                REFERENCE: known_value(path),
+                "differs": differs(path, each.value),
+            }
+            for path, each in learned.items()
+        ],
+    }
+    if with_names:
+        found |= {"address": address, "names": sorted(seen.names)}
+    return found
+
+
+def _robot(seen: Observations) -> dict[str, Any]:
+    general, _ = seen.latest(General)
+    if general is None:
+        return {}
+    return {
+        "model": general.display_model,
+        "urdf": general.urdf_name,
+        "type": general.type,
+        "driver_method": general.driver_method,
+        "system": general.version.system,
+        "software": general.version.rc,
+    }
+
+
+def _requests(
+    seen: Observations, http: Mapping[str, HttpResult | None], hider: Hider | None
+) -> Iterator[dict[str, Any]]:
+    for name in sorted(seen.asked):
+        answers = [each for each in seen.answers if each.request == name]
+        accepted = [each for each in answers if each.ok]
+        texts = Counter(_hidden(each.text, hider) for each in answers if not each.ok)
+        over_http = http.get(name)
+        is_unknown = (over_http is not None and over_http.status == _NOT_FOUND) or (
+            any(_UNKNOWN.search(text) for text in texts) and not accepted
+        )
+        verdict = "no answer"
+        if answers:
+            verdict = "unknown" if is_unknown else "answered" if accepted else "refused"
+        yield {
+            "type": name,
+            "verdict": verdict,
+            "asked": seen.asked[name],
+            "accepted": len(accepted),
+            "refused": dict(texts.most_common()),
+            "answered_as": sorted({each.type for each in accepted} - {name}),
+            "delay": _series([each.delay for each in accepted], digits=4),
+            "bytes": _series([each.size for each in accepted], digits=0),
+            "http": _http(over_http, hider) if name in http else None,
+        }
+
+
+def _http(answer: HttpResult | None, hider: Hider | None) -> dict[str, Any]:
+    if answer is None:
+        return {"status": 0}
+    return {
+        "status": answer.status,
+        "ok": answer.ok,
+        "text": _hidden(answer.text, hider),
+        "delay": round(answer.delay, 4),
+    }
+
+
+def _pushes(seen: Observations) -> Iterator[dict[str, Any]]:
+    for name in sorted({*seen.subscribed, *(each.type for each in seen.pushes)}):
+        pushes = seen.pushes_of(name)
+        yield {
+            "type": name,
+            "count": len(pushes),
+            "subscribed": name in seen.subscribed,
+            "in_schema": name in message_types(),
+            "period": _series([b.t - a.t for a, b in pairwise(pushes)], digits=4),
+            "bytes": _series([each.size for each in pushes], digits=0),
+        }
+
+
+def _series(values: Sequence[float], *, digits: int) -> dict[str, float] | None:
+    """Return number, median, 99 % quantile, minimum and maximum of some values."""
+    if not values:
+        return None
+    figures = {
+        "median": quantile(values, 0.5),
+        "p99": quantile(values, 0.99),
+        "least": min(values),
+        "most": max(values),
+    }
+    return {"samples": len(values)} | {key: round(each, digits) for key, each in figures.items()}
+
+
+def _unknown(path: str, unknown: Unknown, hider: Hider | None) -> dict[str, Any]:
+    key = path.rpartition(".")[2]
+    values = [hider.value(key, each) if hider else each for each in unknown.values]
+    return {"count": unknown.count, "values": values}
+
+
+def _unreadable(reasons: Counter[str], hider: Hider | None) -> dict[str, int]:
+    """Return why something could not be read; without the values, which an error repeats."""
+    found: Counter[str] = Counter()
+    for reason, count in reasons.items():
+        text = ": ".join(reason.split(": ")[:2]).partition(", got ")[0] if hider else reason
+        found[printable(text)] += count
+    return dict(found)
+
+
+def _codes(seen: Observations, hider: Hider | None) -> Iterator[dict[str, Any]]:
+    """Yield the status codes that the table does not have."""
+    texts: dict[int, str] = {}
+    counts: Counter[int] = Counter()
+    for body in seen.bodies():
+        for code in _codes_in(body):
+            if not meaning(code.code):
+                counts[code.code] += 1
+                texts[code.code] = code.msg
+    for number, count in sorted(counts.items()):
+        yield {"code": number, "count": count, "text": _hidden(texts[number], hider)}
+
+
+def _codes_in(body: object) -> Iterable[StatusCode]:
+    if isinstance(body, StatusCode):
+        return [body]
+    if isinstance(body, AbnormalCodes | StatusCodes):
+        return body.scs
+    return body.abnormal_codes.scs if isinstance(body, RobotInfo) else []
+
+
+def _hidden(text: str, hider: Hider | None) -> str:
+    return printable(hider.text(text) if hider else text)
+
+
+_QUERIES = {each.request for each in QUERIES}
+
+
+def markdown(found: Mapping[str, Any]) -> str:
+    """Return the report for people.
+
+    Args:
+        found: The results, as `results` returns them.
+    """
+    robot = found["robot"]
+    early = "" if found["complete"] else ", stopped early"
+    lines = [
+        f"# Survey of a {robot.get('model') or 'robot of unknown model'}",
+        "",
+        f"- Software: {robot.get('software') or 'unknown'}, "
+        f"system {robot.get('system') or 'unknown'}",
+        f"- Duration: {found['seconds']:g} s{early}; lost connections: {found['lost_connections']}",
+        f"- Clock: {_clock(found['clock'])}",
+        "",
+        "## Differences from the simulator",
+        "",
+        f"What the simulator would do otherwise with the profile {REFERENCE}.",
+        "",
+        *_differences(found),
+        "",
+        "## Requests",
+        "",
+        "Times in ms: median / 99 %. Sizes in bytes: median / largest.",
+        "",
+        *_table(
+            ("Request", "Result", "Asked", "Time", "Size", "HTTP"),
+            [_request_row(each) for each in found["requests"]],
+        ),
+        "",
+        "## Pushes",
+        "",
+        "Times between two pushes in s: median / 99 %. Sizes in bytes: median / largest.",
+        "",
+        *_table(
+            ("Push", "Number", "Period", "Size"),
+            [
+                (each["type"], each["count"], _pair(each["period"]), _sizes(each["bytes"]))
+                for each in found["pushes"]
+            ],
+        ),
+        "",
+        "## Learned values",
+        "",
+        *_table(
+            ("Field", "Robot", "Samples", REFERENCE),
+            [
+                (
+                    ".".join(each["field"]),
+                    _code(each["value"]),
+                    each["samples"],
+                    _code(each[REFERENCE]),
+                )
+                for each in found["profile"]
+            ],
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _differences(found: Mapping[str, Any]) -> list[str]:
+    lines = [
+        f"- `{'.'.join(each['field'])}`: {_code(each['value'])} instead of "
+        f"{_code(each[REFERENCE])} ({each['samples']} samples)"
+        for each in found["profile"]
+        if each["differs"]
+    ]
+    lines += [
+        f"- Unknown field `{each['field']}` of {each['type']}: {_examples(each)}"
+        for each in found["unknown_fields"]
+    ]
+    lines += [
+        f"- Unknown type {each['type']}: {_examples(each)}" for each in found["unknown_types"]
+    ]
+    lines += [
+        f"- Query {each['type']}: {each['verdict']}{_texts(each['refused'])}"
+        for each in found["requests"]
+        if each["verdict"] != "answered" and each["type"] in _QUERIES
+    ]
+    lines += [
+        f"- Unknown status code {each['code']}: {each['count']} times, {each['text'] or 'no text'}"
+        for each in found["status_codes"]
+    ]
+    lines += [
+        f"- Not readable: {reason}: {count} times" for reason, count in found["unreadable"].items()
+    ]
+    return lines or ["None."]
+
+
+def _request_row(each: Mapping[str, Any]) -> tuple[object, ...]:
+    delay, http = each["delay"], each["http"]
+    time = f"{delay['median'] * 1000:.0f} / {delay['p99'] * 1000:.0f}" if delay else ""
+    over_http = "" if http is None else "no answer"
+    if http and http["status"]:
+        over_http = f"{http['status']}, {http['delay'] * 1000:.0f} ms"
+    result = f"{each['verdict']}{_texts(each['refused'])}"
+    return each["type"], result, each["asked"], time, _sizes(each["bytes"]), over_http
+
+
+def _texts(refused: Mapping[str, int]) -> str:
+    texts = "; ".join(f"{text!r} {count} times" for text, count in refused.items())
+    return f": {texts}" if texts else ""
+
+
+def _examples(each: Mapping[str, Any]) -> str:
+    return f"{each['count']} times, e.g. {', '.join(map(_code, each['values']))}"
+
+
+def _clock(clock: Mapping[str, float] | None) -> str:
+    if clock is None:
+        return "frames carry no time"
+    return f"{difference(clock['median'])} ({clock['samples']} frames)"
+
+
+def _pair(series: Mapping[str, float] | None) -> str:
+    return f"{series['median']:g} / {series['p99']:g}" if series else ""
+
+
+def _sizes(series: Mapping[str, float] | None) -> str:
+    return f"{series['median']:.0f} / {series['most']:.0f}" if series else ""
+
+
+_LONGEST = 200
+"""Maximum length of a value in the report, in characters."""
+
+
+def _code(value: object) -> str:
+    """Return a value as code in Markdown."""
+    text = printable(str(value)).replace("`", "'")
+    return f"`{text if len(text) <= _LONGEST else text[: _LONGEST - 3] + '...'}`"
+
+
+def _table(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    lines = [f"| {' | '.join(heading)} |", f"|{' --- |' * len(heading)}"]
+    for row in rows:
+        cells = (printable(str(each)).replace("|", "\\|") for each in row)
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
