@@ -236,7 +236,7 @@ def markdown(found: Mapping[str, Any]) -> str:
     robot = found["robot"]
     early = "" if found["complete"] else ", stopped early"
     lines = [
-        f"# Survey of a {robot.get('model') or 'robot of unknown model'}",
+        f"# Survey of a robot: {robot.get('model') or 'unknown model'}",
         "",
         f"- Software: {robot.get('software') or 'unknown'}, "
         f"system {robot.get('system') or 'unknown'}",
