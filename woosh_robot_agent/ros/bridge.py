@@ -18,6 +18,8 @@ from contextvars import Context
 from functools import partial
 from typing import Any, TypeVar
 
+from rclpy.qos import QoSProfile
+
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.ros.entities import DeferredCallback, UrgentCallbackGroup
 from woosh_robot_agent.ros.logs import log_as
@@ -269,6 +271,7 @@ class DeferredService:
         name: name of the service.
         handle: called with the request and the `Reply` in the executor thread; must not block.
         urgent: handle requests before anything else.
+        qos: profile of the service.
     """
 
     def __init__(
@@ -279,6 +282,7 @@ class DeferredService:
         handle: Callable[[Any, Reply], None],
         *,
         urgent: bool = False,
+        qos: QoSProfile = SERVICE_QOS,
     ) -> None:
         self._response_class = srv_type.Response
         self._handle = handle
@@ -287,7 +291,7 @@ class DeferredService:
             srv_type,
             name,
             DeferredCallback(self._serve),
-            qos_profile=SERVICE_QOS,
+            qos_profile=qos,
             callback_group=UrgentCallbackGroup() if urgent else None,
         )
 

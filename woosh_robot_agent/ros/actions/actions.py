@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import defaultdict
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -15,15 +15,17 @@ from woosh_robot_agent.convert import Converter, converter, filled
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.link import LinkState
-from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.ros.actions.calls import CallActionGoal
 from woosh_robot_agent.ros.actions.goal import (
     CancelRequested,
+    End,
     Event,
     GivenUp,
+    GoalClient,
     GoalKind,
     GoalTiming,
     LinkChanged,
@@ -33,6 +35,82 @@ from woosh_robot_agent.ros.actions.run import STOPPING, Context, GoalRun, OpenGo
 from woosh_robot_agent.ros.actions.server import Goal, GoalServer
 from woosh_robot_agent.ros.actions.tasks import LastReports, TaskGoal, TaskIds, TaskSetGoal
 from woosh_robot_agent.ros.context import RobotContext
+
+
+def _ignore(_report: Message) -> None:
+    """Ignore a report."""
+
+
+class AgentGoal:
+    """A goal that a part of the agent has started. Use it in the link thread.
+
+    Args:
+        on_report: called with each report of the chassis on the goal.
+        published: loop time at which a client in ROS sent what the goal is for, as far as that is
+            known; None if the agent starts the goal by itself.
+
+    Attributes:
+        accepted: future; True when the chassis accepts the goal, False when it no longer can.
+        ended: future of the end.
+    """
+
+    accepted: asyncio.Future[bool]
+
+    def __init__(self, on_report: Callable[[Message], None], published: float | None) -> None:
+        self.published = published
+        self.ended: asyncio.Future[End] = asyncio.get_running_loop().create_future()
+        self._on_report = on_report
+        self._on_cancel: Callable[[], None] = lambda: None
+
+    def cancel(self) -> None:
+        """Cancel the goal at the chassis. It ends when the chassis reports that."""
+        self._on_cancel()
+
+    def on_cancel(self, callback: Callable[[], None]) -> None:
+        """Call `callback` when the goal is to be cancelled."""
+        self._on_cancel = callback
+
+    def feedback(self, report: Message) -> None:
+        self._on_report(report)
+
+    def finish(self, end: End) -> None:
+        if not self.ended.done():
+            self.ended.set_result(end)
+
+
+class _RosClient:
+    """The client of a goal of an action server: converts reports to the messages of the action.
+
+    Args:
+        feedback: converts a report to the action's feedback.
+        result: converts the last report to the action's result.
+        goal: the goal in the action server.
+    """
+
+    def __init__(
+        self, feedback: Callable[[Message], Any], result: Callable[[Message], Any], goal: Goal
+    ) -> None:
+        self.published = goal.published
+        self.on_cancel = goal.on_cancel
+        self._feedback = feedback
+        self._result = result
+        self._goal = goal
+
+    def feedback(self, report: Message) -> None:
+        self._goal.feedback(self._feedback(report))
+
+    def finish(self, end: End) -> None:
+        self._goal.finish(end.outcome, self._result(end.result))
+
+
+@dataclass(frozen=True)
+class _Action:
+    """What the goals of an action have in common, whoever starts them."""
+
+    make_kind: Callable[..., GoalKind]
+    """Makes the kind of a goal from its command."""
+    context: Context
+    """Objects shared by the goals whose commands are messages of the chassis."""
 
 
 class Actions:
@@ -67,6 +145,8 @@ class Actions:
         """The last feedback on each call action, by its protobuf full name."""
         self.servers: list[GoalServer] = []
         self.timing = GoalTiming()
+        self._actions: dict[str, _Action] = {}
+        """All actions, by the protobuf full name of their command."""
         self._last_reports = LastReports()
         task_ids = TaskIds()
         for action in ACTIONS:
@@ -85,33 +165,41 @@ class Actions:
                 self._timing,
                 partial(robot.requests.make, arg),
                 robot.requests.empty,
-                partial(_wrapped, action_class.Feedback, "fb", fb),
-                partial(_wrapped, action_class.Result, "ret", fb),
                 explain,
             )
-            make_kind: Callable[[Any], GoalKind]
+            make_kind: Callable[..., GoalKind]
             if action.member:
                 make_kind = partial(
                     CallActionGoal,
-                    context=context,
                     member=action.member,
                     action=action.arg,
                     last_feedback=self._last_feedback,
                 )
             elif action.arg == TaskSetGoal.request_type:
-                make_kind = partial(TaskSetGoal, context=context, last_known=robot.last_known)
+                make_kind = partial(TaskSetGoal, last_known=robot.last_known)
             else:
                 make_kind = partial(
                     TaskGoal,
-                    context=context,
                     ids=task_ids,
                     last_known=robot.last_known,
                     last_reports=self._last_reports,
                 )
-            start = partial(self._start, make_kind, context)
+            self._actions[action.arg] = _Action(
+                make_kind, replace(context, to_proto=robot.requests.address)
+            )
+            accepted = partial(
+                self._accepted,
+                make_kind,
+                context,
+                partial(
+                    _RosClient,
+                    partial(_wrapped, action_class.Feedback, "fb", fb),
+                    partial(_wrapped, action_class.Result, "ret", fb),
+                ),
+            )
             self.servers.append(
                 GoalServer(
-                    robot.node, robot.thread, action_class, action.name, start, result_timeout
+                    robot.node, robot.thread, action_class, action.name, accepted, result_timeout
                 )
             )
         for report in (TaskProc, RobotState, Feedbacks):
@@ -132,6 +220,26 @@ class Actions:
         """Abort the open goals with `reason` in their results. Call it in the link thread."""
         self._post(GivenUp(reason))
 
+    def start(
+        self,
+        command: Message,
+        on_report: Callable[[Message], None] = _ignore,
+        published: float | None = None,
+    ) -> AgentGoal:
+        """Start a goal of the agent itself. Call it in the link thread.
+
+        Args:
+            command: what the chassis executes: the command of one of the actions, e.g. MoveBase.
+            on_report: called with each report of the chassis on the goal.
+            published: loop time at which a client in ROS sent what the goal is for, as far as that
+                is known; None if the agent starts the goal by itself.
+        """
+        action = self._actions[full_name(command)]
+        goal = AgentGoal(on_report, published)
+        run = self._start(goal, action.make_kind(command, context=action.context), action.context)
+        goal.accepted = run.accepted
+        return goal
+
     @property
     def open_goals(self) -> int:
         """Number of goals that have not ended."""
@@ -151,15 +259,25 @@ class Actions:
     def _timing(self) -> GoalTiming:
         return replace(self.timing, link_timeout=self._link_timeout())
 
-    def _start(self, make_kind: Callable[[Any], GoalKind], context: Context, goal: Goal) -> None:
-        run = GoalRun(goal, make_kind(goal.request.arg), context)
-        goal.on_cancel(partial(run.post, CancelRequested()))
+    def _accepted(
+        self,
+        make_kind: Callable[..., GoalKind],
+        context: Context,
+        make_client: Callable[[Goal], _RosClient],
+        goal: Goal,
+    ) -> None:
+        self._start(make_client(goal), make_kind(goal.request.arg, context=context), context)
+
+    def _start(self, client: GoalClient, kind: GoalKind, context: Context) -> GoalRun:
+        run = GoalRun(client, kind, context)
+        client.on_cancel(partial(run.post, CancelRequested()))
         if self._is_stopping:
             run.abort(STOPPING)
-            return
+            return run
         task = start_task(run.run(), name=f"goal: {run.name}")
         self._runs[task] = run
         task.add_done_callback(self._runs.pop)
+        return run
 
     def _pushed(self, message: Message) -> None:
         self._post(Pushed(message))

@@ -90,6 +90,17 @@ class Outcome(Enum):
     CANCELED = "canceled"
 
 
+class Cause(Enum):
+    """Who decided how a goal ended."""
+
+    REPORT = "report"
+    """The chassis: it reported the end."""
+    REFUSAL = "refusal"
+    """The chassis: it refused the goal."""
+    AGENT = "agent"
+    """The agent: the goal could not be sent, was replaced by a newer one, or was given up."""
+
+
 @dataclass(frozen=True)
 class End:
     """Outcome and result of a goal, as sent to the client."""
@@ -97,6 +108,25 @@ class End:
     outcome: Outcome
     result: Message
     """Usually the chassis's last report on the goal."""
+    cause: Cause
+    """Who decided it."""
+
+
+class GoalClient(Protocol):
+    """The client of a goal: one in ROS, or a part of the agent. Used in the link thread."""
+
+    @property
+    def published(self) -> float | None:
+        """Loop time at which a client in ROS sent the goal, as far as that is known; else None."""
+
+    def on_cancel(self, callback: Callable[[], None]) -> None:
+        """Call `callback` whenever the client wants the goal cancelled, or now if it does."""
+
+    def feedback(self, report: Message) -> None:
+        """Take a report of the chassis on the goal."""
+
+    def finish(self, end: End) -> None:
+        """Take the end of the goal. It may come a second time, and then means nothing."""
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,11 @@ from woosh_robot_agent.ros.actions.giving_up import Cancellation, GiveUp
 from woosh_robot_agent.ros.actions.goal import (
     TRANSITIONS,
     CancelRequested,
+    Cause,
     End,
     Event,
     GivenUp,
+    GoalClient,
     GoalKind,
     GoalTiming,
     LinkChanged,
@@ -47,7 +49,6 @@ from woosh_robot_agent.ros.actions.goal import (
     Step,
     Tick,
 )
-from woosh_robot_agent.ros.actions.server import Goal
 
 _LOG = logging.getLogger(__name__)
 
@@ -71,13 +72,9 @@ class Context:
     timing: Callable[[], GoalTiming]
     """Returns the timing of a goal that starts now."""
     to_proto: Callable[[Any], Message]
-    """Converts the `arg` of a goal to the chassis's message."""
+    """Converts the command of a goal, as its client gave it, to the chassis's message."""
     empty: Callable[[type[Message]], Message]
     """Makes an empty request of a message class."""
-    feedback: Callable[[Message], Any]
-    """Converts a report to the action's feedback."""
-    result: Callable[[Message], Any]
-    """Converts the last report to the action's result."""
     explain: Callable[[str], Awaitable[str]]
     """Returns why the chassis has just refused a request, given its type; empty if unknown."""
 
@@ -93,21 +90,21 @@ class GoalRun:
     separate tasks, so handling an event never waits for an answer.
 
     Args:
-        goal: the goal in the action server.
+        client: gets the reports and the end.
         kind: behaviour of this kind of goal.
         context: objects shared by all goals of the action.
     """
 
-    def __init__(self, goal: Goal, kind: GoalKind, context: Context) -> None:
+    def __init__(self, client: GoalClient, kind: GoalKind, context: Context) -> None:
         loop = asyncio.get_running_loop()
         self.phase = Phase.NEW
         """Phase of the goal; only `_advance` changes it."""
         self.accepted: asyncio.Future[bool] = loop.create_future()
         """Becomes True when the chassis accepts the goal, False when it no longer can."""
-        self._goal = goal
+        self._client = client
         self._kind = kind
         self._context = context
-        self._sender = Sender(published=goal.published)
+        self._sender = Sender(published=client.published)
         self._timing = context.timing()
         self._clock = loop.time
         self._events: asyncio.Queue[Event] = asyncio.Queue()
@@ -168,17 +165,14 @@ class GoalRun:
             if delay > 0:
                 await asyncio.sleep(delay)
         finally:
-            self._finish(end)
+            self._client.finish(end)
 
     def abort(self, reason: str) -> None:
         """Report the goal to the client as aborted, in any phase."""
-        self._finish(self._aborted(reason))
+        self._client.finish(self._aborted(reason))
 
-    def _finish(self, end: End) -> None:
-        self._goal.finish(end.outcome, self._context.result(end.result))
-
-    def _aborted(self, reason: str) -> End:
-        return End(Outcome.ABORTED, self._kind.failure(reason))
+    def _aborted(self, reason: str, cause: Cause = Cause.AGENT) -> End:
+        return End(Outcome.ABORTED, self._kind.failure(reason), cause)
 
     def _aborted_if(self, reason: str | None) -> End | None:
         return None if reason is None else self._aborted(reason)
@@ -208,7 +202,8 @@ class GoalRun:
         except _RefusedError as error:
             self._advance(Step.END)
             reason = await self._context.explain(self._kind.request_type)
-            return self._aborted(f"{error} ({reason})" if reason else str(error))
+            text = f"{error} ({reason})" if reason else str(error)
+            return self._aborted(text, Cause.REFUSAL)
 
     async def _send_order(self, order: Order) -> End:
         """Send an order. Reports still belong to the goal that is already running."""
@@ -226,7 +221,7 @@ class GoalRun:
             raise _RefusedError(answer.msg or _NO_REASON)
         if order.needs_cancel_report and not await self._cancel_reported():
             return self._aborted(_NOTHING_CANCELLED)
-        return End(Outcome.SUCCEEDED, order.result(answer.msg))
+        return End(Outcome.SUCCEEDED, order.result(answer.msg), Cause.REPORT)
 
     async def _cancel_reported(self) -> bool:
         """Return True if the chassis reports a cancel soon, or has since the order was sent."""
@@ -268,7 +263,7 @@ class GoalRun:
         self._advance(Step.UNREQUESTED_CANCEL)
         if await self._context.open_goals.newer_accepted(self):
             return self._aborted(REPLACED)
-        return End(Outcome.ABORTED, end.result)
+        return End(Outcome.ABORTED, end.result, Cause.AGENT)
 
     # Events
 
@@ -317,9 +312,9 @@ class GoalRun:
                 self._give_up.part_begun()
             self._heard()
             self._feedback_times.append(self._clock())
-            self._goal.feedback(self._context.feedback(report.message))
+            self._client.feedback(report.message)
             if report.outcome is not None:
-                return End(report.outcome, report.message)
+                return End(report.outcome, report.message, Cause.REPORT)
         return None
 
     def _heard(self) -> None:
@@ -386,7 +381,7 @@ class GoalRun:
         for report in polled.findings.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:  # only the poll shows that it was the last one
-                    return End(report.outcome, report.message)
+                    return End(report.outcome, report.message, Cause.REPORT)
                 self._heard()
             elif self._attribution.is_news(report.message, report.outcome, self.phase):
                 end = self._read([report])

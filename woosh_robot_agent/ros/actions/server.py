@@ -11,17 +11,18 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
 from typing import Any
 
 from action_msgs.msg import GoalInfo, GoalStatus
 from action_msgs.srv import CancelGoal
+from rclpy.qos import QoSProfile
 
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.ros.actions.goal import Outcome
 from woosh_robot_agent.ros.bridge import DeferredService, LinkThread, Reply
-from woosh_robot_agent.ros.qos import FEEDBACK_QOS, latched
+from woosh_robot_agent.ros.qos import FEEDBACK_QOS, SERVICE_QOS, latched
 from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS
 from woosh_robot_agent.ros.subscribers import create_publisher
 
@@ -108,8 +109,16 @@ class Goal:
             reply.send(self._result)
 
 
+class RejectedError(Exception):
+    """A goal is rejected. The text is the reason, which ROS has no place for: it is logged."""
+
+
+async def _accept(_request: Any) -> None:
+    """Accept a goal as it is."""
+
+
 class GoalServer:
-    """Server of one action. It accepts every goal and every request to cancel.
+    """Server of one action. It accepts every request to cancel.
 
     Args:
         node: owner of the services and topics.
@@ -118,6 +127,10 @@ class GoalServer:
         name: name of the action.
         start: called with each accepted goal in the link thread; must not block.
         result_timeout: time for which the result of a goal is kept, in seconds.
+        check: called with each goal before it is accepted; may change it. It raises a RejectedError
+            to reject it. By default, every goal is accepted.
+        services: profile of the services.
+        feedback: profile of the feedback.
     """
 
     def __init__(
@@ -128,10 +141,18 @@ class GoalServer:
         name: str,
         start: Callable[[Goal], None],
         result_timeout: float,
+        check: Callable[[Any], Awaitable[None]] = _accept,
+        *,
+        services: QoSProfile = SERVICE_QOS,
+        feedback: QoSProfile = FEEDBACK_QOS,
     ) -> None:
         self.action_type = action_type
+        self._name = name
         self._node = node
         self._start = start
+        self._check = check
+        self._checking = asyncio.Lock()
+        """Held while a goal is checked, so that goals are accepted in the order of arrival."""
         self._result_timeout = result_timeout
         self._goals: dict[bytes, Goal] = {}
         """Goals that run or whose results are kept, by the bytes of their ids."""
@@ -139,7 +160,11 @@ class GoalServer:
         parts = action_type.Impl
         self._services = [
             DeferredService(
-                node, srv_type, f"{name}/_action/{verb}", partial(_hand_over, thread, serve)
+                node,
+                srv_type,
+                f"{name}/_action/{verb}",
+                partial(_hand_over, thread, serve),
+                qos=services,
             )
             for srv_type, verb, serve in (
                 (parts.SendGoalService, "send_goal", self._goal_sent),
@@ -148,7 +173,7 @@ class GoalServer:
             )
         ]
         self._feedback = create_publisher(
-            node, parts.FeedbackMessage, f"{name}/_action/feedback", FEEDBACK_QOS
+            node, parts.FeedbackMessage, f"{name}/_action/feedback", feedback
         )
         self._status = create_publisher(
             node, parts.GoalStatusMessage, f"{name}/_action/status", latched(1)
@@ -171,21 +196,29 @@ class GoalServer:
             self._result_timeout, self._goals.pop, _key(goal.info), None
         )
 
-    def _goal_sent(self, request: Any, reply: Reply, taken: float) -> None:
+    async def _goal_sent(self, request: Any, reply: Reply, taken: float) -> None:
         response = self.action_type.Impl.SendGoalService.Response()
+        published = self._clock.published(*reply.times, taken)
+        try:
+            async with self._checking:
+                await self._check(request.goal)
+        except RejectedError as error:
+            _LOG.warning("%s: a goal is rejected: %s", self._name, error)
+            reply.send(response)
+            return
         if bytes(request.goal_id.uuid) in self._goals:  # not accepted: the id is in use
             reply.send(response)
             return
         response.accepted = True
         response.stamp = self._node.get_clock().now().to_msg()
         info = GoalInfo(goal_id=request.goal_id, stamp=response.stamp)
-        goal = Goal(self, info, request.goal, self._clock.published(*reply.times, taken))
+        goal = Goal(self, info, request.goal, published)
         self._goals[_key(info)] = goal
         reply.send(response)
         self._publish_status()
         self._start(goal)
 
-    def _cancel_requested(self, request: Any, reply: Reply, _taken: float) -> None:
+    async def _cancel_requested(self, request: Any, reply: Reply, _taken: float) -> None:
         response = CancelGoal.Response()
         for goal in self._selected(request.goal_info):
             if goal.is_running:
@@ -213,7 +246,7 @@ class GoalServer:
             if key == wanted or _nanoseconds(goal.info) <= until
         ]
 
-    def _result_requested(self, request: Any, reply: Reply, _taken: float) -> None:
+    async def _result_requested(self, request: Any, reply: Reply, _taken: float) -> None:
         goal = self._goals.get(bytes(request.goal_id.uuid))
         if goal is None:  # the status of the response is STATUS_UNKNOWN
             reply.send(self.action_type.Impl.GetResultService.Response())
@@ -236,15 +269,13 @@ class GoalServer:
 
 
 def _hand_over(
-    thread: LinkThread, serve: Callable[[Any, Reply, float], None], request: Any, reply: Reply
+    thread: LinkThread,
+    serve: Callable[[Any, Reply, float], Coroutine[Any, Any, None]],
+    request: Any,
+    reply: Reply,
 ) -> None:
     """Have the link thread serve a request; called in the executor thread."""
-    taken = time.monotonic()
-
-    async def work() -> None:
-        serve(request, reply, taken)
-
-    thread.spawn(work, reply.fail)
+    thread.spawn(partial(serve, request, reply, time.monotonic()), reply.fail)
 
 
 def _key(info: GoalInfo) -> bytes:

@@ -236,6 +236,7 @@ class TaskGoal:
         last_reports: LastReports,
     ) -> None:
         self._arg = arg
+        self._type: Any = getattr(arg.type, "value", arg.type)  # in ROS, an enum is a message
         self._context = context
         self._id: int = arg.task_id or ids.next()
         self.name = f"task {self._id}"
@@ -294,7 +295,7 @@ class TaskGoal:
     def failure(self, reason: str) -> Message:
         return TaskProc(
             robot_task_id=self._id,
-            type=self._arg.type.value,
+            type=self._type,
             state=task_pb2.kFailed,
             msg=reason,
             time=int(time.time()),
