@@ -15,6 +15,7 @@ from woosh_robot_agent.motion.gate import (
     ZeroRefusedError,
 )
 from woosh_robot_agent.motion.timeliness import MotionTiming
+from woosh_robot_agent.motion.speed_limiter import SpeedLimiter
 from woosh_robot_agent.motion.velocity_driver import (
     MAX_VELOCITY,
     UnusableVelocityError,
@@ -28,6 +29,7 @@ __all__ = [
     "MotionGate",
     "MotionTiming",
     "Sender",
+    "SpeedLimiter",
     "StopReport",
     "UnusableVelocityError",
     "VelocityDriver",

@@ -216,7 +216,7 @@ class VelocityDriver:
         elif moves and not self._limits().override and (owner := self._gate.owner):  # rule 2
             self.refuse(
                 "owner",
-                f"{owner} is running: cancel it, or set the parameter {self._name}_override",
+                f"{owner} is running: cancel it, or set the parameter cmd_vel_override",
             )
         elif self._chassis.state is not LinkState.READY:  # rule 5
             self.refuse("link", "there is no link to the chassis")

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 
 from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.motion import SpeedLimiter
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes
 from woosh_robot_agent.vda5050.messages.order import Action
@@ -35,7 +36,6 @@ from woosh_robot_agent.vda5050.robot.tasks import (
     UNSENT,
     ActionTasks,
     RobotTask,
-    SpeedLimiter,
     leg_task,
 )
 
@@ -89,7 +89,9 @@ class Execution:
         self.order = OrderMachine()
         self.instant = InstantActions(types, self.order)
         self.drive = RobotTask(link, self._drive_ended, link.changed)
-        self.speed = SpeedLimiter(link, self._speed_refused)
+        self.speed = SpeedLimiter(
+            link.chassis, link.gate, link.work.start, self._speed_refused, link.changed
+        )
         self.maps = RobotMaps(link)
         self.calls = RobotCalls(link)
         self.tasks = ActionTasks(link)

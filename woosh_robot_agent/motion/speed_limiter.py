@@ -1,0 +1,182 @@
+"""Limit of the speed at which the robot navigates."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import ChassisClient, LinkError, NotConnectedError
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, NavigationMode, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosErrMsg, kRosExecuting
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import navigation_pb2 as navigation
+from woosh_robot_agent.pb.util import task_pb2 as task
+
+_LOG = logging.getLogger(__name__)
+_UNKNOWN = math.nan
+"""Stands for an unknown limit: NaN differs from each limit, so the next one is sent."""
+_MOVE_BASE = full_name(MoveBase)
+_ACTION = -1
+"""Stands for the action MoveBase in place of the id of a task."""
+
+
+def _nothing() -> None:
+    """Do nothing."""
+
+
+class SpeedLimiter:
+    """Limits the speed of the robot's navigation. Used in the event loop of the link.
+
+    The robot takes a limit only while it navigates, in a task or in the action MoveBase, so a limit
+    is sent once it reports that. Whether it keeps the limit afterwards is not known, so each
+    navigation gets it anew.
+
+    Args:
+        chassis: the link.
+        gate: sends the limits.
+        start: starts a coroutine that sends a limit.
+        on_refused: called with the reason if the robot does not take a limit.
+        on_change: called when `is_limited` changes, before the robot gets the limit.
+    """
+
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        gate: MotionGate,
+        start: Callable[[Coroutine[Any, Any, None]], object],
+        on_refused: Callable[[str], None],
+        on_change: Callable[[], None] = _nothing,
+    ) -> None:
+        self._gate = gate
+        self._start = start
+        self._on_refused = on_refused
+        self._on_change = on_change
+        self._limit: float | None = None
+        """Current limit; infinite without one, None while there is nothing to limit."""
+        self._sent = math.inf
+        """Limit that was sent last."""
+        self._refused: float | None = None
+        """Limit that the robot has refused in this navigation."""
+        self._task_id = 0
+        """Id of the task that the robot executes."""
+        self._task_navigates = False
+        self._action_navigates = False
+        chassis.subscribe(TaskProc, self._task_reported)
+        chassis.subscribe(Feedbacks, self._actions_reported)
+        chassis.on_snapshot(self._connected)
+        gate.on_answered(self._answered)
+
+    @property
+    def is_limited(self) -> bool:
+        """True if the robot has a limit from here, or may have one."""
+        return self._sent != math.inf
+
+    def restore(self, is_limited: bool) -> None:
+        """Take what was remembered over a restart.
+
+        Args:
+            is_limited: the robot may have a limit.
+        """
+        self._sent = _UNKNOWN if is_limited else math.inf
+
+    def limit(self, limit: float | None) -> None:
+        """Set the speed limit.
+
+        Args:
+            limit: maximum speed, in m/s; infinite without a limit, None while there is nothing to
+                limit.
+        """
+        self._limit = limit
+        self._send()
+
+    @property
+    def _navigation(self) -> int:
+        """Id of the task that navigates, or `_ACTION`; 0 while the robot does not navigate."""
+        if self._task_navigates:
+            return self._task_id
+        return _ACTION if self._action_navigates else 0
+
+    def _connected(self, info: RobotInfo) -> None:
+        self._task_reported(info.task_proc)
+
+    def _task_reported(self, report: TaskProc) -> None:
+        if report.robot_task_id != self._task_id:
+            self._task_id = report.robot_task_id
+            self._begin()
+        self._task_navigates = (
+            report.state == task.kExecuting
+            and report.action.type == action.kNav
+            and report.action.state == action.kRosExecuting
+        )
+        self._send()
+
+    def _actions_reported(self, reports: Feedbacks) -> None:
+        for report in reports.fbs:
+            if report.action == _MOVE_BASE:
+                navigates = report.state in (kRosExecuting, kRosErrMsg)
+                if navigates and not self._action_navigates:
+                    self._begin()
+                self._action_navigates = navigates
+        self._send()
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        message = command.message
+        if isinstance(message, CallAction) and message.move_base.action == kExecute:
+            self._begin()  # it may take the place of another one without a report on that
+            self._send()
+
+    def _begin(self) -> None:
+        """Note that a navigation begins."""
+        self._refused = None
+        if self._sent != math.inf:
+            self._sent = _UNKNOWN
+
+    def _send(self) -> None:
+        if self._limit is None or not self._navigation:
+            return
+        if self._limit in (self._sent, self._refused):
+            return
+        was_limited, self._sent = self.is_limited, self._limit
+        self._start(self._request(self._navigation, self._limit))
+        if self.is_limited != was_limited:
+            self._on_change()
+
+    async def _request(self, of: int, limit: float) -> None:
+        try:
+            answer = await self._gate.request(_request(limit, in_action=of == _ACTION))
+        except LinkError as error:
+            if not isinstance(error, NotConnectedError):  # the link says so itself
+                _LOG.warning("the speed limit was not sent or not answered: %s", error)
+            self._sent = _UNKNOWN  # sent again with the next report
+            return
+        if answer.ok or of != self._navigation:
+            return
+        self._sent = _UNKNOWN
+        self._refused = limit
+        if math.isfinite(limit):
+            self._on_refused(f"the robot refused the speed limit of {limit} m/s: {answer.msg}")
+
+
+def _request(limit: float, *, in_action: bool) -> Message:
+    """Return the request that sets a limit.
+
+    Args:
+        limit: maximum speed, in m/s; infinite without a limit.
+        in_action: the robot navigates in the action MoveBase, not in a task.
+    """
+    speed = limit if math.isfinite(limit) else 0.0
+    if in_action:
+        mode = NavigationMode(mode=NavigationMode.kAccurateAvoid, max_speed=speed)
+        return CallAction(nav_mode=mode)
+    setting = navigation.ModeSetting(
+        type=navigation.kAccurate, mode=navigation.kAvoid, max_speed=speed
+    )
+    return ChangeNavMode(nav_mode=setting)
