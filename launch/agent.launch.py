@@ -2,10 +2,10 @@
 
     ros2 launch woosh_robot_agent agent.launch.py ip:=172.20.8.74
 
-Arguments: ip and port of the chassis, namespace, frame_prefix, and params_file (config/agent.yaml
-lists all parameters). Arguments override the file. If the file has a list of robots, as
-config/robots.yaml does, one process serves all of them; what the file sets for a single robot
-overrides the arguments.
+Arguments: ip and port of the chassis, namespace, frame_prefix, nav2 (true for Nav2's interfaces),
+and params_file (config/agent.yaml lists all parameters). Arguments override the file. If the file
+has a list of robots, as config/robots.yaml does, one process serves all of them; what the file sets
+for a single robot overrides the arguments.
 """
 
 from launch import LaunchDescription
@@ -13,7 +13,7 @@ from launch.actions import OpaqueFunction
 
 from woosh_robot_agent.ros import launch_arguments
 
-ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "params_file")
+ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "nav2", "params_file")
 
 
 def generate_launch_description():

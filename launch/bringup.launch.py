@@ -18,7 +18,7 @@ from launch_ros.actions import Node
 
 from woosh_robot_agent.ros import launch_arguments
 
-ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "params_file", "urdf")
+ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "nav2", "params_file", "urdf")
 WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
 """Wildcards in the node names of a parameter file, as regular expressions."""
 

@@ -3,7 +3,8 @@
     ros2 launch woosh_robot_agent fleet.launch.py robots:=my_robots.yaml
 
 config/fleet.yaml is an example of the file: a list of robots with name and ip, and optionally port,
-namespace (default: the name), frame_prefix (default: the name and a slash), params_file and urdf.
+namespace (default: the name), frame_prefix (default: the name and a slash), nav2, params_file and
+urdf.
 """
 
 from pathlib import Path
@@ -18,7 +19,7 @@ from woosh_robot_agent.ros import launch_arguments
 DEFAULTS = {
     name: default
     for name, default in launch_arguments.defaults().items()
-    if name in ("port", "params_file", "urdf")
+    if name in ("port", "nav2", "params_file", "urdf")
 }
 """Passed for each robot, because an included file inherits the arguments of the previous one."""
 KEYS = {"name", "ip", "namespace", "frame_prefix", *DEFAULTS}

@@ -2,8 +2,9 @@
 
     ros2 launch woosh_robot_agent sim.launch.py
 
-Arguments: namespace, frame_prefix, params_file and urdf as in bringup.launch.py; port, the port of
-the simulated chassis, which overrides params_file; speed, the simulation speed (1 is real time).
+Arguments: namespace, frame_prefix, nav2, params_file and urdf as in bringup.launch.py; port, the
+port of the simulated chassis, which overrides params_file; speed, the simulation speed (1 is real
+time).
 The end of the simulated chassis ends the launch.
 """
 
@@ -26,7 +27,7 @@ PACKAGE = launch_arguments.PACKAGE
 SIMULATOR = Path(get_package_prefix(PACKAGE), "lib", PACKAGE, "simulator")
 BRINGUP = launch_arguments.share("launch", "bringup.launch.py")
 HOST = "127.0.0.1"
-ARGUMENTS = ("namespace", "frame_prefix", "params_file", "urdf")
+ARGUMENTS = ("namespace", "frame_prefix", "nav2", "params_file", "urdf")
 
 
 def generate_launch_description():

@@ -25,6 +25,7 @@ from scripts import simulator_tables, sros2_policies, vda5050_tables
 from scripts.interface_files import InterfaceError, interface_files, superfluous_files
 from woosh_robot_agent import endpoints, parameters
 from woosh_robot_agent.robot import status_codes
+from woosh_robot_agent.ros.nav2 import endpoints as nav2_endpoints
 from woosh_robot_agent.ros.standard import endpoints as standard_endpoints
 from woosh_robot_agent.simulator import faults, refusals
 from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
@@ -87,6 +88,7 @@ FILES: dict[str, Callable[[], str]] = {
 TABLES: dict[str, Callable[[], str]] = {
     "endpoints": endpoints.markdown,
     "standard-topics": standard_endpoints.markdown,
+    "nav2": nav2_endpoints.markdown,
     "parameters": parameters.markdown,
     "link-options": lambda: tool_options(None),
     "dashboard-options": lambda: tool_options(dashboard.make_parser),

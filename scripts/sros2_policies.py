@@ -16,6 +16,8 @@ from fnmatch import fnmatchcase
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, NAMESPACE, QUERIES, TOPICS
+from woosh_robot_agent.ros.nav2.endpoints import NAV2
+from woosh_robot_agent.ros.nav2.endpoints import Kind as Nav2Kind
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 
 CLIENT_NODE = "/client"
@@ -34,12 +36,23 @@ _NODE_SERVICES = (
 """Services of every rclpy node."""
 _NODE_TOPICS = ("/rosout", "/parameter_events")
 """Topics that every rclpy node publishes."""
+
+
+def _of_nav2(kind: Nav2Kind) -> list[str]:
+    return [each.name for each in NAV2 if each.kind is kind]
+
+
 _OUTPUTS = [each.name for each in (*TOPICS, AGENT_INFO)]
-_OUTPUTS += [each.name for each in STANDARD if each.is_output]
-_INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT]
+_OUTPUTS += [each.name for each in STANDARD if each.is_output] + _of_nav2(Nav2Kind.LATCHED)
+_INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT] + _of_nav2(Nav2Kind.INPUT)
+_OWN_INPUTS = ("/tf", "/tf_static")
+"""Topics that the agent subscribes to, for goals of Nav2's actions in other frames than its own."""
 _QUERIES = [each.name for each in QUERIES] + [each.name for each in COMMANDS if each.reads]
+_QUERIES += _of_nav2(Nav2Kind.READING_SERVICE)
 _COMMANDS = [each.name for each in COMMANDS if not each.reads]
 _COMMANDS += [each.name for each in STANDARD if each.kind is Kind.SERVICE]
+_COMMANDS += _of_nav2(Nav2Kind.SERVICE)
+_ACTIONS = [each.name for each in ACTIONS] + _of_nav2(Nav2Kind.ACTION)
 _OWN_ACTIONS = ("ros/MoveBase",)
 """Actions that the agent calls itself: a message on goal_pose becomes a goal."""
 
@@ -58,9 +71,9 @@ def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
     profile = _Profile(f"{prefix}/agent", sim_time=sim_time)
     services = _QUERIES + _COMMANDS
     profile.allow("topics", "publish", (_path(prefix, name) for name in _OUTPUTS))
-    profile.allow("topics", "subscribe", (_path(prefix, name) for name in _INPUTS))
+    profile.allow("topics", "subscribe", (_path(prefix, name) for name in (*_INPUTS, *_OWN_INPUTS)))
     profile.allow("services", "reply", (_path(prefix, name) for name in services))
-    profile.allow("actions", "execute", (_path(prefix, each.name) for each in ACTIONS))
+    profile.allow("actions", "execute", (_path(prefix, name) for name in _ACTIONS))
     profile.allow("actions", "call", (_path(prefix, name) for name in _OWN_ACTIONS))
     return profile.policy(f"{prefix}/agent")
 
@@ -89,7 +102,7 @@ def client_policy(
             `read_only` the patterns match commands and actions only.
     """
     prefix = _prefix(namespace)
-    names = {each.name for each in (*QUERIES, *COMMANDS, *TOPICS, AGENT_INFO, *ACTIONS, *STANDARD)}
+    names = {*_QUERIES, *_COMMANDS, *_OUTPUTS, *_INPUTS, *_ACTIONS}
     for pattern in only:
         if not _matching(names, [pattern]):
             raise ValueError(
@@ -110,7 +123,7 @@ def client_policy(
     profile.allow("services", "request", selected(services))
     if not read_only:
         profile.allow("topics", "publish", selected(_INPUTS))
-        profile.allow("actions", "call", selected(action.name for action in ACTIONS))
+        profile.allow("actions", "call", selected(_ACTIONS))
     return profile.policy(f"{prefix}{node}")
 
 

@@ -352,6 +352,12 @@ class Settings:
         86400,
         read_only=True,
     )
+    nav2: bool = parameter_field(
+        False,
+        "Offer Nav2's actions, services and topics, for programs written for Nav2; not beside a "
+        "Nav2 that drives the robot.",
+        read_only=True,
+    )
     robots: tuple[str, ...] = parameter_field(
         ("",),
         "Namespaces of the robots, if this process serves several; each has its own parameters.",

@@ -181,6 +181,13 @@ class TestLaunch:
         ):
             Launch(name, port="548O")
 
+    @pytest.mark.parametrize(("text", "value"), [("true", True), ("False", False)])
+    def test_nav2_is_true_or_false(self, text: str, value: bool):
+        (node,) = Launch("bringup", nav2=text).nodes
+        assert check_agent(node)["nav2"] is value
+        with pytest.raises(ValueError, match="nav2 must be true or false, not 'yes'"):
+            Launch("agent", nav2="yes")
+
     @pytest.mark.parametrize("name", ["agent", "bringup", "sim"])
     def test_a_parameter_file_that_does_not_exist_is_refused(self, name: str):
         """`ros2 launch` would start the agent without it, with the default address."""

@@ -15,6 +15,7 @@ import pytest
 
 from scripts import sros2_policies
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
+from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts" / "make_keystore"
@@ -40,8 +41,11 @@ def test_a_client_may_use_all_endpoints_but_not_set_parameters() -> None:
     policy = sros2_policies.client_policy()
     services = {f"/woosh_robot/{each.name}" for each in (*QUERIES, *COMMANDS)}
     services |= {"/woosh_robot/cancel", "/woosh_robot/stop"}
+    services |= {f"/woosh_robot/{each.name}" for each in NAV2 if "service" in each.kind.value}
     assert names(policy, "services request") == services
-    assert names(policy, "actions call") == {f"/woosh_robot/{each.name}" for each in ACTIONS}
+    actions = {f"/woosh_robot/{each.name}" for each in ACTIONS}
+    actions |= {f"/woosh_robot/{each.name}" for each in NAV2 if each.kind is Kind.ACTION}
+    assert names(policy, "actions call") == actions
     topics = {f"/woosh_robot/{each.name}" for each in TOPICS}
     assert names(policy, "topics subscribe") > topics
     assert {"/woosh_robot/odom", "/diagnostics"} <= names(policy, "topics subscribe") - topics

@@ -14,8 +14,8 @@ from woosh_robot_agent.motion.gate import (
     StopReport,
     ZeroRefusedError,
 )
-from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.motion.speed_limiter import SpeedLimiter
+from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.motion.velocity_driver import (
     MAX_VELOCITY,
     UnusableVelocityError,

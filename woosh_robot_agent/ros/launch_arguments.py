@@ -19,6 +19,7 @@ DESCRIPTIONS = {
     "port": "Port of the chassis (0: standard port); default: from params_file",
     "namespace": "Namespace of the robot",
     "frame_prefix": "Prefix of every frame, e.g. r1/; default: from params_file",
+    "nav2": "true for Nav2's actions, services and topics; default: from params_file",
     "params_file": "Parameter file of the agent",
     "urdf": "Robot model",
 }
@@ -28,7 +29,7 @@ _OF_LAUNCH = {"emulate_tty", "launch-prefix", "launch-prefix-filter"} | {
     f"{name}_timeout" for name in ("sigterm", "sigkill")
 }
 """Arguments that `launch` itself takes from the command line."""
-_PARAMETERS = ("ip", "port", "frame_prefix")
+_PARAMETERS = ("ip", "port", "frame_prefix", "nav2")
 """Arguments that are parameters of the agent. Empty ones are not set."""
 
 
@@ -92,13 +93,16 @@ def agent(arguments: Mapping[str, str], **parameters: object) -> Node:
         parameters: further parameters, which override both.
 
     Raises:
-        ValueError: the port is not a number, or the parameter file does not exist.
+        ValueError: the port is not a number, nav2 is neither true nor false, or the parameter file
+            does not exist.
     """
     values: dict[str, object] = {
         name: arguments[name] for name in _PARAMETERS if arguments.get(name)
     }
     if port := arguments.get("port"):
         values["port"] = port_number(port)
+    if nav2 := arguments.get("nav2"):
+        values["nav2"] = _truth("nav2", nav2)
     if not Path(arguments["params_file"]).is_file():  # the agent would start without it
         raise ValueError(f"params_file is not a file: {arguments['params_file']}")
     return Node(
@@ -120,3 +124,14 @@ def port_number(text: str) -> int:
     if not text.isdecimal() or int(text) > 65535:
         raise ValueError(f"port must be a whole number from 0 to 65535, not {text!r}")
     return int(text)
+
+
+def _truth(name: str, text: str) -> bool:
+    """Return the value of an argument that is true or false.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    if text.lower() not in ("true", "false"):
+        raise ValueError(f"{name} must be true or false, not {text!r}")
+    return text.lower() == "true"

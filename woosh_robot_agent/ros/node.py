@@ -10,7 +10,8 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import fields, replace
 from functools import partial
-from typing import Any
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -37,6 +38,9 @@ from woosh_robot_agent.ros.services import Services
 from woosh_robot_agent.ros.standard.layer import StandardLayer
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.topics import Topics
+
+if TYPE_CHECKING:
+    from woosh_robot_agent.ros.nav2.layer import Nav2Layer
 
 
 class ParameterNode(Node):
@@ -167,9 +171,9 @@ class Agent:
             self.settings.result_timeout,
         )
         self._second_agent = SecondAgent(self.node)
-        self._standard = StandardLayer(
-            PartContext(self.robot, watch, self._second_agent, lambda: self.settings.standard)
-        )
+        parts = PartContext(self.robot, watch, self._second_agent, lambda: self.settings.standard)
+        self._standard = StandardLayer(parts)
+        self._nav2 = self._create_nav2(parts) if self.settings.nav2 else None
         self._lock = threading.Lock()
         self._end: Future[None] | None = None
         self.node.on_change(self._change)
@@ -178,6 +182,24 @@ class Agent:
         link_thread.call(chassis.start)
         self._standard.start()
         link_thread.spawn(self._second_agent.run)
+
+    def _create_nav2(self, parts: PartContext) -> Nav2Layer | None:
+        """Create Nav2's interfaces; None if their definitions are not installed."""
+        if find_spec("nav2_msgs") is None:
+            self.node.get_logger().error(
+                "nav2 is true, but there are no actions of Nav2, because nav2_msgs is not "
+                "installed: apt install ros-$ROS_DISTRO-nav2-msgs"
+            )
+            return None
+        # without it, its modules and those of the interfaces need not be loaded
+        from woosh_robot_agent.ros.nav2.layer import Nav2Layer
+
+        return Nav2Layer(
+            parts,
+            self.actions,
+            lambda: self._standard.map_to_odom,
+            self.settings.result_timeout,
+        )
 
     @property
     def settings(self) -> Settings:
@@ -215,7 +237,7 @@ class Agent:
             **self.robot.chassis.debug(),
             "state": self.robot.chassis.state.value,
             "counters": {each.name: getattr(stats, each.name) for each in fields(stats)},
-            "goals": self.actions.open_goals,
+            "goals": self.actions.open_goals + (self._nav2.open_goals if self._nav2 else 0),
             "running_goals": self.actions.running_goals,
             "tasks": sorted(task.get_name() for task in tasks),
         }
@@ -247,8 +269,13 @@ class Agent:
     async def _close(self) -> None:
         # run every step; the gate's own timeout is shorter because its error is more specific
         await self._end_step("stopping the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
-        await self._end_step("aborting the goals", self.actions.stop, _GOALS_TIMEOUT)
+        await self._end_step("aborting the goals", self._abort_goals, _GOALS_TIMEOUT)
         await self._end_step("closing the link", self.robot.chassis.close, _LINK_TIMEOUT)
+
+    async def _abort_goals(self) -> None:
+        await self.actions.stop()
+        if self._nav2 is not None:
+            await self._nav2.stop()
 
     async def _stop_robot(self) -> None:
         try:

@@ -79,18 +79,10 @@ class CmdVel(Part):
         await self._driver.run()
 
     def _stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
-        now = self._context.robot.node.get_clock().now().nanoseconds
-        stamp = message.header.stamp  # may be before 1970, which rclpy's Time refuses
-        age = (now - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
-        limit = self._context.settings().cmd_vel_max_age
-        if limit and abs(age) > limit:
-            self._driver.refuse(
-                "age",
-                f"its stamp is {age:.1f} s old; cmd_vel_max_age allows {limit:g} s into the past "
-                "or the future; check the sender's clock",
-            )
-            return
-        self._drive(message.twist, info, taken)
+        if objection := stamp_objection(self._context, message.header.stamp):
+            self._driver.refuse("age", objection)
+        else:
+            self._drive(message.twist, info, taken)
 
     def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
         published = self._clock.published(
@@ -109,3 +101,17 @@ class CmdVel(Part):
         found = self._context.robot.node.get_publishers_info_by_topic(self._topic)
         names = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
         return [f"{name} (on cmd_vel)" for name in names]
+
+
+def stamp_objection(context: PartContext, stamp: Any) -> str:
+    """Return why a velocity with this stamp is not sent; empty if it may be."""
+    now = context.robot.node.get_clock().now().nanoseconds
+    # the stamp may be before 1970, which rclpy's Time refuses
+    age = (now - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
+    limit = context.settings().cmd_vel_max_age
+    if not limit or abs(age) <= limit:
+        return ""
+    return (
+        f"its stamp is {age:.1f} s old; cmd_vel_max_age allows {limit:g} s into the past or the "
+        "future; check the sender's clock"
+    )

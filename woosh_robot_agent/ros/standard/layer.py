@@ -13,6 +13,7 @@ from woosh_robot_agent.ros.standard.goal_pose import GoalPose, InitialPose
 from woosh_robot_agent.ros.standard.map import Map
 from woosh_robot_agent.ros.standard.odom import Odom
 from woosh_robot_agent.ros.standard.part import Part, PartContext
+from woosh_robot_agent.ros.standard.poses import Pose2D
 from woosh_robot_agent.ros.standard.scan import Scan
 from woosh_robot_agent.ros.standard.states import (
     Connected,
@@ -57,6 +58,11 @@ class StandardLayer:
         """Start all parts. Thread-safe."""
         for part in self._parts:
             self._context.robot.thread.spawn(partial(_keep_running, part))
+
+    @property
+    def map_to_odom(self) -> Pose2D | None:
+        """Pose of the frame of the odometry in the map; None if it is unknown, or odom is off."""
+        return next((each.map_to_odom for each in self._parts if isinstance(each, Odom)), None)
 
     def close(self) -> None:
         """Remove from the graph what belongs to the parts, in the executor thread."""

@@ -180,7 +180,7 @@ class Map(Part):
             return
         origin = Pose2D(report.origin_x, report.origin_y)
         try:
-            message = await self._grid(report.map_data, report.resolution, origin)
+            message = await grid(self._context, report.map_data, report.resolution, origin)
         except ValueError as error:
             self._context.robot.chassis.count_bad_value(
                 BuildMapData, f"no map while the robot is making one, {error}"
@@ -206,7 +206,7 @@ class Map(Part):
             return
         try:
             origin = Pose2D.from_message(area.origin)
-            message = await self._grid(area.map_png, area.resolution, origin)
+            message = await grid(self._context, area.map_png, area.resolution, origin)
         except ValueError as error:
             self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
             self._not_before = now + _RETRY_DELAY
@@ -220,33 +220,36 @@ class Map(Part):
         self._published = wanted
         self._shows_growing = False
 
-    async def _mask(self, area: SceneData.Map, grid: OccupancyGrid) -> OccupancyGrid | None:
+    async def _mask(self, area: SceneData.Map, of: OccupancyGrid) -> OccupancyGrid | None:
         """Return the mask of a map's keep-out areas; None if it cannot be read."""
         if not area.keepout_png:  # a map without such areas
-            cells = array.array("b", bytes(len(grid.data)))
-            return OccupancyGrid(header=grid.header, info=grid.info, data=cells)
+            cells = array.array("b", bytes(len(of.data)))
+            return OccupancyGrid(header=of.header, info=of.info, data=cells)
         try:
             origin = Pose2D.from_message(area.origin)
-            mask = await self._grid(area.keepout_png, area.resolution, origin)
+            mask = await grid(self._context, area.keepout_png, area.resolution, origin)
         except ValueError as error:
             self._context.robot.chassis.count_bad_value(SceneData, f"no keepout_mask, {error}")
             return None
-        mask.header, mask.info.map_load_time = grid.header, grid.info.map_load_time
+        mask.header, mask.info.map_load_time = of.header, of.info.map_load_time
         return mask
 
-    async def _grid(self, image: bytes, resolution: float, origin: Pose2D) -> OccupancyGrid:
-        """Return the message for a map.
 
-        Raises:
-            ValueError: the map has no valid resolution, origin or image.
-        """
-        check_place(resolution, origin.x, origin.y)
-        # decoding a large image would block the link
-        width, height, cells = await asyncio.to_thread(cells_of, image)
-        message = OccupancyGrid(data=cells)
-        message.header.stamp = message.info.map_load_time = self._context.now()
-        message.header.frame_id = self._context.frame("map")
-        message.info.resolution = resolution
-        message.info.width, message.info.height = width, height
-        message.info.origin = to_pose(origin)
-        return message
+async def grid(
+    context: PartContext, image: bytes, resolution: float, origin: Pose2D
+) -> OccupancyGrid:
+    """Return the message for a map.
+
+    Raises:
+        ValueError: the map has no valid resolution, origin or image.
+    """
+    check_place(resolution, origin.x, origin.y)
+    # decoding a large image would block the link
+    width, height, cells = await asyncio.to_thread(cells_of, image)
+    message = OccupancyGrid(data=cells)
+    message.header.stamp = message.info.map_load_time = context.now()
+    message.header.frame_id = context.frame("map")
+    message.info.resolution = resolution
+    message.info.width, message.info.height = width, height
+    message.info.origin = to_pose(origin)
+    return message

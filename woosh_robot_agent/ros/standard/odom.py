@@ -66,6 +66,11 @@ class Odom(Part):
             context.robot.chassis.on_accepted(request, self._pose_set)
         context.robot.chassis.subscribe(PoseSpeed, self._pushed)
 
+    @property
+    def map_to_odom(self) -> Pose2D | None:
+        """Pose of the frame of the odometry in the map; None if it is unknown."""
+        return self._odometry.map_to_odom if self._known else None
+
     async def run(self) -> None:
         await self._subscribers.repeat(self._rate, self._publish_due)
 

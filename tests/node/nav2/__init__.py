@@ -1,0 +1,1 @@
+"""Tests of Nav2's interfaces, by clients that call them as Nav2's own clients do."""

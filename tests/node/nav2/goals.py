@@ -1,0 +1,99 @@
+"""Goals of Nav2's actions, from the client's side."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, PoseStamped
+
+from tests.harness import Client, Collector, wait_future
+from tests.node.goals import START
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
+
+SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
+CANCELED = GoalStatus.STATUS_CANCELED
+ABORTED = GoalStatus.STATUS_ABORTED
+
+
+class Nav2Client:
+    """A goal of one of Nav2's actions.
+
+    Attributes:
+        accepted: True if the server has accepted it.
+        feedback: the feedback so far.
+    """
+
+    def __init__(self, client: Client, name: str, **fields: Any) -> None:
+        self.feedback = Collector()
+        self._client = client
+        action = class_of(BY_NAME[name].type, "action")
+        goal = action.Goal(**fields)
+        server = client.action(action, name)
+        sent = client.in_executor(
+            lambda: server.send_goal_async(
+                goal, feedback_callback=lambda message: self.feedback.add(message.feedback)
+            )
+        )
+        self.handle = wait_future(sent)
+        self.accepted: bool = self.handle.accepted
+        self._result = client.in_executor(self.handle.get_result_async) if self.accepted else None
+
+    def result(self) -> tuple[int, Any]:
+        """Wait for the result; return its status (action_msgs/GoalStatus) and the message."""
+        assert self._result is not None, "the goal was rejected"
+        response = wait_future(self._result)
+        return response.status, response.result
+
+    @property
+    def done(self) -> bool:
+        """True if the result has been received."""
+        return self._result is not None and bool(self._result.done())
+
+    def cancel(self) -> Any:
+        """Request a cancel; return the action_msgs/CancelGoal response."""
+        return wait_future(self._client.in_executor(self.handle.cancel_goal_async))
+
+
+def ahead(distance: float, frame: str = "map", left: float = 0.0) -> PoseStamped:
+    """Return a pose in front of the initial pose of the simulated robot, with its heading."""
+    x, y, theta = START
+    cos, sin = math.cos(theta), math.sin(theta)
+    return pose(x + cos * distance - sin * left, y + sin * distance + cos * left, theta, frame)
+
+
+def pose(x: float, y: float, theta: float = 0.0, frame: str = "map") -> PoseStamped:
+    """Return a pose as a message."""
+    message = PoseStamped()
+    message.header.frame_id = frame
+    message.pose.position.x, message.pose.position.y = x, y
+    message.pose.orientation.z = math.sin(theta / 2)
+    message.pose.orientation.w = math.cos(theta / 2)
+    return message
+
+
+def go(client: Client, distance: float, **fields: Any) -> Nav2Client:
+    """Send the robot to a pose in front of its initial one."""
+    return Nav2Client(client, "navigate_to_pose", pose=ahead(distance), **fields)
+
+
+def step(client: Client, name: str, distance: float, speed: float, allowance: int = 0) -> Any:
+    """Send a goal of drive_on_heading or backup."""
+    return Nav2Client(
+        client,
+        name,
+        target=Point(x=distance),
+        speed=speed,
+        time_allowance=Duration(sec=allowance),
+    )
+
+
+def poses_field(action: Any, name: str, poses: list[PoseStamped]) -> Any:
+    """Return the value of a field of several poses, which is a message since Kilted."""
+    if "Goals" not in action.Goal.get_fields_and_field_types()[name]:
+        return poses
+    goals = class_of("nav_msgs/Goals")
+    return goals(goals=poses)

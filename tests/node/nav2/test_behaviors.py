@@ -1,0 +1,244 @@
+"""spin, drive_on_heading, backup, wait and assisted_teleop."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, Twist
+from std_msgs.msg import Empty
+
+from tests.harness import Client, wait_until
+from tests.node.goals import START, hurry, slow_down
+from tests.node.nav2.goals import ABORTED, CANCELED, SUCCEEDED, Nav2Client, go, step
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist as ChassisTwist
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.simulator import SimulatorThread
+
+nav2_actions = pytest.importorskip("nav2_msgs.action")
+pytestmark = pytest.mark.usefixtures("agent")
+
+
+def code(result: Any, name: str) -> int:
+    """Return the code that a result must have: one of its constants; 0 on Humble."""
+    return getattr(type(result), name, 0) if hasattr(result, "error_code") else 0
+
+
+def error_code(result: Any) -> int:
+    return getattr(result, "error_code", 0)
+
+
+def last_step(simulator: SimulatorThread) -> Any:
+    commands = [each.message for each in simulator.received if type(each.message) is CallAction]
+    return commands[-1].step_control
+
+
+def moved(simulator: SimulatorThread) -> tuple[float, float]:
+    """Return how far the robot is ahead of its initial pose, in metres, and turned, in radians."""
+    x, y, theta = START
+    here = simulator.state.pose
+    cos, sin = math.cos(theta), math.sin(theta)
+    turned = math.remainder(here.theta - theta, math.tau)
+    return cos * (here.x - x) + sin * (here.y - y), turned
+
+
+def stands(simulator: SimulatorThread) -> bool:
+    return not simulator.call(lambda sim: sim.chassis.base.moving)
+
+
+@pytest.mark.parametrize("angle", [1.5, -0.7, 4.0])
+def test_spin(client: Client, simulator: SimulatorThread, angle: float) -> None:
+    goal = Nav2Client(client, "spin", target_yaw=angle)
+    status, result = goal.result()
+    assert (status, error_code(result)) == (SUCCEEDED, 0)
+    assert moved(simulator)[1] == pytest.approx(math.remainder(angle, math.tau), abs=0.01)
+    assert result.total_elapsed_time.nanosec or result.total_elapsed_time.sec
+    angles = [each.angular_distance_traveled for each in goal.feedback.messages]
+    assert angles[-1] == pytest.approx(angle, abs=abs(angle))
+    assert last_step(simulator).steps[0].speed == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("name", "distance", "speed", "ahead"),
+    [
+        ("backup", 0.2, 0.1, -0.2),
+        ("backup", -0.2, -0.1, -0.2),
+        ("drive_on_heading", 0.3, 0.2, 0.3),
+        ("drive_on_heading", -0.3, -0.2, -0.3),
+    ],
+)
+def test_straight_moves(
+    client: Client,
+    simulator: SimulatorThread,
+    name: str,
+    distance: float,
+    speed: float,
+    ahead: float,
+) -> None:
+    goal = step(client, name, distance, speed)
+    status, result = goal.result()
+    assert (status, error_code(result)) == (SUCCEEDED, 0)
+    assert moved(simulator)[0] == pytest.approx(ahead, abs=0.01)
+    assert goal.feedback.messages[0].distance_traveled == pytest.approx(0.0, abs=0.05)
+    assert last_step(simulator).steps[0].speed == pytest.approx(abs(speed))
+    assert last_step(simulator).avoid == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "speed"),
+    [
+        ("drive_on_heading", Point(x=0.3), -0.2),
+        ("drive_on_heading", Point(x=0.3, y=0.1), 0.2),
+        ("backup", Point(x=0.3, z=0.1), 0.2),
+        ("backup", Point(x=math.nan), 0.2),
+        ("backup", Point(x=0.3), math.nan),
+        ("backup", Point(x=0.3), 0.0),
+    ],
+)
+def test_moves_that_are_not_possible(
+    client: Client, simulator: SimulatorThread, name: str, target: Point, speed: float
+) -> None:
+    status, result = Nav2Client(client, name, target=target, speed=speed).result()
+    assert (status, error_code(result)) == (ABORTED, code(result, "INVALID_INPUT"))
+    assert simulator.counts["woosh.ros.CallAction"] == 0
+
+
+def test_speeds_obey_the_limits_of_cmd_vel(client: Client, simulator: SimulatorThread) -> None:
+    assert step(client, "backup", 0.1, 5.0).result()[0] == SUCCEEDED
+    assert last_step(simulator).steps[0].speed == 1.0
+
+
+@pytest.mark.skipif(
+    "disable_collision_checks" not in nav2_actions.Spin.Goal.get_fields_and_field_types(),
+    reason="this release has no such field",
+)
+def test_disabled_collision_checks(client: Client, simulator: SimulatorThread) -> None:
+    goal = Nav2Client(
+        client, "backup", target=Point(x=0.1), speed=0.1, disable_collision_checks=True
+    )
+    assert goal.result()[0] == SUCCEEDED
+    assert last_step(simulator).avoid == 1
+
+
+def test_the_time_allowance_ends_a_move(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
+    status, result = step(client, "drive_on_heading", 3.0, 0.1, allowance=1).result()
+    assert (status, error_code(result)) == (ABORTED, code(result, "TIMEOUT"))
+    assert "time_allowance" in getattr(result, "error_msg", "time_allowance")
+    assert stands(simulator)
+    assert 0.0 < moved(simulator)[0] < 1.0
+
+
+def test_a_move_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
+    goal = Nav2Client(client, "spin", target_yaw=50.0)
+    goal.feedback.wait(lambda each: each.angular_distance_traveled > 0.3)
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
+    assert stands(simulator)
+
+
+def test_a_new_move_stops_the_running_one(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
+    first = Nav2Client(client, "spin", target_yaw=50.0)
+    first.feedback.wait(lambda each: each.angular_distance_traveled > 0.1)
+    second = Nav2Client(client, "spin", target_yaw=-0.2)
+    assert first.result()[0] == ABORTED
+    assert second.result()[0] == SUCCEEDED
+
+
+def test_an_obstacle_aborts_a_move(client: Client, simulator: SimulatorThread) -> None:
+    simulator.inject("obstacle", ahead=1.0)
+    status, result = step(client, "drive_on_heading", 2.0, 0.5).result()
+    assert (status, error_code(result)) == (ABORTED, code(result, "UNKNOWN"))
+    assert "obstacle" in getattr(result, "error_msg", "obstacle")
+
+
+def test_wait(client: Client) -> None:
+    goal = Nav2Client(client, "wait", time=Duration(nanosec=300_000_000))
+    status, result = goal.result()
+    assert status == SUCCEEDED
+    assert result.total_elapsed_time.nanosec >= 300_000_000
+    left = [each.time_left.nanosec for each in goal.feedback.messages]
+    assert left == sorted(left, reverse=True)
+
+
+def test_waiting_and_driving_do_not_disturb_each_other(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    slow_down(simulator)
+    drive = go(client, 3.0)
+    wait = Nav2Client(client, "wait", time=Duration(sec=100))
+    other = Nav2Client(client, "wait", time=Duration(nanosec=1))
+    assert wait.result()[0] == ABORTED
+    assert other.result()[0] == SUCCEEDED
+    hurry(simulator)
+    assert drive.result()[0] == SUCCEEDED
+    wait = Nav2Client(client, "wait", time=Duration(sec=100))
+    wait.feedback.wait(lambda _: True)
+    wait.cancel()
+    assert wait.result()[0] == CANCELED
+
+
+class TestAssistedTeleop:
+    @pytest.fixture
+    def velocities(self, client: Client) -> Any:
+        """Publisher of velocities, known to the agent."""
+        publisher = client.node.create_publisher(Twist, client.path("cmd_vel_teleop"), 10)
+        wait_until(lambda: publisher.get_subscription_count(), "the agent subscribes")
+        return publisher
+
+    def drive(self, velocities: Any, simulator: SimulatorThread) -> None:
+        """Publish velocities until the robot drives."""
+        velocity = Twist()
+        velocity.linear.x = 0.3
+
+        def drives() -> bool:
+            velocities.publish(velocity)
+            return not stands(simulator)
+
+        wait_until(drives, "the robot drives")
+
+    def test_it_drives_by_velocities_until_it_is_cancelled(
+        self, client: Client, simulator: SimulatorThread, velocities: Any
+    ) -> None:
+        goal = Nav2Client(client, "assisted_teleop")
+        self.drive(velocities, simulator)
+        goal.feedback.wait(lambda each: each.current_teleop_duration.nanosec)
+        goal.cancel()
+        assert goal.result()[0] == CANCELED
+        assert stands(simulator)
+
+    def test_without_a_goal_velocities_move_nothing(
+        self, client: Client, simulator: SimulatorThread, velocities: Any
+    ) -> None:
+        velocity = Twist()
+        velocity.linear.x = 0.3
+        for _ in range(10):
+            velocities.publish(velocity)
+        assert Nav2Client(client, "wait").result()[0] == SUCCEEDED
+        assert ChassisTwist.DESCRIPTOR.full_name not in simulator.counts
+
+    def test_the_time_allowance_ends_it(self, client: Client) -> None:
+        goal = Nav2Client(client, "assisted_teleop", time_allowance=Duration(nanosec=200_000_000))
+        status, result = goal.result()
+        assert (status, error_code(result)) == (ABORTED, code(result, "TIMEOUT"))
+
+    def test_preempt_teleop_ends_it_with_success(self, client: Client) -> None:
+        preempt = client.node.create_publisher(Empty, client.path("preempt_teleop"), 1)
+        wait_until(lambda: preempt.get_subscription_count(), "the agent subscribes")
+        goal = Nav2Client(client, "assisted_teleop")
+        goal.feedback.wait(lambda _: True)
+        preempt.publish(Empty())
+        assert goal.result()[0] == SUCCEEDED
+
+    def test_a_navigation_replaces_it(
+        self, client: Client, simulator: SimulatorThread, velocities: Any
+    ) -> None:
+        teleop = Nav2Client(client, "assisted_teleop")
+        self.drive(velocities, simulator)
+        drive = go(client, 1.0)
+        assert teleop.result()[0] == ABORTED
+        assert drive.result()[0] == SUCCEEDED

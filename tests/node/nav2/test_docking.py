@@ -1,0 +1,100 @@
+"""dock_robot and undock_robot."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.harness import Client
+from tests.node.goals import slow_down
+from tests.node.nav2.goals import ABORTED, CANCELED, SUCCEEDED, Nav2Client, pose
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.robot.readiness import is_charging
+from woosh_robot_agent.simulator import SimulatorThread
+
+nav2_actions = pytest.importorskip("nav2_msgs.action")
+pytestmark = [
+    pytest.mark.usefixtures("agent"),
+    pytest.mark.skipif(not hasattr(nav2_actions, "DockRobot"), reason="Humble has no docking"),
+]
+
+
+def charges(simulator: SimulatorThread) -> bool:
+    return is_charging(simulator.state.info.battery)
+
+
+def chargers(simulator: SimulatorThread) -> list[tuple[str, float, float]]:
+    """Return the marks of the chargers and their positions."""
+    marks = simulator.call(lambda sim: dict(sim.chassis.map.marks))
+    return [
+        (number, mark.pose.x, mark.pose.y)
+        for number, mark in marks.items()
+        if "charg" in str(mark.kind).lower()
+    ]
+
+
+def test_the_robot_docks_and_undocks(client: Client, simulator: SimulatorThread) -> None:
+    mark = chargers(simulator)[0][0]
+    goal = Nav2Client(client, "dock_robot", dock_id=mark)
+    status, result = goal.result()
+    assert (status, result.success, result.error_code) == (SUCCEEDED, True, 0)
+    assert charges(simulator)
+    feedback = nav2_actions.DockRobot.Feedback
+    states = [each.state for each in goal.feedback.messages]
+    assert states == sorted(states)
+    assert states[0] == feedback.NAV_TO_STAGING_POSE
+    status, result = Nav2Client(client, "undock_robot").result()
+    assert (status, result.success, result.error_code) == (SUCCEEDED, True, 0)
+    assert not charges(simulator)
+    assert simulator.call(lambda sim: sim.chassis.charger) is None
+
+
+@pytest.mark.parametrize("use_dock_id", [True, False])
+def test_the_charger_is_found(
+    client: Client, simulator: SimulatorThread, use_dock_id: bool
+) -> None:
+    """Without an id it is the nearest one; a pose stands for the charger near it."""
+    here = simulator.state.pose
+    mark, x, y = min(chargers(simulator), key=lambda each: here.distance(each[1:]))
+    goal = Nav2Client(client, "dock_robot", use_dock_id=use_dock_id, dock_pose=pose(x + 0.3, y))
+    assert goal.result()[0] == SUCCEEDED
+    (task,) = [each.message for each in simulator.received if type(each.message) is ExecTask]
+    assert task.mark_no == mark
+
+
+def test_there_is_no_such_charger(client: Client, simulator: SimulatorThread) -> None:
+    for goal in (
+        Nav2Client(client, "dock_robot", dock_id="Z99"),
+        Nav2Client(client, "dock_robot", use_dock_id=False, dock_pose=pose(0.0, 0.0)),
+    ):
+        status, result = goal.result()
+        assert (status, result.success) == (ABORTED, False)
+        assert result.error_code == nav2_actions.DockRobot.Result.DOCK_NOT_IN_DB
+        assert "there is no charger" in result.error_msg
+    assert ExecTask.DESCRIPTOR.full_name not in simulator.counts
+
+
+def test_docking_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
+    goal = Nav2Client(client, "dock_robot")
+    goal.feedback.wait(lambda _: True)
+    goal.cancel()
+    status, result = goal.result()
+    assert (status, result.success) == (CANCELED, False)
+    assert not simulator.call(lambda sim: sim.chassis.tasks.active)
+
+
+def test_the_way_to_the_charger_takes_too_long(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
+    status, result = Nav2Client(client, "dock_robot", max_staging_time=0.2).result()
+    assert status == ABORTED
+    assert result.error_code == nav2_actions.DockRobot.Result.FAILED_TO_STAGE
+    assert not simulator.call(lambda sim: sim.chassis.tasks.active)
+
+
+def test_a_refusal_is_explained(client: Client, simulator: SimulatorThread) -> None:
+    simulator.set_emergency_stop(True)
+    for name in ("dock_robot", "undock_robot"):
+        status, result = Nav2Client(client, name).result()
+        assert (status, result.success) == (ABORTED, False)
+        assert "emergency stop" in result.error_msg
+        assert result.error_code != 0

@@ -1,0 +1,154 @@
+"""Goal poses in other frames than that of the map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from tests.harness import Client, Collector, RunningAgent
+from tests.node.goals import START
+from tests.node.nav2.goals import SUCCEEDED, Nav2Client, ahead, pose
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.simulator import SimulatorThread
+
+pytest.importorskip("nav2_msgs.action")
+
+
+def transform(
+    parent: str,
+    child: str,
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
+) -> TransformStamped:
+    message = TransformStamped()
+    message.header.frame_id, message.child_frame_id = parent, child
+    target = message.transform
+    target.translation.x, target.translation.y, target.translation.z = shift
+    (target.rotation.x, target.rotation.y, target.rotation.z, target.rotation.w) = rotation
+    return message
+
+
+@pytest.fixture
+def static(client: Client) -> Callable[..., None]:
+    """Function that publishes transforms on /tf_static."""
+    message = class_of("tf2_msgs/TFMessage")
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = client.node.create_publisher(message, "/tf_static", latched)
+    return lambda *transforms: publisher.publish(message(transforms=list(transforms)))
+
+
+def target(simulator: SimulatorThread) -> tuple[float, float, float]:
+    """Return the pose to which the chassis was sent last: ahead of START, left of it, heading."""
+    commands = [each.message for each in simulator.received if type(each.message) is CallAction]
+    there = commands[-1].move_base.target_pose
+    x, y, theta = START
+    cos, sin = math.cos(theta), math.sin(theta)
+    dx, dy = there.x - x, there.y - y
+    heading = math.remainder(there.theta - theta, math.tau)
+    return cos * dx + sin * dy, cos * dy - sin * dx, heading
+
+
+def go(client: Client, message: Any) -> Nav2Client:
+    return Nav2Client(client, "navigate_to_pose", pose=message)
+
+
+def near(*numbers: float) -> Any:
+    return pytest.approx(numbers, abs=0.01)
+
+
+@pytest.mark.usefixtures("agent")
+class TestFrames:
+    def test_the_robots_own_frame(self, client: Client, simulator: SimulatorThread) -> None:
+        assert go(client, pose(0.5, 0.0, 0.3, "base_link")).result()[0] == SUCCEEDED
+        assert target(simulator) == near(0.5, 0.0, 0.3)
+
+    def test_the_frame_of_the_odometry(self, client: Client, simulator: SimulatorThread) -> None:
+        """Its origin is where the robot was first."""
+        for x in (0.5, 0.2):
+            assert go(client, pose(x, 0.0, frame="odom")).result()[0] == SUCCEEDED
+            assert target(simulator) == near(x, 0.0, 0.0)
+
+    @pytest.mark.parametrize("frame", ["", "/map"])
+    def test_names_of_the_map(self, client: Client, simulator: SimulatorThread, frame: str) -> None:
+        assert go(client, ahead(0.5, frame)).result()[0] == SUCCEEDED
+        assert target(simulator) == near(0.5, 0.0, 0.0)
+
+    def test_a_chain_on_tf(
+        self, client: Client, simulator: SimulatorThread, static: Callable[..., None]
+    ) -> None:
+        """A camera on a mast: its optical axis z looks ahead, x to the right."""
+        optical = (-0.5, 0.5, -0.5, 0.5)
+        static(
+            transform("base_link", "mast", (0.2, 0.0, 1.0)),
+            transform("mast", "camera", (0.0, 0.1, 0.0), optical),
+        )
+        seen = pose(0.0, 0.0, frame="camera")
+        seen.pose.position.z = 0.5
+        x, y, z, w = optical
+        inverse = seen.pose.orientation  # upright, with the heading of the robot
+        inverse.x, inverse.y, inverse.z, inverse.w = -x, -y, -z, w
+        assert go(client, seen).result()[0] == SUCCEEDED
+        assert target(simulator) == near(0.7, 0.1, 0.0)
+
+    def test_a_frame_above_the_robot(
+        self, client: Client, simulator: SimulatorThread, static: Callable[..., None]
+    ) -> None:
+        half = math.pi / 4
+        static(
+            transform("base_footprint", "base_link", (0.1, 0.0, 0.2)),
+            transform("earth", "map", (10.0, 0.0, 0.0), (0.0, 0.0, math.sin(half), math.cos(half))),
+        )
+        assert go(client, pose(0.6, 0.0, frame="base_footprint")).result()[0] == SUCCEEDED
+        assert target(simulator) == near(0.5, 0.0, 0.0)
+        x, y, theta = START
+        there = pose(10.0 - y, x, theta + math.pi / 2, "earth")
+        assert go(client, there).result()[0] == SUCCEEDED
+        assert target(simulator) == near(0.0, 0.0, 0.0)
+
+    def test_an_unknown_frame_is_rejected(
+        self, client: Client, simulator: SimulatorThread, logs: Collector, static: Any
+    ) -> None:
+        static(transform("world", "shelf"))
+        for frame, text in (("nowhere", "the frame nowhere with"), ("shelf", "world, which is")):
+            goal = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0), ahead(1.0, frame)])
+            assert not goal.accepted
+            logs.wait(lambda record, text=text: text in record.getMessage())
+        assert "pose 1 of 2" in logs.messages[-1].getMessage()
+        assert simulator.counts["woosh.ros.CallAction"] == 0
+
+    def test_other_actions_bring_their_poses_too(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
+        goal = Nav2Client(
+            client,
+            "compute_path_to_pose",
+            goal=pose(2.0, 0.0, frame="base_link"),
+            start=pose(1.0, 0.0, frame="base_link"),
+            use_start=True,
+        )
+        status, result = goal.result()
+        assert status == SUCCEEDED
+        start, end = result.path.poses[0].pose.position, result.path.poses[-1].pose.position
+        assert math.dist((start.x, start.y), START[:2]) == pytest.approx(1.0, abs=0.01)
+        assert math.dist((end.x, end.y), START[:2]) == pytest.approx(2.0, abs=0.01)
+
+
+def test_frames_with_a_prefix(
+    client: Client,
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+    logs: Collector,
+) -> None:
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, nav2=True, frame_prefix="r1/")
+    agent.wait_connected()
+    goal = go(client, ahead(0.5, "r1/map"))
+    goal.feedback.wait(lambda each: each.current_pose.header.frame_id == "r1/map")
+    assert goal.result()[0] == SUCCEEDED
+    assert not go(client, ahead(0.5, "map")).accepted
+    logs.wait(lambda record: "give the pose in one of r1/map" in record.getMessage())

@@ -1,0 +1,111 @@
+"""Nav2's interfaces as a whole: what there is, and when they are off or not possible."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import pytest
+from rcl_interfaces.srv import GetParameters
+
+from tests.harness import Client, Collector, Program, RunningAgent, wait_until
+from tests.node.goals import slow_down
+from tests.node.nav2.goals import ABORTED, Nav2Client, go
+from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
+from woosh_robot_agent.simulator import SimulatorThread
+
+nav2_actions = pytest.importorskip("nav2_msgs.action")
+
+
+def services(client: Client) -> dict[str, str]:
+    """Return the services of the agent, with their types."""
+    prefix = f"{client.namespace}/"
+    return {
+        name.removeprefix(prefix): types[0].replace("/srv/", "/").replace("/action/", "/")
+        for name, types in client.node.get_service_names_and_types()
+        if name.startswith(prefix)
+    }
+
+
+def test_there_is_everything_in_the_table(client: Client, agent: RunningAgent) -> None:
+    wait_until(lambda: "map_server/load_map" in services(client), "the services")
+    found = services(client)
+    topics = dict(client.node.get_topic_names_and_types())
+    for each in NAV2:
+        package, _, name = each.type.partition("/")
+        if each.kind is Kind.ACTION:
+            there = f"{each.name}/_action/send_goal" in found
+            assert there is hasattr(nav2_actions, name), each.name
+        elif "service" in each.kind.value:
+            assert found[each.name] == each.type
+        else:
+            assert topics[client.path(each.name)] == [f"{package}/msg/{name}"]
+
+
+def test_it_is_off_by_default(
+    client: Client, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+) -> None:
+    start_agent(ip="127.0.0.1", port=simulator.port).wait_connected()
+    wait_until(lambda: "agent/get_parameters" in services(client), "the agent")
+    client.wait_known(GetParameters, client.path("agent/get_parameters"))
+    assert not {each.name for each in NAV2} & set(services(client))
+    assert not [name for name in services(client) if "navigate" in name]
+
+
+def test_without_its_definitions_there_is_one_clear_line(
+    client: Client,
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+    logs: Collector,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "nav2_msgs", None)
+    start_agent(ip="127.0.0.1", port=simulator.port, nav2=True).wait_connected()
+    wait_until(lambda: "agent/get_parameters" in services(client), "the agent")
+    assert not {each.name for each in NAV2} & set(services(client))
+    said = capfd.readouterr().err
+    assert said.count("nav2_msgs is not installed: apt install") == 1
+
+
+def test_an_agent_that_observes_sends_no_goals(
+    client: Client, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+) -> None:
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, nav2=True, observe_only=True)
+    agent.wait_connected()
+    for goal in (go(client, 1.0), Nav2Client(client, "spin", target_yaw=1.0)):
+        status, result = goal.result()
+        assert status == ABORTED
+        assert "only observes" in getattr(result, "error_msg", "only observes")
+    assert simulator.counts["woosh.ros.CallAction"] == 0
+
+
+def test_a_lost_link_aborts_a_goal(
+    client: Client, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+) -> None:
+    agent = start_agent(
+        ip="127.0.0.1", port=simulator.port, nav2=True, goal_link_timeout=0.2, backoff_min=0.1
+    )
+    agent.wait_connected()
+    slow_down(simulator)
+    goal = go(client, 5.0)
+    goal.feedback.wait(lambda _: True)
+    simulator.inject("off")
+    status, result = goal.result()
+    assert status == ABORTED
+    assert "the link was lost" in getattr(result, "error_msg", "the link was lost")
+
+
+def test_a_program_with_it_ends_cleanly(
+    client: Client, simulator: SimulatorThread, start_program: Callable[..., Program]
+) -> None:
+    program = start_program(
+        "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}", "-p", "nav2:=true"
+    )
+    slow_down(simulator)
+    goal = go(client, 5.0)
+    goal.feedback.wait(lambda _: True)
+    program.end()
+    status, result = goal.result()
+    assert status == ABORTED
+    assert "stopping" in getattr(result, "error_msg", "stopping")

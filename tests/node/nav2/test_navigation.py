@@ -1,0 +1,359 @@
+"""navigate_to_pose, navigate_through_poses and follow_waypoints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Duration
+from std_srvs.srv import Trigger
+
+from tests.harness import Client, Collector, RunningAgent, wait_until
+from tests.node.goals import (
+    CALL_ACTION,
+    EXECUTING,
+    START,
+    hurry,
+    move_base,
+    slow_down,
+    stop_time,
+    task,
+)
+from tests.node.nav2.goals import (
+    ABORTED,
+    CANCELED,
+    SUCCEEDED,
+    Nav2Client,
+    ahead,
+    go,
+    pose,
+    poses_field,
+)
+from woosh_robot_agent.pb.ros import action_pb2
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.srv import SwitchWorkMode
+
+nav2_actions = pytest.importorskip("nav2_msgs.action")
+pytestmark = pytest.mark.usefixtures("agent")
+
+OUTSIDE = (1000.0, 1000.0)
+"""A place outside of the map."""
+
+
+def drives(simulator: SimulatorThread) -> list[int]:
+    """Return what the chassis was commanded to do with MoveBase: 0 to cancel, 1 to execute."""
+    return [
+        int(each.message.move_base.action)
+        for each in simulator.received
+        if isinstance(each.message, CallAction) and each.message.HasField("move_base")
+    ]
+
+
+def distance_to(simulator: SimulatorThread, distance: float) -> float:
+    """Return how far the robot is from a pose in front of its initial one, in metres."""
+    x, y, theta = START
+    here = simulator.state.pose
+    return math.hypot(
+        x + distance * math.cos(theta) - here.x, y + distance * math.sin(theta) - here.y
+    )
+
+
+def stands(simulator: SimulatorThread) -> bool:
+    return not simulator.call(lambda sim: sim.chassis.base.moving)
+
+
+def test_the_robot_drives_to_the_pose(client: Client, simulator: SimulatorThread) -> None:
+    goal = go(client, 1.0)
+    status, result = goal.result()
+    assert (status, getattr(result, "error_code", 0)) == (SUCCEEDED, 0)
+    assert distance_to(simulator, 1.0) < 0.01
+    assert drives(simulator) == [action_pb2.kExecute]
+
+
+def test_feedback_falls_while_the_robot_drives(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
+    goal = go(client, 1.0)
+    assert goal.result()[0] == SUCCEEDED
+    feedback = goal.feedback.messages
+    assert len(feedback) > 10
+    rests = [each.distance_remaining for each in feedback]
+    assert all(later < earlier + 0.001 for earlier, later in pairwise(rests))
+    assert rests[0] == pytest.approx(1.0, abs=0.1)
+    assert rests[-1] < 0.1
+    times = [each.estimated_time_remaining for each in feedback]
+    seconds = [each.sec + each.nanosec / 1e9 for each in times]
+    assert all(later < earlier + 0.001 for earlier, later in pairwise(seconds))
+    assert 1.0 < seconds[0] < 4.0
+    assert feedback[-1].current_pose.header.frame_id == "map"
+    assert feedback[-1].current_pose.pose.position.x > feedback[0].current_pose.pose.position.x
+    assert feedback[-1].navigation_time.sec >= 1
+    assert {each.number_of_recoveries for each in feedback} == {0}
+
+
+def test_a_cancel_ends_cancelled_and_the_robot_stands(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    slow_down(simulator)
+    goal = go(client, 5.0)
+    goal.feedback.wait(lambda each: each.distance_remaining < 4.7)
+    assert goal.cancel().goals_canceling
+    status, result = goal.result()
+    assert (status, getattr(result, "error_code", 0)) == (CANCELED, 0)
+    assert stands(simulator)
+    assert distance_to(simulator, 5.0) > 3.0
+
+
+def test_a_new_goal_replaces_the_running_one_without_a_stop(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    slow_down(simulator)
+    first = go(client, 5.0)
+    first.feedback.wait(lambda each: each.distance_remaining < 4.8)
+    second = go(client, 1.0)
+    hurry(simulator)
+    assert first.result()[0] == ABORTED
+    assert second.result()[0] == SUCCEEDED
+    assert drives(simulator) == [action_pb2.kExecute] * 2
+    assert distance_to(simulator, 1.0) < 0.01
+
+
+def test_goals_of_different_actions_replace_each_other(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    slow_down(simulator)
+    waypoints = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
+    waypoints.feedback.wait(lambda each: each.current_waypoint == 0)
+    to_pose = go(client, 0.5)
+    assert waypoints.result()[0] == ABORTED
+    spin = Nav2Client(client, "spin", target_yaw=0.5)
+    assert to_pose.result()[0] == ABORTED
+    assert spin.result()[0] == SUCCEEDED
+    assert drives(simulator) == [action_pb2.kExecute] * 2 + [action_pb2.kCancel]
+
+
+def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    slow_down(simulator)
+    first = go(client, 5.0)
+    first.feedback.wait(lambda each: each.distance_remaining < 4.8)
+    simulator.inject("refuse", type=CALL_ACTION, text="not there", count=1)
+    status, result = go(client, 1.0).result()
+    assert status == ABORTED
+    assert "not there" in getattr(result, "error_msg", "not there")
+    assert first.result()[0] == ABORTED
+    assert stands(simulator)
+    assert distance_to(simulator, 5.0) > 2.0
+
+
+def test_a_goal_of_the_agents_own_action_replaces_it(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    slow_down(simulator)
+    goal = go(client, 5.0)
+    goal.feedback.wait(lambda each: each.distance_remaining < 4.8)
+    other = move_base(client, 1.0)
+    status, result = goal.result()
+    assert status == ABORTED
+    assert "newer goal" in getattr(result, "error_msg", "newer goal")
+    assert other.result()[0] == SUCCEEDED
+
+
+def deploy(client: Client) -> None:
+    """Switch the robot to deployment mode."""
+    request = SwitchWorkMode.Request()
+    request.arg.mode.value = 1
+    assert client.call(SwitchWorkMode, "robot/SwitchWorkMode", arg=request.arg).ok
+
+
+@pytest.mark.parametrize(
+    ("prevent", "reason"),
+    [
+        (lambda _, simulator: simulator.set_emergency_stop(True), "emergency stop"),
+        (lambda _, simulator: simulator.set_key_switch(True), "manual mode"),
+        (lambda client, _: deploy(client), "deployment mode"),
+        (lambda _, simulator: simulator.lose_localisation(), "localisation"),
+    ],
+    ids=["emergency stop", "key switch", "deployment mode", "lost"],
+)
+def test_a_refusal_is_explained(
+    client: Client,
+    simulator: SimulatorThread,
+    logs: Collector,
+    prevent: Callable[[Client, SimulatorThread], None],
+    reason: str,
+) -> None:
+    prevent(client, simulator)
+    status, result = go(client, 1.0).result()
+    assert status == ABORTED
+    if hasattr(result, "error_msg"):
+        assert reason in result.error_msg
+        assert result.error_code == getattr(result, "UNKNOWN", 0)
+    logs.wait(lambda record: reason in record.getMessage())
+
+
+def test_a_task_is_not_replaced(client: Client, simulator: SimulatorThread) -> None:
+    """Neither one of the agent nor one of another program, such as the VDA 5050 connector."""
+    slow_down(simulator)
+    running = task(client, mark="A23", task_id=11)
+    running.feedback.wait(lambda each: each.state.value == EXECUTING)
+    status, result = go(client, 1.0).result()
+    assert status == ABORTED
+    assert "task" in getattr(result, "error_msg", "task")
+    assert not running.done
+    running.cancel()
+
+
+def test_all_goals_are_aborted_when_the_agent_stops(
+    client: Client, simulator: SimulatorThread, agent: RunningAgent
+) -> None:
+    stop_time(simulator)
+    goals = [
+        Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)]),
+        Nav2Client(client, "wait", time=Duration(sec=100)),
+    ]
+    for goal in goals:
+        goal.feedback.wait(lambda _: True)
+    agent.close()
+    for goal in goals:
+        status, result = goal.result()
+        assert status == ABORTED
+        assert "the agent is stopping" in getattr(result, "error_msg", "the agent is stopping")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"x": math.nan}, "not finite"),
+        ({"x": math.inf}, "not finite"),
+        ({"x": 1e300}, "too large"),
+    ],
+)
+def test_a_pose_that_is_none_is_rejected(
+    client: Client, simulator: SimulatorThread, logs: Collector, wrong: dict[str, float], text: str
+) -> None:
+    target = ahead(1.0)
+    for field, value in wrong.items():
+        setattr(target.pose.position, field, value)
+    assert not Nav2Client(client, "navigate_to_pose", pose=target).accepted
+    logs.wait(lambda record: "rejected" in record.getMessage() and text in record.getMessage())
+    assert not drives(simulator)
+
+
+def test_a_field_without_an_effect_is_said_once(client: Client, logs: Collector) -> None:
+    for _ in range(2):
+        assert go(client, 0.1, behavior_tree="tree.xml").result()[0] == SUCCEEDED
+    said = [each for each in logs.messages if "behavior_tree has no effect" in each.getMessage()]
+    assert len(said) == 1
+
+
+def through_poses(client: Client, poses: list[Any]) -> Nav2Client:
+    field = poses_field(nav2_actions.NavigateThroughPoses, "poses", poses)
+    return Nav2Client(client, "navigate_through_poses", poses=field)
+
+
+def test_the_robot_drives_through_poses(client: Client, simulator: SimulatorThread) -> None:
+    goal = through_poses(client, [ahead(1.0), ahead(1.0, left=-1.0), ahead(2.0, left=-1.0)])
+    status, result = goal.result()
+    assert status == SUCCEEDED
+    (command,) = [each.message for each in simulator.received if type(each.message) is CallAction]
+    assert command.move_base.execution_mode == action_pb2.MoveBase.kOneByOne
+    left = [each.number_of_poses_remaining for each in goal.feedback.messages]
+    assert left == sorted(left, reverse=True)
+    assert left[0] == 3
+    if hasattr(result, "waypoint_statuses"):
+        states = [each.waypoint_status for each in result.waypoint_statuses]
+        assert states == [type(result.waypoint_statuses[0]).COMPLETED] * 3
+
+
+def test_poses_outside_of_the_map_are_not_reached(client: Client) -> None:
+    status, result = through_poses(client, [ahead(1.0), pose(*OUTSIDE)]).result()
+    assert status == ABORTED
+    assert "no free path" in getattr(result, "error_msg", "no free path")
+
+
+def test_no_poses_are_no_goal(client: Client) -> None:
+    assert through_poses(client, []).result()[0] == ABORTED
+    status, result = Nav2Client(client, "follow_waypoints", poses=[]).result()
+    assert status == ABORTED
+    assert getattr(result, "error_code", 0) == getattr(
+        type(result), "NO_VALID_WAYPOINTS", getattr(type(result), "UNKNOWN", 0)
+    )
+
+
+def missed(result: Any) -> list[int]:
+    """Return the numbers of the missed waypoints, which are messages since Jazzy."""
+    return [
+        each
+        if isinstance(each, int)
+        else getattr(each, "waypoint_index", getattr(each, "index", None))
+        for each in result.missed_waypoints
+    ]
+
+
+def test_waypoints_that_cannot_be_reached_are_missed(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(0.5), pose(*OUTSIDE), ahead(1.0)])
+    status, result = goal.result()
+    assert (status, missed(result)) == (SUCCEEDED, [1])
+    assert distance_to(simulator, 1.0) < 0.01
+    assert goal.feedback.messages[-1].current_waypoint == 2
+
+
+def test_a_robot_that_accepts_no_tasks_misses_no_waypoints(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.set_key_switch(True)
+    status, result = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0)] * 3).result()
+    assert (status, missed(result)) == (ABORTED, [])
+    assert "manual" in getattr(result, "error_msg", "manual")
+
+
+def test_waypoints_are_cancelled(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
+    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
+    goal.feedback.wait(lambda _: True)
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
+    assert stands(simulator)
+    assert drives(simulator) == [action_pb2.kExecute, action_pb2.kCancel]
+
+
+def test_the_service_stop_ends_waypoints(client: Client, simulator: SimulatorThread) -> None:
+    slow_down(simulator)
+    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
+    goal.feedback.wait(lambda _: True)
+    assert client.call(Trigger, "stop").success
+    status, result = goal.result()
+    assert (status, missed(result)) == (ABORTED, [])
+    assert drives(simulator).count(action_pb2.kExecute) == 1
+    wait_until(lambda: stands(simulator), "the robot stands")
+
+
+@pytest.mark.skipif(
+    "number_of_loops" not in nav2_actions.FollowWaypoints.Goal.get_fields_and_field_types(),
+    reason="Humble has no loops",
+)
+def test_loops_of_waypoints(client: Client, simulator: SimulatorThread) -> None:
+    goal = Nav2Client(
+        client,
+        "follow_waypoints",
+        poses=[ahead(0.5), ahead(1.0)],
+        number_of_loops=1,
+        goal_index=1,
+    )
+    assert goal.result()[0] == SUCCEEDED
+    targets = [
+        round(math.hypot(each.x - START[0], each.y - START[1]), 3)
+        for each in (
+            received.message.move_base.target_pose
+            for received in simulator.received
+            if isinstance(received.message, CallAction)
+        )
+    ]
+    assert targets == [1.0, 0.5, 1.0]

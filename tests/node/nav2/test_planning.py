@@ -1,0 +1,97 @@
+"""compute_path_to_pose and compute_path_through_poses."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from tests.harness import Client, Collector
+from tests.node.goals import START
+from tests.node.nav2.goals import ABORTED, CANCELED, SUCCEEDED, Nav2Client, ahead, pose, poses_field
+from tests.node.nav2.test_behaviors import code, error_code
+from woosh_robot_agent.simulator import SimulatorThread
+
+nav2_actions = pytest.importorskip("nav2_msgs.action")
+pytestmark = pytest.mark.usefixtures("agent")
+PLAN = "woosh.robot.PlanNavPath"
+
+
+def points(path: Any) -> list[tuple[float, float]]:
+    return [(each.pose.position.x, each.pose.position.y) for each in path.poses]
+
+
+def length(path: Any) -> float:
+    return sum(math.dist(here, there) for here, there in pairwise(points(path)))
+
+
+def test_a_path_from_the_robot_to_a_pose(client: Client, simulator: SimulatorThread) -> None:
+    status, result = Nav2Client(client, "compute_path_to_pose", goal=ahead(3.0)).result()
+    assert (status, error_code(result)) == (SUCCEEDED, 0)
+    assert points(result.path)[0] == pytest.approx(START[:2], abs=0.01)
+    assert length(result.path) == pytest.approx(3.0, abs=0.1)
+    assert result.path.header.frame_id == "map"
+    assert result.path.poses[-1].header.frame_id == "map"
+    assert result.planning_time.nanosec
+    assert simulator.counts["woosh.ros.CallAction"] == 0
+
+
+def test_a_path_from_another_pose(client: Client, logs: Collector) -> None:
+    goal = Nav2Client(
+        client,
+        "compute_path_to_pose",
+        goal=ahead(3.0),
+        start=ahead(1.0),
+        use_start=True,
+        planner_id="GridBased",
+    )
+    assert length(goal.result()[1].path) == pytest.approx(2.0, abs=0.1)
+    logs.wait(lambda record: "planner_id has no effect" in record.getMessage())
+
+
+def through_poses(client: Client, poses: list[Any]) -> Nav2Client:
+    field = poses_field(nav2_actions.ComputePathThroughPoses, "goals", poses)
+    return Nav2Client(client, "compute_path_through_poses", goals=field)
+
+
+def test_a_path_through_poses(client: Client) -> None:
+    status, result = through_poses(client, [ahead(3.0), ahead(1.0)]).result()
+    assert status == SUCCEEDED
+    assert length(result.path) == pytest.approx(5.0, abs=0.2)
+    assert len(set(points(result.path))) == len(points(result.path))
+
+
+def test_without_a_path_the_reason_is_told(client: Client) -> None:
+    for goal in (
+        Nav2Client(client, "compute_path_to_pose", goal=pose(1000.0, 1000.0)),
+        through_poses(client, [ahead(1.0), pose(1000.0, 1000.0)]),
+    ):
+        status, result = goal.result()
+        assert (status, error_code(result)) == (ABORTED, code(result, "NO_VALID_PATH"))
+        assert "the chassis plans no path" in getattr(
+            result, "error_msg", "the chassis plans no path"
+        )
+    status, result = through_poses(client, []).result()
+    assert (status, error_code(result)) == (ABORTED, code(result, "NO_VIAPOINTS_GIVEN"))
+
+
+def test_an_answer_of_the_type_of_the_request_is_read(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.answer_as(PLAN, PLAN)
+    status, result = Nav2Client(client, "compute_path_to_pose", goal=ahead(3.0)).result()
+    assert status == SUCCEEDED
+    assert length(result.path) == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_new_goal_replaces_the_running_one_and_a_cancel_ends_it(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.mute(PLAN)
+    first = Nav2Client(client, "compute_path_to_pose", goal=ahead(3.0))
+    second = Nav2Client(client, "compute_path_to_pose", goal=ahead(3.0))
+    assert first.result()[0] == ABORTED
+    second.cancel()
+    assert second.result()[0] == CANCELED

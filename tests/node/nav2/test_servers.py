@@ -1,0 +1,239 @@
+"""The states of Nav2's nodes, the map server, amcl_pose, and speed_limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from lifecycle_msgs.srv import GetState
+from nav_msgs.srv import GetMap
+from std_srvs.srv import Trigger
+
+from tests.harness import Client, Collector, wait_until
+from tests.node.goals import START, hurry, slow_down, task
+from tests.node.nav2.goals import SUCCEEDED, go
+from woosh_map_msgs.srv import SceneList
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, SwitchMap
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.ros.nav2.endpoints import MANAGERS
+from woosh_robot_agent.simulator import SimulatorThread
+
+pytest.importorskip("nav2_msgs.action")
+
+
+def state(client: Client, node: str) -> str:
+    return str(client.call(GetState, f"{node}/get_state").current_state.label)
+
+
+def is_active(client: Client, manager: str) -> bool:
+    return bool(client.call(Trigger, f"{manager}/is_active").success)
+
+
+@pytest.mark.usefixtures("agent")
+class TestLifecycle:
+    def test_a_robot_that_accepts_tasks_is_active(self, client: Client) -> None:
+        assert [state(client, node) for node in ("bt_navigator", "amcl")] == ["active"] * 2
+        assert [is_active(client, manager) for manager in MANAGERS] == [True] * 2
+
+    def test_a_robot_that_executes_a_task_is_active(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
+        slow_down(simulator)
+        running = task(client)
+        running.feedback.wait(lambda _: True)
+        assert state(client, "bt_navigator") == "active"
+
+    def test_a_robot_that_accepts_no_tasks_is_not(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
+        simulator.set_emergency_stop(True)
+        wait_until(lambda: state(client, "bt_navigator") == "inactive", "the state")
+        assert not is_active(client, MANAGERS[0])
+
+    def test_amcl_is_active_while_the_robot_is_lost(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
+        """Clients set the pose only after that."""
+        simulator.lose_localisation()
+        wait_until(lambda: state(client, "bt_navigator") == "inactive", "the state")
+        assert state(client, "amcl") == "active"
+
+    def test_without_a_link_nothing_is_active(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
+        simulator.inject("off")
+        wait_until(lambda: state(client, "amcl") == "inactive", "the state")
+        assert state(client, "bt_navigator") == "inactive"
+
+    @pytest.mark.parametrize(
+        ("command", "success"),
+        [
+            ("STARTUP", True),
+            ("RESUME", True),
+            ("PAUSE", False),
+            ("RESET", False),
+            ("SHUTDOWN", False),
+        ],
+    )
+    def test_managers_answer_what_is_true(
+        self, client: Client, logs: Collector, command: str, success: bool
+    ) -> None:
+        manage = class_of("nav2_msgs/ManageLifecycleNodes", "srv")
+        number = getattr(manage.Request, command)
+        for manager in MANAGERS:
+            answer = client.call(manage, f"{manager}/manage_nodes", command=number)
+            assert answer.success is success
+        told = any("is not possible" in each.getMessage() for each in logs.messages)
+        assert told is not success
+
+
+@pytest.mark.usefixtures("agent")
+class TestMapServer:
+    def load(self, client: Client, url: str) -> Any:
+        return client.call(class_of("nav2_msgs/LoadMap", "srv"), "map_server/load_map", map_url=url)
+
+    @pytest.fixture
+    def other(self, client: Client, simulator: SimulatorThread) -> str:
+        """Name of a map that the robot has, and does not use."""
+        current = simulator.state.info.scene.map_name
+        scenes = client.call(SceneList, "map/SceneList").info.scenes
+        return next(name for scene in scenes for name in scene.maps if name != current)
+
+    def test_the_map_that_the_robot_uses(self, client: Client) -> None:
+        grid = client.call(GetMap, "map_server/map").map
+        assert grid.header.frame_id == "map"
+        assert len(grid.data) == grid.info.width * grid.info.height > 0
+
+    def test_another_map_is_loaded_by_the_name_of_its_file(
+        self, client: Client, simulator: SimulatorThread, other: str
+    ) -> None:
+        answer = self.load(client, f"/maps/{other}.yaml")
+        assert answer.result == answer.RESULT_SUCCESS
+        assert simulator.state.info.scene.map_name == other
+        assert answer.map.data == client.call(GetMap, "map_server/map").map.data
+        assert self.load(client, other).result == answer.RESULT_SUCCESS
+        assert simulator.counts[SwitchMap.DESCRIPTOR.full_name] == 1
+
+    def test_there_is_no_such_map(
+        self, client: Client, simulator: SimulatorThread, logs: Collector
+    ) -> None:
+        answer = self.load(client, "nowhere.yaml")
+        assert answer.result == answer.RESULT_MAP_DOES_NOT_EXIST
+        assert not answer.map.data
+        logs.wait(lambda record: "the robot has no map nowhere" in record.getMessage())
+        assert SwitchMap.DESCRIPTOR.full_name not in simulator.counts
+
+    def test_the_chassis_refuses(
+        self, client: Client, simulator: SimulatorThread, other: str
+    ) -> None:
+        simulator.refuse(SwitchMap.DESCRIPTOR.full_name, "not now")
+        answer = self.load(client, other)
+        assert answer.result == answer.RESULT_UNDEFINED_FAILURE
+
+
+@pytest.mark.usefixtures("agent")
+class TestAmclPose:
+    def test_it_is_latched_and_follows_the_robot(self, client: Client) -> None:
+        poses = client.echo(PoseWithCovarianceStamped, "amcl_pose", depth=1)
+        first = poses.wait(lambda _: True)
+        assert first.header.frame_id == "map"
+        assert first.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
+        assert first.pose.covariance[0] > 0.0
+        assert go(client, 1.0).result()[0] == SUCCEEDED
+        poses.wait(lambda each: each.pose.pose.position.x > START[0] + 0.7)
+
+    def test_it_comes_after_each_initialpose(self, client: Client) -> None:
+        poses = client.echo(PoseWithCovarianceStamped, "amcl_pose", depth=10)
+        first = poses.wait(lambda _: True)
+        publisher = client.node.create_publisher(
+            PoseWithCovarianceStamped, client.path("initialpose"), 10
+        )
+        wait_until(lambda: publisher.get_subscription_count(), "the agent subscribes")
+        for count in (2, 3):  # also if it stays the same
+            publisher.publish(first)
+            again = poses.wait_count(count)[-1]
+            assert again.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
+
+
+@pytest.mark.usefixtures("agent")
+class TestSpeedLimit:
+    @pytest.fixture
+    def limit(self, client: Client) -> Callable[..., None]:
+        """Function that publishes a limit."""
+        message = class_of("nav2_msgs/SpeedLimit")
+        publisher = client.node.create_publisher(message, client.path("speed_limit"), 1)
+        wait_until(lambda: publisher.get_subscription_count(), "the agent subscribes")
+        return lambda **fields: publisher.publish(message(**fields))
+
+    def sent(self, simulator: SimulatorThread, kind: type[Any]) -> list[float]:
+        """Return the limits that the chassis has got, in m/s."""
+        modes = [
+            each.message.nav_mode
+            for each in simulator.received
+            if type(each.message) is kind and each.message.HasField("nav_mode")
+        ]
+        return [round(mode.max_speed, 3) for mode in modes]
+
+    def test_each_navigation_gets_it(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
+        slow_down(simulator)
+        limit(speed_limit=0.3)
+        for distance in (1.0, 0.5):
+            goal = go(client, distance)
+            goal.feedback.wait(lambda each: each.navigation_time.nanosec > 600_000_000)
+            speed = simulator.state.velocity.speed
+            assert speed <= 0.31
+            hurry(simulator)
+            assert goal.result()[0] == SUCCEEDED
+            slow_down(simulator)
+        assert set(self.sent(simulator, CallAction)) == {0.3}
+        assert len(self.sent(simulator, CallAction)) >= 2
+
+    def test_a_percentage_is_one_of_the_highest_speed(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
+        limit(percentage=True, speed_limit=40.0)
+        assert go(client, 1.0).result()[0] == SUCCEEDED
+        assert set(self.sent(simulator, CallAction)) == {0.4}
+
+    def test_it_is_taken_back(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
+        slow_down(simulator)
+        limit(speed_limit=0.2)
+        goal = go(client, 3.0)
+        wait_until(lambda: self.sent(simulator, CallAction), "the limit is sent")
+        limit(speed_limit=0.0)
+        wait_until(lambda: self.sent(simulator, CallAction)[-1] == 0.0, "the limit is taken back")
+        hurry(simulator)
+        assert goal.result()[0] == SUCCEEDED
+        before = len(self.sent(simulator, CallAction))
+        assert go(client, 1.0).result()[0] == SUCCEEDED
+        assert len(self.sent(simulator, CallAction)) == before
+
+    def test_a_task_gets_it_too(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
+        limit(speed_limit=0.5)
+        running = task(client)
+        wait_until(lambda: self.sent(simulator, ChangeNavMode) == [0.5], "the limit is sent")
+        running.cancel()
+
+    @pytest.mark.parametrize("value", [-1.0, math.nan])
+    def test_a_limit_that_is_none_is_ignored(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+        logs: Collector,
+        value: float,
+    ) -> None:
+        limit(speed_limit=value)
+        logs.wait(lambda record: "speed_limit is ignored" in record.getMessage())
+        assert go(client, 0.5).result()[0] == SUCCEEDED
+        assert self.sent(simulator, CallAction) == []

@@ -1,0 +1,249 @@
+"""Actions of Nav2's behavior server: turns, straight moves, waits, and assisted teleoperation."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
+from woosh_robot_agent.ros.entities import UrgentCallbackGroup
+from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
+from woosh_robot_agent.ros.nav2.goals import (
+    GoalEnd,
+    Nav2Action,
+    Nav2Context,
+    Nav2Goal,
+    duration,
+    seconds_of,
+)
+from woosh_robot_agent.ros.qos import reliable
+from woosh_robot_agent.ros.standard.cmd_vel import stamp_objection
+from woosh_robot_agent.ros.standard.poses import Pose2D
+
+_TURN_SPEED = 0.8
+"""Speed of a turn, in rad/s; `cmd_vel_max_angular` if that is less."""
+
+
+def _overdue(seconds: float) -> GoalEnd:
+    return GoalEnd(f"it has taken longer than its time_allowance of {seconds:g} s", "TIMEOUT")
+
+
+def _limit(goal: Nav2Goal) -> None:
+    """End a goal at the end of its time_allowance."""
+    allowance = seconds_of(goal.request.time_allowance)
+    goal.limit(allowance, _overdue(allowance))
+
+
+class _Travelled:
+    """What the robot has travelled since this was created, in metres and radians.
+
+    Args:
+        pose: returns the robot's pose; None if it is unknown.
+    """
+
+    def __init__(self, pose: Callable[[], Pose2D | None]) -> None:
+        self._pose = pose
+        self._start = self._last = pose()
+        self._turned = 0.0
+
+    @property
+    def distance(self) -> float:
+        """Distance from the start, in metres."""
+        pose, start = self._pose(), self._start
+        return 0.0 if pose is None or start is None else pose.seen_from(start).distance
+
+    @property
+    def turned(self) -> float:
+        """Angle turned, counter-clockwise, in radians. Ask ten times a second."""
+        pose = self._pose()
+        if pose is not None and self._last is not None:
+            self._turned += math.remainder(pose.theta - self._last.theta, math.tau)
+        self._last = pose
+        return self._turned
+
+
+class _Behavior(Nav2Action):
+    """An action that is one step of the chassis."""
+
+    def travelled(self) -> _Travelled:
+        """Return what the robot has travelled from now on."""
+        return _Travelled(lambda: self.context.pose.pose)
+
+    async def step(
+        self, goal: Nav2Goal, tick: Callable[[], None], mode: Any, value: float, speed: float
+    ) -> None:
+        """Make a step; the value is in metres or radians, the speed in m/s or rad/s.
+
+        Raises:
+            GoalEnd: the step was not made.
+        """
+        if not (math.isfinite(value) and 0.0 < speed < math.inf):
+            raise GoalEnd(
+                f"a step of {value:g} at a speed of {speed:g} is not possible", "INVALID_INPUT"
+            )
+        _limit(goal)
+        step = StepControl.Step(mode=mode, value=value, speed=speed)
+        unchecked = getattr(goal.request, "disable_collision_checks", False)
+        command = StepControl(action=kExecute, steps=[step], avoid=int(unchecked))
+        await goal.drive(command, tick=tick)
+
+    def max_linear(self) -> float:
+        """Return the highest linear speed that the parameters allow, in m/s."""
+        return self.context.part.settings().velocity_limits.max_linear
+
+
+class Spin(_Behavior):
+    """Turns on the spot."""
+
+    name = "spin"
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        travelled = self.travelled()
+        speed = min(_TURN_SPEED, self.context.part.settings().velocity_limits.max_angular)
+        await self.step(
+            goal,
+            lambda: goal.feedback(angular_distance_traveled=travelled.turned),
+            StepControl.Step.kRotate,
+            goal.request.target_yaw,
+            speed,
+        )
+
+
+class DriveOnHeading(_Behavior):
+    """Drives straight on."""
+
+    name = "drive_on_heading"
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        distance, speed = goal.request.target.x, goal.request.speed
+        if (distance > 0.0) != (speed > 0.0):
+            raise GoalEnd(
+                f"the target {distance:g} and the speed {speed:g} have different signs",
+                "INVALID_INPUT",
+            )
+        await self.drive(goal, distance)
+
+    async def drive(self, goal: Nav2Goal, distance: float) -> None:
+        """Drive a distance in metres, negative for backwards.
+
+        Raises:
+            GoalEnd: it was not driven.
+        """
+        target = goal.request.target
+        if target.y or target.z:
+            raise GoalEnd(
+                f"the robot drives straight only: the target has y {target.y:g} and z {target.z:g}",
+                "INVALID_INPUT",
+            )
+        travelled = self.travelled()
+        speed = min(abs(goal.request.speed), self.max_linear())
+        await self.step(
+            goal,
+            lambda: goal.feedback(distance_traveled=travelled.distance),
+            StepControl.Step.kStraight,
+            distance,
+            speed,
+        )
+
+
+class BackUp(DriveOnHeading):
+    """Drives straight back, whatever the signs of target and speed, as Nav2 does."""
+
+    name = "backup"
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        await self.drive(goal, -abs(goal.request.target.x))
+
+
+class Wait(Nav2Action):
+    """Waits."""
+
+    name = "wait"
+    drives = False
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        seconds = seconds_of(goal.request.time)
+        over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        timer = asyncio.get_running_loop().call_later(seconds, over.set_result, None)
+        try:
+            await goal.follow(
+                lambda: goal.feedback(time_left=duration(seconds - goal.elapsed)), over
+            )
+        finally:
+            timer.cancel()
+
+
+class AssistedTeleop(Nav2Action):
+    """Drives the robot by velocities as long as the goal lasts; nothing avoids obstacles."""
+
+    name = "assisted_teleop"
+
+    def __init__(self, context: Nav2Context, result_timeout: float) -> None:
+        super().__init__(context, result_timeout)
+        part, robot = context.part, context.part.robot
+        self._driver = VelocityDriver(
+            robot.gate,
+            robot.chassis,
+            "cmd_vel_teleop",
+            lambda: part.settings().velocity_limits,
+            log_refusals=False,  # the log of all refused commands has them, with their reasons
+        )
+        self._clock = SenderClock()
+        self._preempted: asyncio.Future[None] | None = None
+        """Done when a client ends the goal with success; None while there is no goal."""
+        stamped = part.settings().cmd_vel_stamped
+        velocity = "geometry_msgs/TwistStamped" if stamped else BY_NAME["cmd_vel_teleop"].type
+        robot.node.create_subscription(
+            class_of(velocity),
+            "cmd_vel_teleop",
+            lambda message, info: robot.thread.call(self._drive, message, info, time.monotonic()),
+            reliable(1),
+            callback_group=UrgentCallbackGroup(),
+        )
+        robot.node.create_subscription(
+            class_of(BY_NAME["preempt_teleop"].type),
+            "preempt_teleop",
+            lambda message: robot.thread.call(self._preempt, message),
+            reliable(1),
+        )
+
+    async def run(self) -> None:
+        """Send the velocities, until cancelled."""
+        await self._driver.run()
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        _limit(goal)
+        preempted = asyncio.get_running_loop().create_future()
+        self._preempted = preempted
+        try:
+            await goal.follow(
+                lambda: goal.feedback(current_teleop_duration=duration(goal.elapsed)), preempted
+            )
+        finally:
+            self._preempted = None
+            self._driver.drive(0.0, 0.0, 0.0)
+            await self.context.pose.wait_standing()
+
+    def _drive(self, message: Any, info: Any, taken: float) -> None:
+        if self._preempted is None:
+            return
+        twist = message
+        if hasattr(message, "header"):
+            twist = message.twist
+            if objection := stamp_objection(self.context.part, message.header.stamp):
+                self._driver.refuse("age", objection)
+                return
+        published = self._clock.published(
+            info.get("source_timestamp", 0) / 1e9, info.get("received_timestamp", 0) / 1e9, taken
+        )
+        self._driver.drive(twist.linear.x, twist.linear.y, twist.angular.z, published)
+
+    def _preempt(self, _message: Any) -> None:
+        if self._preempted is not None and not self._preempted.done():
+            self._preempted.set_result(None)

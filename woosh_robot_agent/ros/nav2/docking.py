@@ -1,0 +1,179 @@
+"""Actions that dock the robot at a charger, and that undock it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.pb.map import storage_edit_pb2
+from woosh_robot_agent.pb.map.mark_pb2 import Storages
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, TaskProc
+from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, kExecute
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.robot.readiness import is_charging
+from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, duration
+from woosh_robot_agent.ros.nav2.navigation import bring_all
+from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
+
+_NEAR = 1.0
+"""Maximum distance from `dock_pose` to the charger that it stands for, in metres."""
+_PHASES = {
+    action.kNav: ("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
+    action.kSecondposEnter: ("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
+    action.kStepCtrl: ("CONTROLLING", "FAILED_TO_CONTROL"),
+    action.kCharge: ("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
+}
+"""State in the feedback and error code of a failure, by the action of the charging task."""
+
+
+class DockRobot(Nav2Action):
+    """Docks the robot at a charger by a task of the chassis, and ends when it charges."""
+
+    name = "dock_robot"
+
+    async def check(self, request: Any) -> None:
+        if not request.use_dock_id:
+            await bring_all(self.context.frames, [request.dock_pose])
+        self.say_unused(request, "dock_type")
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        request = goal.request
+        mark = await self._find(request)
+        most = float(request.max_staging_time)
+        late = GoalEnd(
+            f"the robot has not come to the charger within max_staging_time, {most:g} s",
+            "FAILED_TO_STAGE",
+        )
+        goal.limit(most, late)
+        phase = action.kNav
+
+        def reported(report: Message) -> None:
+            nonlocal phase
+            if isinstance(report, TaskProc) and report.action.type in _PHASES:
+                phase = report.action.type
+                if phase != action.kNav:
+                    goal.limit(0.0, late)
+
+        def publish() -> None:
+            feedback = self.action_type.Feedback
+            state = getattr(feedback, _PHASES[phase][0])
+            goal.feedback(state=state, docking_time=duration(goal.elapsed))
+
+        try:
+            await goal.drive(
+                ExecTask(type=task.kCharge, mark_no=mark),
+                tick=publish,
+                on_report=reported,
+                is_done=lambda: phase == action.kCharge and self._is_charging(),
+            )
+        except GoalEnd as end:
+            if end.code == "UNKNOWN":
+                end.code = _PHASES[phase][1]
+            raise
+
+    def _is_charging(self) -> bool:
+        battery = self.context.part.robot.last_known.value(Battery)
+        return battery is not None and is_charging(battery)
+
+    async def _find(self, request: Any) -> str:
+        """Return the mark of the charger that a client means; empty if the robot must choose one.
+
+        Raises:
+            GoalEnd: there is no such charger.
+        """
+        chargers = await self._chargers()
+        if not request.use_dock_id:
+            pose = from_pose(request.dock_pose.pose)
+            distance, mark = _nearest(chargers, pose)
+            if distance > _NEAR:
+                raise GoalEnd(
+                    f"there is no charger within {_NEAR:g} m of dock_pose, at ({pose.x:.2f}, "
+                    f"{pose.y:.2f})",
+                    "DOCK_NOT_IN_DB",
+                )
+            return mark
+        if not request.dock_id:
+            here = self.context.pose.pose
+            return "" if here is None else _nearest(chargers, here)[1]
+        if chargers and request.dock_id not in chargers:
+            known = ", ".join(sorted(chargers))
+            raise GoalEnd(
+                f"there is no charger {request.dock_id!r}; there are {known}", "DOCK_NOT_IN_DB"
+            )
+        return str(request.dock_id)
+
+    async def _chargers(self) -> dict[str, tuple[float, float]]:
+        """Return the positions of the chargers in the map, by their marks.
+
+        Raises:
+            GoalEnd: the chassis does not answer.
+        """
+        robot = self.context.part.robot
+        try:
+            answer = await robot.chassis.request(
+                robot.requests.address(storage_edit_pb2.Storages())
+            )
+        except LinkError as error:
+            raise GoalEnd(str(error)) from None
+        found: dict[str, tuple[float, float]] = {}
+        for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
+            pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
+            found[charger.identity.no] = (pose.x, pose.y)
+        return found
+
+
+def _nearest(chargers: Mapping[str, tuple[float, float]], pose: Pose2D) -> tuple[float, str]:
+    """Return the distance to the nearest charger, and its mark; infinite and empty without any."""
+    distances = [(math.hypot(x - pose.x, y - pose.y), mark) for mark, (x, y) in chargers.items()]
+    return min(distances, default=(math.inf, ""))
+
+
+class UndockRobot(Nav2Action):
+    """Ends a charging task, and backs the robot out of the charger."""
+
+    name = "undock_robot"
+
+    async def check(self, request: Any) -> None:
+        self.say_unused(request, "dock_type")
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        most = float(goal.request.max_undocking_time)
+        late = f"undocking has taken longer than max_undocking_time, {most:g} s"
+        goal.limit(most, GoalEnd(late, "TIMEOUT"))
+        await self._end_task(goal)
+        command = ChargeControl(execute_mode=ChargeControl.kExit, action=kExecute)
+        try:
+            await goal.drive(command, tick=lambda: None)
+        except GoalEnd as end:
+            if end.code == "UNKNOWN":
+                end.code = "FAILED_TO_CONTROL"
+            raise
+
+    async def _end_task(self, goal: Nav2Goal) -> None:
+        """Cancel a charging task, and wait for its end.
+
+        Raises:
+            GoalEnd: the chassis does not cancel it, or the goal has ended before.
+        """
+        robot = self.context.part.robot
+        if not self._charges():
+            return
+        try:
+            answer = await robot.gate.request(ActionOrder(order=action.kCancel))
+        except LinkError as error:
+            raise GoalEnd(str(error)) from None
+        if not answer.ok and self._charges():
+            raise GoalEnd(f"the chassis refused to end the charging task: {answer.msg}")
+        await goal.wait_until(lambda: not self._charges())
+
+    def _charges(self) -> bool:
+        """Return True while the chassis executes a charging task."""
+        report = self.context.part.robot.last_known.value(TaskProc)
+        return report is not None and report.type == task.kCharge and is_running(report)

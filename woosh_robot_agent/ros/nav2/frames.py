@@ -1,0 +1,261 @@
+"""Poses in the frame of the map: those of the robot's own frames, and those that /tf knows."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import PoseStamped
+
+from woosh_robot_agent.link.reports import RecentDict
+from woosh_robot_agent.ros.qos import latched, reliable
+from woosh_robot_agent.ros.standard.part import PartContext
+from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose, to_pose
+
+_WAIT = 1.0
+"""Maximum wait for a transform, in seconds: the first one is known after the publishers of /tf have
+been discovered."""
+_MAX_AGE = 10.0
+"""Age from which a transform on /tf is not used, in seconds; as long as tf2 keeps them."""
+_MAX_FRAMES = 10_000
+"""Maximum number of frames whose transforms are kept."""
+_DEPTH = 100
+"""Queue size of the subscriptions, as tf2 has it."""
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class Transform(NamedTuple):
+    """Pose of a child frame in its parent frame: a rotation, then a shift.
+
+    Attributes:
+        shift: x, y and z, in metres.
+        rotation: the unit quaternion x, y, z, w.
+    """
+
+    shift: Vector
+    rotation: Quaternion
+
+    def __mul__(self, other: Transform) -> Transform:  # type: ignore[override]
+        """Return `other`, given in this child frame, in the parent frame."""
+        x, y, z = _rotated(self.rotation, other.shift)
+        shift = (self.shift[0] + x, self.shift[1] + y, self.shift[2] + z)
+        return Transform(shift, _product(self.rotation, other.rotation))
+
+    @property
+    def inverse(self) -> Transform:
+        """Pose of the parent frame in the child frame."""
+        x, y, z, w = self.rotation
+        back = (-x, -y, -z, w)
+        shift = _rotated(back, self.shift)
+        return Transform((-shift[0], -shift[1], -shift[2]), back)
+
+    @property
+    def in_plane(self) -> Pose2D:
+        """The pose in the plane, without height and tilt."""
+        x, y, z, w = self.rotation
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return Pose2D(self.shift[0], self.shift[1], yaw)
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the rotation that makes `b` first, then `a`."""
+    return (
+        a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
+        a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0],
+        a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3],
+        a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
+    )
+
+
+def _rotated(q: Quaternion, v: Vector) -> Vector:
+    x, y, z, _ = _product(_product(q, (*v, 0.0)), (-q[0], -q[1], -q[2], q[3]))
+    return x, y, z
+
+
+def _transform(shift: Any, rotation: Any) -> Transform:
+    """Return the transform in two messages.
+
+    Raises:
+        ValueError: a number is not finite, or the rotation is none.
+    """
+    q = (rotation.x, rotation.y, rotation.z, rotation.w)
+    v = (shift.x, shift.y, shift.z)
+    length = math.sqrt(sum(each * each for each in q))
+    if not all(map(math.isfinite, v)) or not 0.7 <= length <= 1.4:
+        raise ValueError("it is not a rotation and a shift of finite numbers")
+    x, y, z, w = (each / length for each in q)
+    return Transform(v, (x, y, z, w))
+
+
+def _of(pose: Pose2D) -> Transform:
+    z, w = pose.quaternion
+    return Transform((pose.x, pose.y, 0.0), (0.0, 0.0, z, w))
+
+
+_IDENTITY = Transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+_UNKNOWN = (
+    "the pose of the frame {} in the map is not known: wait for the link to the robot, and keep "
+    "the part odom switched on for the frame of the odometry"
+)
+
+
+class _Edge(NamedTuple):
+    """A transform as it was last published.
+
+    Attributes:
+        parent: name of the parent frame.
+        transform: pose of the child frame in it.
+        received: monotonic time of its receipt; infinite for a static one, which never expires.
+    """
+
+    parent: str
+    transform: Transform
+    received: float
+
+
+class Frames:
+    """Brings poses into the frame of the map. Used in the link thread.
+
+    The frames of the map, of the robot and of its odometry are known without /tf. It is subscribed
+    when a pose is first in another frame, and from then on: a busy /tf costs CPU time. The latest
+    transforms are used, whatever the stamp of the pose.
+
+    Args:
+        context: the node, and the names of the frames.
+        robot_pose: returns the robot's pose in the map; None if it is unknown.
+        map_to_odom: returns the pose of the frame of the odometry in the map; None if it is
+            unknown.
+    """
+
+    def __init__(
+        self,
+        context: PartContext,
+        robot_pose: Callable[[], Pose2D | None],
+        map_to_odom: Callable[[], Pose2D | None],
+    ) -> None:
+        self._context = context
+        self._own: dict[str, Callable[[], Pose2D | None]] = {
+            context.frame("map"): Pose2D,
+            context.frame("odom"): map_to_odom,
+            context.frame("base"): robot_pose,
+        }
+        """Functions that return the poses of the known frames in the map."""
+        self._edges = RecentDict[str, _Edge](_MAX_FRAMES)
+        """Transforms on /tf, by their child frame."""
+        self._changed = asyncio.Event()
+        """Set when a transform has come."""
+        self._is_subscribed = False
+
+    async def bring(self, stamped: PoseStamped) -> None:
+        """Change a pose to the frame of the map. No frame stands for that of the map.
+
+        Raises:
+            ValueError: the pose is invalid, or there is no transform; the text says what to do.
+        """
+        map_frame = self._context.frame("map")
+        from_pose(stamped.pose)  # raises an error that says what is wrong
+        frame = stamped.header.frame_id.lstrip("/")
+        if frame in ("", map_frame):
+            stamped.header.frame_id = map_frame
+            return
+        origin = await self._find(frame)
+        pose = origin * _transform(stamped.pose.position, stamped.pose.orientation)
+        stamped.header.frame_id = map_frame
+        stamped.pose = to_pose(pose.in_plane)
+
+    async def _find(self, frame: str) -> Transform:
+        """Return the pose of a frame in the map; wait for transforms on /tf.
+
+        Raises:
+            ValueError: there is none.
+        """
+        loop = asyncio.get_running_loop()
+        until = loop.time() + _WAIT
+        while True:
+            found = self._look_up(frame)
+            if isinstance(found, Transform):
+                return found
+            if frame in self._own:
+                raise ValueError(found)
+            self._subscribe()
+            self._changed.clear()
+            timer = loop.call_at(until, self._changed.set)
+            await self._changed.wait()
+            timer.cancel()
+            if loop.time() >= until:
+                raise ValueError(found)
+
+    def _look_up(self, frame: str) -> Transform | str:
+        """Return the pose of a frame in the map, or the reason why there is none."""
+        try:
+            above = dict(self._climb(frame))
+            for own, find in self._own.items():
+                for ancestor, own_pose in self._climb(own):
+                    if ancestor in above:
+                        pose = find()
+                        if pose is None:
+                            return _UNKNOWN.format(own)
+                        return _of(pose) * own_pose.inverse * above[ancestor]
+        except ValueError as error:
+            return str(error)
+        top = list(above)[-1]
+        start = f"{top}, which is above {frame}," if top != frame else frame
+        return (
+            f"nothing on /tf connects the frame {start} with one of the robot: publish its "
+            f"transform, or give the pose in one of {', '.join(self._own)}"
+        )
+
+    def _climb(self, frame: str) -> Iterator[tuple[str, Transform]]:
+        """Yield a frame and each frame above it, with the pose of the first one in it.
+
+        Raises:
+            ValueError: a transform is too old.
+        """
+        pose = _IDENTITY
+        seen = {frame}
+        yield frame, pose
+        while (edge := self._edges.get(frame)) is not None and edge.parent not in seen:
+            if time.monotonic() - edge.received > _MAX_AGE:
+                raise ValueError(
+                    f"the last transform of the frame {frame} came more than {_MAX_AGE:g} s ago"
+                )
+            pose = edge.transform * pose
+            frame = edge.parent
+            seen.add(frame)
+            yield frame, pose
+
+    def _subscribe(self) -> None:
+        if self._is_subscribed:
+            return
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            raise ValueError(
+                "tf2_msgs is not installed, so only the robot's own frames are known"
+            ) from None
+
+        self._is_subscribed = True
+        robot = self._context.robot
+        for topic, profile, is_static in (
+            ("/tf", reliable(_DEPTH), False),
+            ("/tf_static", latched(_DEPTH), True),
+        ):
+            received = partial(robot.thread.call, partial(self._received, is_static=is_static))
+            robot.node.create_subscription(TFMessage, topic, received, profile)
+
+    def _received(self, message: Any, *, is_static: bool) -> None:
+        received = math.inf if is_static else time.monotonic()
+        for each in message.transforms:
+            try:
+                transform = _transform(each.transform.translation, each.transform.rotation)
+            except ValueError:
+                continue  # as tf2 does; a pose that needs it has no transform
+            parent = each.header.frame_id.lstrip("/")
+            self._edges[each.child_frame_id.lstrip("/")] = _Edge(parent, transform, received)
+        self._changed.set()

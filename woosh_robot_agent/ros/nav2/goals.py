@@ -1,0 +1,412 @@
+"""Goals of Nav2's actions, each of which the chassis executes as one or several goals of its own.
+
+A goal is a coroutine in the link thread. What ends it before the chassis does, such as a cancel of
+its client, a newer goal or the end of its time, is a `GoalEnd`: it cancels the chassis's goal, and
+is raised in the coroutine once that has ended.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from builtin_interfaces.msg import Duration
+from google.protobuf.message import Message
+
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.ros.actions.actions import Actions, AgentGoal
+from woosh_robot_agent.ros.actions.goal import Cause, End, Outcome
+from woosh_robot_agent.ros.actions.run import STOPPING
+from woosh_robot_agent.ros.actions.server import Goal, GoalServer
+from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
+from woosh_robot_agent.ros.nav2.frames import Frames
+from woosh_robot_agent.ros.nav2.pose import RobotPose
+from woosh_robot_agent.ros.qos import RARE_QOS
+from woosh_robot_agent.ros.standard.part import PartContext
+
+_LOG = logging.getLogger(__name__)
+_PERIOD = 0.1
+"""Period of feedback, in seconds."""
+_REPLACED = "replaced by a newer goal"
+
+
+class GoalEnd(Exception):
+    """Why a goal ends before it is reached.
+
+    Args:
+        text: the reason; empty for a cancel.
+        code: name of the constant of the action's result for it; without such a constant, UNKNOWN.
+        outcome: final state of the goal.
+        is_logged: the log has the reason already.
+    """
+
+    def __init__(
+        self,
+        text: str = "",
+        code: str = "UNKNOWN",
+        *,
+        outcome: Outcome = Outcome.ABORTED,
+        is_logged: bool = False,
+    ) -> None:
+        super().__init__(text)
+        self.code = code
+        self.outcome = outcome
+        self.is_logged = is_logged
+
+
+class FailedCommand(GoalEnd):
+    """The chassis did not do what it was commanded.
+
+    Args:
+        end: how the command ended.
+
+    Attributes:
+        cause: who decided that it ended so.
+    """
+
+    def __init__(self, end: End) -> None:
+        text = getattr(end.result, "msg", "") or "the chassis ended it, and did not say why"
+        super().__init__(text, is_logged=end.cause is Cause.REFUSAL)
+        self.cause = end.cause
+
+
+class Nav2Goal:
+    """A goal while it runs. Use it in the link thread.
+
+    Args:
+        goal: the goal in the action server.
+        action_type: ROS type of the action.
+        context: the context that the actions share.
+
+    Attributes:
+        request: the goal as the client gave it.
+        result: the result, to be filled by the action.
+        ended: future that is done when the goal has ended.
+        started: loop time at which it was accepted.
+    """
+
+    def __init__(self, goal: Goal, action_type: Any, context: Nav2Context) -> None:
+        loop = asyncio.get_running_loop()
+        self.request = goal.request
+        self.result = action_type.Result()
+        self.ended: asyncio.Future[None] = loop.create_future()
+        self.started = loop.time()
+        self._goal = goal
+        self._feedback_class = action_type.Feedback
+        self._context = context
+        self._published: float | None = goal.published
+        """Loop time at which the client sent the goal; None once the chassis got its command."""
+        self._stop: asyncio.Future[GoalEnd] = loop.create_future()
+        """Done when something ends the goal before the chassis does."""
+        self._running: AgentGoal | None = None
+        """The goal that the chassis executes for this one."""
+        self._older: Nav2Goal | None = None
+        """The navigation that goes on until the chassis has accepted this one; None without one."""
+        self._timer: asyncio.TimerHandle | None = None
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the goal was accepted, in seconds."""
+        return asyncio.get_running_loop().time() - self.started
+
+    def feedback(self, **fields: Any) -> None:
+        """Publish feedback with these fields."""
+        self._goal.feedback(self._feedback_class(**fields))
+
+    def stop(self, reason: GoalEnd) -> None:
+        """End the goal for a reason, unless another one ends it already; cancel what it does."""
+        if not self._stop.done():
+            self._stop.set_result(reason)
+        if self._running is not None:
+            self._running.cancel()
+
+    def limit(self, seconds: float, reason: GoalEnd) -> None:
+        """End the goal for a reason after a time; 0 is no limit."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if seconds > 0.0:
+            loop = asyncio.get_running_loop()
+            self._timer = loop.call_later(seconds, self.stop, reason)
+
+    def replace(self, older: Nav2Goal) -> None:
+        """Take the place of a navigation without a stop, once the chassis has accepted this one."""
+        self._older = older
+        if not older._stop.done():
+            older._stop.set_result(GoalEnd(_REPLACED))  # but the robot drives on for now
+
+    def check(self) -> None:
+        """Raise the reason that ends the goal, if there is one.
+
+        Raises:
+            GoalEnd: there is one.
+        """
+        if self._stop.done():
+            raise self._stop.result()
+
+    async def drive(
+        self,
+        command: Message,
+        *,
+        tick: Callable[[], None],
+        on_report: Callable[[Message], None] = lambda _report: None,
+        is_done: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Have the chassis execute a command, until its end.
+
+        Args:
+            command: the command of one of the chassis's actions, or a task.
+            tick: called ten times a second, to publish feedback.
+            on_report: called with each report of the chassis.
+            is_done: returns True if the goal is reached before the chassis has ended the command,
+                which then goes on.
+
+        Raises:
+            GoalEnd: the goal has ended before the command did.
+            FailedCommand: the command has failed.
+        """
+        self.check()
+        running = self._context.actions.start(command, on_report, self._published)
+        self._running, self._published = running, None
+        if (older := self._older) is not None:
+            self._older = None
+            running.accepted.add_done_callback(
+                lambda accepted: None if accepted.result() else older.stop(GoalEnd(_REPLACED))
+            )
+        try:
+            await self._repeat(tick, running.ended, is_done)
+        finally:
+            self._running = None
+        if not running.ended.done() or running.ended.result().outcome is Outcome.SUCCEEDED:
+            return
+        end = running.ended.result()
+        if not self._stop.done():
+            raise FailedCommand(end)
+        reason = self._stop.result()
+        if end.outcome is Outcome.CANCELED:
+            await self._context.pose.wait_standing()
+            raise reason
+        if reason.outcome is Outcome.CANCELED or reason.code == "TIMEOUT":
+            raise FailedCommand(end)  # the robot may go on
+        raise reason
+
+    async def follow(self, tick: Callable[[], None], *ends: asyncio.Future[Any]) -> None:
+        """Wait until one of some futures is done.
+
+        Args:
+            tick: called ten times a second, to publish feedback.
+            ends: the futures.
+
+        Raises:
+            GoalEnd: the goal has ended before.
+        """
+        await self._repeat(tick, self._stop, lambda: any(each.done() for each in ends), *ends)
+        if not any(each.done() for each in ends):
+            self.check()
+
+    async def wait_until(self, condition: Callable[[], bool]) -> None:
+        """Wait until a condition holds; it is checked ten times a second.
+
+        Raises:
+            GoalEnd: the goal has ended before.
+        """
+        await self._repeat(_nothing, self._stop, condition)
+        if not condition():
+            self.check()
+
+    async def _repeat(
+        self,
+        tick: Callable[[], None],
+        end: asyncio.Future[Any],
+        is_done: Callable[[], bool],
+        *wakes: asyncio.Future[Any],
+    ) -> None:
+        clock = asyncio.get_running_loop().time
+        due = clock()
+        while not (end.done() or is_done()):
+            tick()
+            due = max(due + _PERIOD, clock())
+            waited = {end, *wakes}
+            await asyncio.wait(waited, timeout=due - clock(), return_when=asyncio.FIRST_COMPLETED)
+
+    def finish(self, reason: GoalEnd | None) -> None:
+        """End the goal: with success, or for a reason."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._older is not None:  # this one was not sent
+            self._older.stop(GoalEnd(_REPLACED))
+        result = self.result
+        if hasattr(result, "total_elapsed_time"):
+            result.total_elapsed_time = duration(self.elapsed)
+        if reason is not None and hasattr(result, "success"):
+            result.success = False
+        if reason is not None and reason.outcome is Outcome.ABORTED:
+            constants = type(result)
+            if hasattr(result, "error_code"):
+                unknown = getattr(constants, "UNKNOWN", 0)
+                result.error_code = getattr(constants, reason.code, unknown)
+            if hasattr(result, "error_msg"):
+                result.error_msg = str(reason)
+        self._goal.finish(Outcome.SUCCEEDED if reason is None else reason.outcome, result)
+        if not self.ended.done():
+            self.ended.set_result(None)
+
+
+class Slot:
+    """A place for one goal at a time: the newest one."""
+
+    def __init__(self) -> None:
+        self._goals: list[tuple[Nav2Goal, bool]] = []
+        """The goals that have not ended, and whether each navigates; the oldest first."""
+
+    async def take(self, goal: Nav2Goal, *, navigates: bool) -> None:
+        """Give the place to a goal; the goals before it end.
+
+        A navigation takes the place of another one without a stop in between, as the chassis can do
+        it. In all other cases, what ran before is cancelled, and has ended when this returns.
+
+        Raises:
+            GoalEnd: the goal has ended before that.
+        """
+        older = [each for each in self._goals if not each[0].ended.done()]
+        self._goals = [*older, (goal, navigates)]
+        if older and navigates and all(each_navigates for _, each_navigates in older):
+            goal.replace(older[-1][0])
+            return
+        for each, _ in older:
+            each.stop(GoalEnd(_REPLACED))
+        for each, _ in older:
+            await goal.follow(_nothing, each.ended)
+
+
+def _nothing() -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Nav2Context:
+    """The objects that Nav2's actions share."""
+
+    part: PartContext
+    """The node, the link thread, the settings and the names of the frames."""
+    actions: Actions
+    """Runs the goals of the chassis."""
+    frames: Frames
+    """Brings poses into the frame of the map."""
+    pose: RobotPose
+    """The robot's pose."""
+    driving: Slot
+    """The place for the goal that moves the robot."""
+
+
+class Nav2Action(ABC):
+    """One of Nav2's actions. Its goals run in the link thread.
+
+    Args:
+        context: the context that the actions share.
+        result_timeout: time for which results are kept, in seconds.
+
+    Attributes:
+        action_type: ROS type of the action.
+        server: the action server.
+    """
+
+    name: str
+    """Name of the action."""
+    navigates = False
+    """True if its goals are navigations of the chassis, which replace each other without a stop."""
+    drives = True
+    """False if its goals do not move the robot."""
+
+    def __init__(self, context: Nav2Context, result_timeout: float) -> None:
+        self.context = context
+        self.action_type = class_of(BY_NAME[self.name].type, "action")
+        self._slot = context.driving if self.drives else Slot()
+        self._tasks: dict[asyncio.Task[None], Nav2Goal] = {}
+        """The goals that have not ended, by the task of each."""
+        self._said: set[str] = set()
+        """Fields without an effect that the log has mentioned."""
+        robot = context.part.robot
+        self.server = GoalServer(
+            robot.node,
+            robot.thread,
+            self.action_type,
+            self.name,
+            self._start,
+            result_timeout,
+            self.check,
+            services=RARE_QOS,
+            feedback=RARE_QOS,
+        )
+
+    async def check(self, request: Any) -> None:  # noqa: B027 - most actions need no check
+        """Check a goal before it is accepted, and bring its poses into the frame of the map.
+
+        Raises:
+            RejectedError: it cannot be accepted.
+        """
+
+    @abstractmethod
+    async def execute(self, goal: Nav2Goal) -> None:
+        """Execute a goal, and fill its result.
+
+        Raises:
+            GoalEnd: the goal is not reached.
+        """
+
+    async def stop(self) -> None:
+        """Abort the goals that have not ended."""
+        tasks = dict(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        for goal in tasks.values():  # a task that had not started has ended no goal
+            goal.finish(GoalEnd(STOPPING))
+
+    def say_unused(self, request: Any, *fields: str) -> None:
+        """Say once of each of some fields that it has no effect, if a client sets it."""
+        for field in fields:
+            if getattr(request, field, "") and field not in self._said:
+                self._said.add(field)
+                _LOG.info("%s: %s has no effect: the robot plans by itself", self.name, field)
+
+    def _start(self, accepted: Goal) -> None:
+        goal = Nav2Goal(accepted, self.action_type, self.context)
+        accepted.on_cancel(lambda: goal.stop(GoalEnd(outcome=Outcome.CANCELED)))
+        task = start_task(self._run(goal), name=f"nav2: {self.name}")
+        if not task.done():
+            self._tasks[task] = goal
+            task.add_done_callback(self._tasks.pop)
+
+    async def _run(self, goal: Nav2Goal) -> None:
+        reason: GoalEnd | None = GoalEnd(STOPPING)
+        try:
+            await self._slot.take(goal, navigates=self.navigates)
+            await self.execute(goal)
+            reason = None
+        except GoalEnd as end:
+            reason = end
+            if end.outcome is Outcome.ABORTED and not end.is_logged:
+                level = logging.INFO if str(end) == _REPLACED else logging.WARNING
+                _LOG.log(level, "%s: the goal is aborted: %s", self.name, end)
+        except Exception as error:
+            _LOG.exception("%s failed", self.name)
+            reason = GoalEnd(f"the agent failed: {error!r}; please report this")
+        finally:
+            goal.finish(reason)
+
+
+def duration(seconds: float) -> Duration:
+    """Return a time in seconds as a message; a negative one is 0."""
+    nanoseconds = round(max(seconds, 0.0) * 1e9)
+    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def seconds_of(message: Duration) -> float:
+    """Return a message as a time in seconds."""
+    return float(message.sec + message.nanosec / 1e9)

@@ -1,0 +1,81 @@
+"""Nav2's interfaces as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from nav2_msgs import action as nav2_actions
+
+from woosh_robot_agent.ros.actions.actions import Actions
+from woosh_robot_agent.ros.nav2.behaviors import AssistedTeleop, BackUp, DriveOnHeading, Spin, Wait
+from woosh_robot_agent.ros.nav2.docking import DockRobot, UndockRobot
+from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
+from woosh_robot_agent.ros.nav2.frames import Frames
+from woosh_robot_agent.ros.nav2.goals import Nav2Action, Nav2Context, Slot
+from woosh_robot_agent.ros.nav2.navigation import (
+    FollowWaypoints,
+    NavigateThroughPoses,
+    NavigateToPose,
+    SpeedLimit,
+)
+from woosh_robot_agent.ros.nav2.planning import ComputePathThroughPoses, ComputePathToPose
+from woosh_robot_agent.ros.nav2.pose import RobotPose
+from woosh_robot_agent.ros.nav2.servers import Lifecycle, MapServer
+from woosh_robot_agent.ros.standard.part import PartContext
+from woosh_robot_agent.ros.standard.poses import Pose2D
+
+_ACTIONS: tuple[type[Nav2Action], ...] = (
+    NavigateToPose,
+    NavigateThroughPoses,
+    FollowWaypoints,
+    ComputePathToPose,
+    ComputePathThroughPoses,
+    Spin,
+    DriveOnHeading,
+    BackUp,
+    Wait,
+    DockRobot,
+    UndockRobot,
+)
+"""All actions, except for the one that also has topics."""
+
+
+class Nav2Layer:
+    """Nav2's actions, services and topics. What the release's nav2_msgs lacks is left out.
+
+    Args:
+        part: the context of the standard layer.
+        actions: runs the goals of the chassis.
+        map_to_odom: returns the pose of the odometry's frame in the map; None if it is unknown.
+        result_timeout: time for which the results of goals are kept, in seconds.
+    """
+
+    def __init__(
+        self,
+        part: PartContext,
+        actions: Actions,
+        map_to_odom: Callable[[], Pose2D | None],
+        result_timeout: float,
+    ) -> None:
+        pose = RobotPose(part)
+        frames = Frames(part, lambda: pose.pose, map_to_odom)
+        context = Nav2Context(part, actions, frames, pose, Slot())
+        self._teleop = AssistedTeleop(context, result_timeout)
+        self._actions: list[Nav2Action] = [self._teleop]
+        for action in _ACTIONS:
+            if hasattr(nav2_actions, BY_NAME[action.name].type.partition("/")[2]):
+                self._actions.append(action(context, result_timeout))
+        SpeedLimit(part)
+        Lifecycle(part)
+        MapServer(part)
+        part.robot.thread.spawn(self._teleop.run)
+
+    @property
+    def open_goals(self) -> int:
+        """Number of goals that have not ended."""
+        return sum(action.server.open_goals for action in self._actions)
+
+    async def stop(self) -> None:
+        """Abort the goals that have not ended. Call it in the link thread."""
+        for action in self._actions:
+            await action.stop()

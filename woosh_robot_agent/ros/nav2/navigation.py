@@ -1,0 +1,375 @@
+"""Actions that navigate: to a pose, through poses, and along waypoints."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy
+from geometry_msgs.msg import PoseStamped
+
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.motion import SpeedLimiter
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotInfo
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D as ChassisPose
+from woosh_robot_agent.robot.last_known import LastKnown
+from woosh_robot_agent.robot.readiness import rejections
+from woosh_robot_agent.ros.actions.goal import Cause
+from woosh_robot_agent.ros.actions.server import RejectedError
+from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
+from woosh_robot_agent.ros.nav2.frames import Frames
+from woosh_robot_agent.ros.nav2.goals import (
+    FailedCommand,
+    GoalEnd,
+    Nav2Action,
+    Nav2Goal,
+    duration,
+)
+from woosh_robot_agent.ros.nav2.pose import RobotPose
+from woosh_robot_agent.ros.qos import reliable
+from woosh_robot_agent.ros.standard.part import PartContext
+from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
+
+_LOG = logging.getLogger(__name__)
+_NEAR = 0.5
+"""Maximum distance from the end of a path to the goal that it leads to, in metres; also that at
+which a pose on the way counts as passed."""
+_FIRST_SPEED = 0.5
+"""Assumed speed before the robot has driven, in m/s."""
+_DRIVING = 0.05
+"""Speed from which the robot drives, instead of turning, in m/s."""
+_STEADY = 0.02
+"""Maximum difference from the report before, of a robot that drives at a steady speed, in m/s."""
+_SMOOTHING = 0.02
+"""Weight of the speed in a report, in the expected speed."""
+
+
+async def bring_all(frames: Frames, poses: Sequence[PoseStamped]) -> None:
+    """Change the poses of a goal to the frame of the map.
+
+    Raises:
+        RejectedError: one is invalid, or in a frame that is not known.
+    """
+    for number, pose in enumerate(poses):
+        try:
+            await frames.bring(pose)
+        except ValueError as error:
+            which = f"pose {number} of {len(poses)}: " if len(poses) > 1 else ""
+            raise RejectedError(f"{which}{error}") from None
+
+
+def chassis_pose(message: PoseStamped) -> ChassisPose:
+    """Return a pose in the frame of the map as the chassis's message."""
+    pose = from_pose(message.pose)
+    return ChassisPose(x=pose.x, y=pose.y, theta=pose.theta)
+
+
+class Way:
+    """The rest of the way to a goal, by the path that the robot reports.
+
+    Args:
+        robot_pose: the robot's pose.
+        last_known: has the path.
+        stops: the poses to pass, the goal last.
+    """
+
+    def __init__(
+        self, robot_pose: RobotPose, last_known: LastKnown, stops: Sequence[PoseStamped]
+    ) -> None:
+        self._robot_pose = robot_pose
+        self._last_known = last_known
+        self._stops = [from_pose(each.pose) for each in stops]
+        """The poses that are still to be passed, the goal last."""
+        self._goal = self._stops[-1]
+        self._speed = _FIRST_SPEED
+        """Speed at which the robot is expected to drive, in m/s."""
+        self._last_speed = 0.0
+        """Speed in the last report, in m/s."""
+        self._heard = robot_pose.received
+        """Loop time of that report."""
+        self._path: NavPath | None = None
+        """The path that the following arrays are of."""
+        self._points = numpy.empty((0, 2))
+        self._rests = numpy.empty(0)
+        """Length of the path from each point to its end, in metres."""
+        self._segment = 0
+        """Index of the point that the robot has passed last."""
+
+    @property
+    def stops_left(self) -> int:
+        """Number of poses that are still to be passed."""
+        while len(self._stops) > 1 and self._is_passed(self._stops[0]):
+            self._stops.pop(0)
+        return len(self._stops)
+
+    def rest(self) -> tuple[float, float]:
+        """Return the distance to the goal in metres, and the time that it takes in seconds."""
+        pose = self._robot_pose.pose
+        if pose is None:
+            return 0.0, 0.0
+        if self._robot_pose.received != self._heard:
+            self._heard = self._robot_pose.received
+            self._learn(abs(self._robot_pose.velocity.forward))
+        distance = self._along_path(pose)
+        if distance is None:  # the robot has not reported its path
+            corners = [pose, *self._stops]
+            distance = sum(
+                math.hypot(there.x - here.x, there.y - here.y) for here, there in pairwise(corners)
+            )
+        return distance, distance / self._speed
+
+    def _learn(self, speed: float) -> None:
+        """Adapt the expected speed to one that was reported, unless the robot is slowing down."""
+        if speed > self._speed:
+            self._speed = speed
+        elif speed > _DRIVING and abs(speed - self._last_speed) < _STEADY:
+            self._speed += _SMOOTHING * (speed - self._speed)
+        self._last_speed = speed
+
+    def _is_passed(self, stop: Pose2D) -> bool:
+        pose = self._robot_pose.pose
+        return pose is not None and math.hypot(stop.x - pose.x, stop.y - pose.y) < _NEAR
+
+    def _along_path(self, pose: Pose2D) -> float | None:
+        """Return the length of the rest of the path; None if it does not lead to the goal."""
+        path = self._last_known.value(NavPath)
+        here = numpy.array((pose.x, pose.y))
+        if path is not self._path:
+            self._path = path
+            self._read(path, here)
+        if len(self._points) < 2:
+            return None
+        ahead, aside = self._projected(self._segment, here)
+        while self._segment < len(self._points) - 2:
+            next_ahead, next_aside = self._projected(self._segment + 1, here)
+            if next_aside > aside:
+                break
+            self._segment += 1
+            ahead, aside = next_ahead, next_aside
+        return float(self._rests[self._segment]) - ahead
+
+    def _read(self, path: NavPath | None, here: Any) -> None:
+        poses = () if path is None else path.path.poses
+        points = numpy.array([(each.x, each.y) for each in poses]).reshape(-1, 2)
+        end = (self._goal.x, self._goal.y)
+        if len(points) < 2 or not math.dist(points[-1], end) < _NEAR:
+            self._points = numpy.empty((0, 2))
+            return
+        lengths = numpy.hypot(*numpy.diff(points, axis=0).T)
+        self._points = points
+        self._rests = numpy.append(numpy.cumsum(lengths[::-1])[::-1], 0.0)
+        nearest = int(numpy.hypot(*(points - here).T).argmin())
+        self._segment = max(min(nearest, len(points) - 1) - 1, 0)
+
+    def _projected(self, segment: int, here: Any) -> tuple[float, float]:
+        """Return how far along a segment a point is, and how far from it, in metres."""
+        start, end = self._points[segment], self._points[segment + 1]
+        length = math.dist(start, end)
+        if not length:
+            return 0.0, math.dist(start, here)
+        ahead = float((here - start) @ (end - start)) / length
+        ahead = min(max(ahead, 0.0), length)
+        return ahead, math.dist(start + (end - start) * (ahead / length), here)
+
+
+class _Navigation(Nav2Action):
+    """An action whose goals are navigations of the chassis."""
+
+    navigates = True
+
+    def way(self, stops: Sequence[PoseStamped]) -> Way:
+        """Return the way along some poses."""
+        return Way(self.context.pose, self.context.part.robot.last_known, stops)
+
+    def publish(self, goal: Nav2Goal, way: Way, **fields: Any) -> None:
+        """Publish feedback on a navigation."""
+        distance, time = way.rest()
+        goal.feedback(
+            current_pose=self.context.pose.stamped,
+            navigation_time=duration(goal.elapsed),
+            estimated_time_remaining=duration(time),
+            distance_remaining=distance,
+            **fields,
+        )
+
+
+class NavigateToPose(_Navigation):
+    """Drives to a pose."""
+
+    name = "navigate_to_pose"
+
+    async def check(self, request: Any) -> None:
+        await bring_all(self.context.frames, [request.pose])
+        self.say_unused(request, "behavior_tree")
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        target = goal.request.pose
+        way = self.way([target])
+        await goal.drive(
+            MoveBase(action=kExecute, target_pose=chassis_pose(target)),
+            tick=lambda: self.publish(goal, way),
+        )
+
+
+def poses_in(field: Any) -> list[PoseStamped]:
+    """Return the poses in a field that is an array, or since Kilted a message with one."""
+    return list(getattr(field, "goals", field))
+
+
+class NavigateThroughPoses(_Navigation):
+    """Drives through poses, with a stop and a turn at each."""
+
+    name = "navigate_through_poses"
+
+    async def check(self, request: Any) -> None:
+        await bring_all(self.context.frames, poses_in(request.poses))
+        self.say_unused(request, "behavior_tree")
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        poses = poses_in(goal.request.poses)
+        if not poses:
+            raise GoalEnd("the goal has no poses: give at least one")
+        way = self.way(poses)
+        *via, target = map(chassis_pose, poses)
+        command = MoveBase(
+            action=kExecute,
+            poses=[*via, target],
+            target_pose=target,
+            execution_mode=MoveBase.kOneByOne,
+        )
+        end: GoalEnd | None = None
+        try:
+            await goal.drive(command, tick=lambda: self._publish(goal, poses, way))
+        except GoalEnd as reason:
+            end = reason
+            raise
+        finally:
+            if hasattr(goal.result, "waypoint_statuses"):
+                passed = len(poses) if end is None else len(poses) - way.stops_left
+                goal.result.waypoint_statuses = _statuses(poses, passed, str(end or ""))
+
+    def _publish(self, goal: Nav2Goal, poses: Sequence[PoseStamped], way: Way) -> None:
+        left = way.stops_left
+        fields: dict[str, Any] = {"number_of_poses_remaining": left}
+        if hasattr(goal.result, "waypoint_statuses"):
+            fields["waypoint_statuses"] = _statuses(poses, len(poses) - left)
+        self.publish(goal, way, **fields)
+
+
+def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> list[Any]:
+    """Return the states of the poses on a way, of which some are passed; since Kilted.
+
+    Args:
+        poses: the poses.
+        passed: number of them that the robot has passed.
+        failure: why it does not reach the others; empty while it may.
+    """
+    status = class_of("nav2_msgs/WaypointStatus")
+    waiting = status.FAILED if failure else status.PENDING
+    return [
+        status(
+            waypoint_status=status.COMPLETED if number < passed else waiting,
+            waypoint_index=number,
+            waypoint_pose=pose,
+            error_msg="" if number < passed else failure,
+        )
+        for number, pose in enumerate(poses)
+    ]
+
+
+class FollowWaypoints(_Navigation):
+    """Drives to one pose after the other. A pose that cannot be reached is left out."""
+
+    name = "follow_waypoints"
+
+    async def check(self, request: Any) -> None:
+        await bring_all(self.context.frames, request.poses)
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        poses = goal.request.poses
+        first = getattr(goal.request, "goal_index", 0)
+        if not first < len(poses):
+            raise GoalEnd(
+                f"there is no waypoint {first}: the goal has {len(poses)}", "NO_VALID_WAYPOINTS"
+            )
+        for loop in range(getattr(goal.request, "number_of_loops", 0) + 1):
+            for number in range(0 if loop else first, len(poses)):
+                await self._visit(goal, number, poses[number])
+
+    async def _visit(self, goal: Nav2Goal, number: int, pose: PoseStamped) -> None:
+        try:
+            await goal.drive(
+                MoveBase(action=kExecute, target_pose=chassis_pose(pose)),
+                tick=lambda: goal.feedback(current_waypoint=number),
+            )
+        except FailedCommand as failure:
+            if not self._is_about_the_pose(failure):
+                raise
+            _LOG.warning("%s: waypoint %d is missed: %s", self.name, number, failure)
+            goal.result.missed_waypoints.append(_missed(goal.result, number, pose, str(failure)))
+
+    def _is_about_the_pose(self, failure: FailedCommand) -> bool:
+        """Return True if the robot may reach another pose after it has failed to reach one."""
+        if failure.cause is Cause.REPORT:
+            return True
+        info = self.context.part.robot.last_known.value(RobotInfo)
+        return failure.cause is Cause.REFUSAL and info is not None and not rejections(info)
+
+
+def _missed(result: Any, number: int, pose: PoseStamped, reason: str) -> Any:
+    """Return an entry of `missed_waypoints`: a number on Humble, later a message."""
+    element = result.get_fields_and_field_types()["missed_waypoints"].partition("<")[2][:-1]
+    if element == "int32":
+        return number
+    message = class_of(element)
+    if hasattr(message, "waypoint_status"):
+        return message(
+            waypoint_status=message.FAILED,
+            waypoint_index=number,
+            waypoint_pose=pose,
+            error_msg=reason,
+        )
+    return message(index=number, goal=pose)
+
+
+class SpeedLimit:
+    """The topic speed_limit: limits the speed of all navigations, whoever starts them.
+
+    Args:
+        context: the context of the standard layer.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        robot = context.robot
+        self._context = context
+        self._log = LogOnce(_LOG)
+        self._limiter = SpeedLimiter(
+            robot.chassis,
+            robot.gate,
+            lambda work: asyncio.get_running_loop().create_task(work, name="nav2: speed limit"),
+            lambda reason: _LOG.warning("speed_limit: %s", reason),
+        )
+        endpoint = BY_NAME["speed_limit"]
+        robot.node.create_subscription(
+            class_of(endpoint.type),
+            endpoint.name,
+            lambda message: robot.thread.call(self._received, message),
+            reliable(1),
+        )
+
+    def _received(self, message: Any) -> None:
+        value = message.speed_limit
+        limit = value
+        if message.percentage:
+            limit = value / 100.0 * self._context.settings().velocity_limits.max_linear
+        if not 0.0 <= value < math.inf:
+            self._log.warn("value", f"speed_limit is ignored, because it is {value:g}")
+            return
+        self._log.clear()
+        self._limiter.limit(limit or math.inf)  # 0 stands for no limit

@@ -1,0 +1,120 @@
+"""Actions that plan a path without driving it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+
+from woosh_robot_agent.link import LinkError, RequestTimeoutError
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
+from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, duration
+from woosh_robot_agent.ros.nav2.navigation import bring_all, chassis_pose, poses_in
+from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
+
+
+class _Planning(Nav2Action):
+    """An action that plans a path. A new goal replaces the running one."""
+
+    drives = False
+
+    async def bring(self, request: Any, goals: Sequence[PoseStamped]) -> None:
+        """Bring the poses of a request into the frame of the map.
+
+        Raises:
+            RejectedError: one is invalid, or in a frame that is not known.
+        """
+        await bring_all(self.context.frames, [*goals, *([request.start] * request.use_start)])
+        self.say_unused(request, "planner_id")
+
+    async def plan(self, goal: Nav2Goal, goals: Sequence[PoseStamped]) -> None:
+        """Plan the path to some poses, one after the other.
+
+        Raises:
+            GoalEnd: there is no such path.
+        """
+        start = goal.request.start if goal.request.use_start else self._here()
+        planning = start_task(self._path([start, *goals]), name="nav2: path")
+        try:
+            await goal.follow(lambda: None, planning)
+            goal.result.path = planning.result()
+        finally:
+            planning.cancel()
+            goal.result.planning_time = duration(goal.elapsed)
+
+    def _here(self) -> PoseStamped:
+        if self.context.pose.pose is None:
+            raise GoalEnd("the robot's pose is not known: wait for the link to the robot")
+        return self.context.pose.stamped
+
+    async def _path(self, stops: Sequence[PoseStamped]) -> Path:
+        path = Path()
+        path.header.stamp = self.context.part.now()
+        path.header.frame_id = self.context.part.frame("map")
+        for start, end in pairwise(stops):
+            segment = await self._segment(start, end)
+            path.poses.extend(
+                PoseStamped(header=path.header, pose=to_pose(each))
+                for each in segment[1 if path.poses else 0 :]
+            )
+        return path
+
+    async def _segment(self, start: PoseStamped, end: PoseStamped) -> list[Pose2D]:
+        """Return the poses of the path from one pose to another.
+
+        Raises:
+            GoalEnd: there is no path.
+        """
+        robot = self.context.part.robot
+        request = PlanNavPath(start=chassis_pose(start), end=chassis_pose(end))
+        try:
+            answer = await robot.chassis.request(robot.requests.address(request))
+        except LinkError as error:
+            code = "TIMEOUT" if isinstance(error, RequestTimeoutError) else "UNKNOWN"
+            raise GoalEnd(str(error), code) from None
+        if not answer.ok:
+            raise GoalEnd(f"the chassis plans no path: {answer.msg}", "NO_VALID_PATH")
+        # firmware is known to answer with either type
+        body = answer.body
+        if not isinstance(body, NavPath):
+            body = answer.raw.as_type(full_name(NavPath)).message()
+        try:
+            poses = [Pose2D.from_message(each) for each in body.path.poses]
+        except ValueError as error:
+            raise GoalEnd(f"the chassis has sent no usable path: {error}") from None
+        if not poses:
+            raise GoalEnd("the chassis has sent an empty path", "NO_VALID_PATH")
+        return poses
+
+
+class ComputePathToPose(_Planning):
+    """Plans a path to a pose."""
+
+    name = "compute_path_to_pose"
+
+    async def check(self, request: Any) -> None:
+        await self.bring(request, [request.goal])
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        await self.plan(goal, [goal.request.goal])
+
+
+class ComputePathThroughPoses(_Planning):
+    """Plans a path through poses."""
+
+    name = "compute_path_through_poses"
+
+    async def check(self, request: Any) -> None:
+        await self.bring(request, poses_in(request.goals))
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        goals = poses_in(goal.request.goals)
+        if not goals:
+            raise GoalEnd("the goal has no poses: give at least one", "NO_VIAPOINTS_GIVEN")
+        await self.plan(goal, goals)

@@ -1,0 +1,129 @@
+"""The robot's pose in the map, and the topic amcl_pose."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link import LinkError, LinkState
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
+from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
+from woosh_robot_agent.ros.qos import latched
+from woosh_robot_agent.ros.standard.part import PartContext
+from woosh_robot_agent.ros.standard.poses import Pose2D, Velocity, check_finite, to_pose
+from woosh_robot_agent.ros.subscribers import create_publisher
+
+_LOG = logging.getLogger(__name__)
+_MIN_DISTANCE = 0.25
+"""Distance after which amcl_pose is published again, in metres; amcl's default."""
+_MIN_TURN = 0.2
+"""Angle after which it is published again, in radians; amcl's default."""
+_SILENCE = 1.0
+"""Time without a report after which the robot stands, in seconds. It reports at 5 Hz."""
+_MAX_ROLLING = 3.0
+"""Maximum wait until the robot stands, in seconds. Real robots stand 0.9 s after a stop."""
+_CHECK_PERIOD = 0.05
+"""Period of the checks whether the robot stands, in seconds."""
+
+
+class RobotPose:
+    """The robot's pose by its last report. Publishes amcl_pose. Used in the link thread.
+
+    Attributes:
+        pose: the pose in the map; None as long as it is not known.
+        velocity: the velocity in the robot's frame.
+        received: loop time of the last report.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        self.pose: Pose2D | None = None
+        self.velocity = Velocity()
+        self.received = -math.inf
+        self._context = context
+        self._published: Pose2D | None = None
+        """The pose that was published last; None to publish the next one in any case."""
+        endpoint = BY_NAME["amcl_pose"]
+        self._publisher = create_publisher(
+            context.robot.node, class_of(endpoint.type), endpoint.name, latched(1)
+        )
+        chassis = context.robot.chassis
+        chassis.on_snapshot(self._snapshot)
+        chassis.on_state(self._link_changed)
+        chassis.subscribe(PoseSpeed, self._reported)
+        for request in (InitRobot, SetRobotPose, SwitchMap):
+            chassis.on_accepted(request, self._pose_set)
+
+    @property
+    def stamped(self) -> PoseStamped:
+        """The pose as a message; blank as long as it is not known."""
+        message = PoseStamped()
+        message.header.stamp = self._context.now()
+        message.header.frame_id = self._context.frame("map")
+        if self.pose is not None:
+            message.pose = to_pose(self.pose)
+        return message
+
+    @property
+    def moving(self) -> bool:
+        """True if the robot moves, by its last report."""
+        silence = asyncio.get_running_loop().time() - self.received
+        return self.velocity.moving and silence < _SILENCE
+
+    async def wait_standing(self) -> None:
+        """Wait until the robot stands, but not for long."""
+        clock = asyncio.get_running_loop().time
+        until = clock() + _MAX_ROLLING
+        while self.moving and clock() < until:
+            await asyncio.sleep(_CHECK_PERIOD)
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        if info.HasField("pose_speed"):
+            self._reported(info.pose_speed)
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:
+            self.pose = None
+
+    def _reported(self, report: PoseSpeed) -> None:
+        try:
+            pose = Pose2D.from_message(report.pose)
+            check_finite("speed", report.twist.linear, report.twist.angular)
+        except ValueError:  # the odometry counts it
+            return
+        self.pose = pose
+        self.velocity = Velocity(report.twist.linear, 0.0, report.twist.angular)
+        self.received = asyncio.get_running_loop().time()
+        if self._published is not None:
+            moved = pose.seen_from(self._published)
+            if moved.distance < _MIN_DISTANCE and abs(moved.theta) < _MIN_TURN:
+                return
+        self._publish(pose)
+
+    def _pose_set(self) -> None:
+        """Ask for the pose: a robot that stands does not report the one that was set."""
+        self._published = None
+        self._context.robot.thread.spawn(self._ask)
+
+    async def _ask(self) -> None:
+        robot = self._context.robot
+        try:
+            answer = await robot.chassis.request(robot.requests.empty(PoseSpeed))
+        except LinkError as error:
+            _LOG.debug("cannot ask for the pose: %s", error)
+            return
+        if answer.ok and isinstance(answer.body, PoseSpeed):
+            self._reported(answer.body)
+
+    def _publish(self, pose: Pose2D) -> None:
+        self._published = pose
+        message = PoseWithCovarianceStamped()
+        message.header.stamp = self._context.now()
+        message.header.frame_id = self._context.frame("map")
+        message.pose.pose = to_pose(pose)
+        message.pose.covariance[::7] = self._context.settings().pose_covariance
+        self._publisher.publish(message)

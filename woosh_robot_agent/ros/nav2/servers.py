@@ -1,0 +1,208 @@
+"""Nav2's services: the states of its nodes and of their managers, and its map server."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine
+from functools import partial
+from pathlib import PurePosixPath
+from typing import Any
+
+from lifecycle_msgs.msg import State
+from nav_msgs.msg import OccupancyGrid
+
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link import LinkError, LinkState
+from woosh_robot_agent.motion import Sender
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchMap
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
+from woosh_robot_agent.robot.maps import scene_map
+from woosh_robot_agent.robot.readiness import busy, rejections
+from woosh_robot_agent.ros.bridge import DeferredService, Reply
+from woosh_robot_agent.ros.nav2.endpoints import BY_NAME, MANAGERS
+from woosh_robot_agent.ros.qos import RARE_QOS
+from woosh_robot_agent.ros.standard.map import grid
+from woosh_robot_agent.ros.standard.part import PartContext
+from woosh_robot_agent.ros.standard.poses import Pose2D
+
+_LOG = logging.getLogger(__name__)
+
+
+class Lifecycle:
+    """The states of Nav2's nodes, for which its clients wait. Used in the link thread."""
+
+    def __init__(self, context: PartContext) -> None:
+        self._robot = context.robot
+        for node, is_active in (
+            ("bt_navigator", self._accepts_tasks),
+            ("amcl", self._is_connected),  # also when lost: clients wait for it to set the pose
+        ):
+            create_service(context, f"{node}/get_state", partial(_get_state, is_active))
+        for manager, is_active in zip(
+            MANAGERS, (self._accepts_tasks, self._is_connected), strict=True
+        ):
+            create_service(context, f"{manager}/is_active", partial(_is_active, is_active))
+            create_service(context, f"{manager}/manage_nodes", partial(_manage, manager, is_active))
+
+    def _is_connected(self) -> bool:
+        return self._robot.chassis.state is LinkState.READY
+
+    def _accepts_tasks(self) -> bool:
+        """Return True if the robot accepts tasks, or will do so when it has finished its own."""
+        info = self._robot.last_known.value(RobotInfo)
+        if info is None or not self._is_connected():
+            return False
+        doing = busy(info)
+        return all(each in doing for each in rejections(info))
+
+
+async def _get_state(is_active: Callable[[], bool], _request: Any, response: Any) -> None:
+    active = is_active()
+    response.current_state.id = (
+        State.PRIMARY_STATE_ACTIVE if active else State.PRIMARY_STATE_INACTIVE
+    )
+    response.current_state.label = "active" if active else "inactive"
+
+
+async def _is_active(is_active: Callable[[], bool], _request: Any, response: Any) -> None:
+    response.success = is_active()
+
+
+async def _manage(name: str, is_active: Callable[[], bool], request: Any, response: Any) -> None:
+    response.success = request.command in (request.STARTUP, request.RESUME) and is_active()
+    if not response.success:
+        _LOG.warning(
+            "%s: command %d is not possible: the robot navigates by itself, and is active while "
+            "there is a link to it and it accepts tasks",
+            name,
+            request.command,
+        )
+
+
+_SUFFIXES = (".yaml", ".yml", ".png", ".pgm")
+"""Suffixes of the files of a map."""
+_SWITCHING = 10.0
+"""Maximum time until the robot reports its new map, in seconds."""
+_CHECK_PERIOD = 0.1
+"""Period of the checks of what it reports, in seconds."""
+
+
+class MapServer:
+    """The map that the robot uses, and the change to another one. Used in the link thread."""
+
+    def __init__(self, context: PartContext) -> None:
+        self._context = context
+        self._robot = context.robot
+        create_service(context, "map_server/map", self._get)
+        create_service(context, "map_server/load_map", self._load)
+
+    async def _get(self, _request: Any, response: Any) -> None:
+        response.map = await self._grid()
+
+    async def _load(self, request: Any, response: Any) -> None:
+        file = PurePosixPath(request.map_url)
+        name = file.stem if file.suffix in _SUFFIXES else file.name
+        response.result = response.RESULT_UNDEFINED_FAILURE
+        try:
+            response.result = await self._switch(name, response)
+        except LinkError as error:
+            _LOG.error("map_server/load_map: the map %s is not loaded: %s", name, error)
+        if response.result == response.RESULT_SUCCESS:
+            response.map = await self._grid()
+
+    async def _switch(self, name: str, response: Any) -> int:
+        """Have the robot use a map; return the result of the service.
+
+        Raises:
+            LinkError: the chassis does not answer.
+        """
+        if self._scene.map_name == name:
+            return int(response.RESULT_SUCCESS)
+        scene_name = await self._scene_of(name)
+        if scene_name is None:
+            return int(response.RESULT_MAP_DOES_NOT_EXIST)
+        answer = await self._robot.gate.request(
+            SwitchMap(scene_name=scene_name, map_name=name),
+            sender=Sender("map_server/load_map"),
+        )
+        if not answer.ok:  # the log of all refused commands has it
+            return int(response.RESULT_UNDEFINED_FAILURE)
+        clock = asyncio.get_running_loop().time
+        until = clock() + _SWITCHING
+        while self._scene.map_name != name:
+            if clock() > until:
+                _LOG.error(
+                    "map_server/load_map: the robot does not report that it uses the map %s", name
+                )
+                return int(response.RESULT_UNDEFINED_FAILURE)
+            await asyncio.sleep(_CHECK_PERIOD)
+        _LOG.info("the robot uses the map %s; set its pose, e.g. by initialpose", name)
+        return int(response.RESULT_SUCCESS)
+
+    async def _scene_of(self, name: str) -> str | None:
+        """Return the scene of a map, that of the robot if it has one; None without such a map.
+
+        Raises:
+            LinkError: the chassis does not answer.
+        """
+        current = self._scene.scene_name
+        answer = await self._robot.chassis.request(SceneList())
+        if not answer.ok or not isinstance(answer.body, SceneList):
+            return current  # the firmware does not list them
+        scenes = {each.name: list(each.maps) for each in answer.body.scenes}
+        found = [scene for scene, maps in scenes.items() if name in maps]
+        if current in found:
+            return current
+        if len(found) == 1:
+            return found[0]
+        known = ", ".join(f"{each} ({scene})" for scene, maps in scenes.items() for each in maps)
+        what = f"several scenes have a map {name}" if found else f"the robot has no map {name}"
+        _LOG.error("map_server/load_map: %s; its maps and their scenes are %s", what, known)
+        return None
+
+    @property
+    def _scene(self) -> Scene:
+        return self._robot.last_known.value(Scene) or Scene()
+
+    async def _grid(self) -> OccupancyGrid:
+        """Return the map that the robot uses; blank if it cannot be read."""
+        scene = self._scene
+        try:
+            area = await scene_map(
+                self._robot.chassis, scene.scene_name, scene.map_id, scene.map_name
+            )
+            origin = Pose2D.from_message(area.origin)
+            return await grid(self._context, area.map_png, area.resolution, origin)
+        except (LinkError, ValueError) as error:
+            _LOG.warning("map_server: no map: %s", error)
+            return OccupancyGrid()
+
+
+def create_service(
+    context: PartContext, name: str, answer: Callable[[Any, Any], Coroutine[Any, Any, None]]
+) -> None:
+    """Create one of Nav2's services.
+
+    Args:
+        context: the context of the standard layer.
+        name: its name.
+        answer: fills the response to a request, in the link thread.
+    """
+    service_class = class_of(BY_NAME[name].type, "srv")
+
+    async def work(request: Any, reply: Reply) -> None:
+        response = service_class.Response()
+        await answer(request, response)
+        reply.send(response)
+
+    DeferredService(
+        context.robot.node,
+        service_class,
+        name,
+        lambda request, reply: context.robot.thread.spawn(
+            partial(work, request, reply), reply.fail
+        ),
+        qos=RARE_QOS,
+    )
