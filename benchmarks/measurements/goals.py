@@ -1,11 +1,13 @@
-"""Goals of robot/ExecTask through the agent and through the floor."""
+"""Goals: of robot/ExecTask through the agent and the floor, and of MoveBase and Nav2's action."""
 
 from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable
 from typing import Any
 
+from nav2_msgs.action import NavigateToPose
 from rclpy.action import ActionClient
 
 from benchmarks.figures import Measured, Spread, Target, no_garbage_collection
@@ -15,17 +17,23 @@ from benchmarks.processes import FLOOR, Program, running_agent, running_chassis,
 from woosh_robot_agent.testing import wait_until
 from woosh_robot_agent.testing.agents import NAMESPACE
 from woosh_robot_msgs.action import ExecTask
+from woosh_ros_msgs.action import MoveBase
 
 FIGURES = {
     "goal_rtt": Target(
         2.0, 1.5, "goal to the chassis, and last report to the result / bare action server"
     ),
 }
+NAV2_FIGURES = {
+    "nav2_goal_rtt": Target(1.3, 1.15, "the same of navigate_to_pose / that of ros/MoveBase"),
+}
 _GOALS = 100
 _TIMEOUT = 30.0
 """Timeout for each step of a goal, in seconds."""
 _FIRST_TASK = 1_700_000_000_000
 """Id of the first task. Clients use the Unix time, in milliseconds."""
+_FIRST_OWN = 10_000
+"""Number of the first goal of MoveBase; it is the x of its pose."""
 
 
 class GoalSender:
@@ -33,15 +41,27 @@ class GoalSender:
 
     Args:
         client: Node of the action client.
-        namespace: Namespace of the action server.
-        chassis: Executes the tasks.
+        action: Type of the action.
+        name: Name of the action server.
+        chassis: Executes the goals.
+        make_goal: Makes a goal by which the chassis recognises a number.
+        first: Number of the first goal.
     """
 
-    def __init__(self, client: BareClient, namespace: str, chassis: Program) -> None:
+    def __init__(
+        self,
+        client: BareClient,
+        action: Any,
+        name: str,
+        chassis: Program,
+        make_goal: Callable[[int], Any],
+        first: int,
+    ) -> None:
         self._spin_until = client.spin_until
-        self._client = ActionClient(client.node, ExecTask, f"{namespace}/robot/ExecTask")
+        self._client = ActionClient(client.node, action, name)
         self._chassis = chassis
-        self._next_task = _FIRST_TASK
+        self._make_goal = make_goal
+        self._number = first
         self._starts: list[float] = []
         self._ends: list[float] = []
 
@@ -59,16 +79,15 @@ class GoalSender:
         times = self._times()
         for goal in sent:
             assert goal is not None, "a goal did not end"
-            task_id, begun, ended = goal
-            arrived, reported = times[str(task_id)]
+            number, begun, ended = goal
+            arrived, reported = times[str(number)]
             self._starts.append(arrived - begun)
             self._ends.append(ended - reported)
 
     def _send(self, timeout: float) -> tuple[int, float, float] | None:
-        """Send a goal; return its task, its time and that of its result; None after a timeout."""
-        self._next_task += 1
-        goal: Any = ExecTask.Goal()
-        goal.arg.task_id = self._next_task
+        """Send a goal; return its number, its time and that of its result; None after a timeout."""
+        self._number += 1
+        goal = self._make_goal(self._number)
         begun = time.monotonic()
         accepted = self._client.send_goal_async(goal, feedback_callback=lambda _feedback: None)
         if not self._spin_until(accepted.done, timeout):
@@ -76,13 +95,18 @@ class GoalSender:
         result = accepted.result().get_result_async()
         if not self._spin_until(result.done, timeout):
             return None
-        return self._next_task, begun, time.monotonic()
+        return self._number, begun, time.monotonic()
 
     def _times(self) -> dict[str, list[float]]:
-        """Return when each task came to the chassis, and when it last reported, by task."""
-        self._chassis.send("tasks")
+        """Return when each goal came to the chassis, and when it last reported, by its number."""
+        self._chassis.send("goals")
         times: dict[str, list[float]] = self._chassis.receive()
         return times
+
+    @property
+    def total(self) -> float:
+        """Sum of the medians of start and end, in microseconds."""
+        return self.start.median + self.end.median
 
     @property
     def start(self) -> Spread:
@@ -96,24 +120,63 @@ class GoalSender:
 
 
 def measure(domain: int, options: Options) -> Measured:
-    """Measure goals of agent and floor in turn."""
+    """Measure tasks of agent and floor in turn."""
     with (
         contextlib.closing(BareClient(domain)) as client,
         running_chassis(domain) as (chassis, port),
         running_agent(domain, port, options),
         running_floor("goal", domain, port),
     ):
-        ours = GoalSender(client, NAMESPACE, chassis)
-        floor = GoalSender(client, FLOOR, chassis)
-        for sender in (ours, floor):
-            sender.warm_up()
-        for _ in range(options.turns):
-            for sender in (ours, floor):
-                sender.send(options.samples(_GOALS // options.turns))
-    total, floor_total = (each.start.median + each.end.median for each in (ours, floor))
-    return {
-        "goal_rtt": (
-            total / floor_total,
-            f"({ours.start} + {ours.end}) / ({floor.start} + {floor.end}) µs",
+
+        def sender(namespace: str) -> GoalSender:
+            name = f"{namespace}/robot/ExecTask"
+            return GoalSender(client, ExecTask, name, chassis, _task, _FIRST_TASK)
+
+        return {"goal_rtt": _compare(sender(NAMESPACE), sender(FLOOR), options)}
+
+
+def measure_nav2(domain: int, options: Options) -> Measured:
+    """Measure goals of Nav2's action and of the agent's own one in turn."""
+    with (
+        contextlib.closing(BareClient(domain)) as client,
+        running_chassis(domain) as (chassis, port),
+        running_agent(domain, port, options, nav2="true"),
+    ):
+        nav2 = GoalSender(
+            client, NavigateToPose, f"{NAMESPACE}/navigate_to_pose", chassis, _nav2_goal, 0
         )
-    }
+        own = GoalSender(
+            client, MoveBase, f"{NAMESPACE}/ros/MoveBase", chassis, _move_base, _FIRST_OWN
+        )
+        return {"nav2_goal_rtt": _compare(nav2, own, options)}
+
+
+def _compare(ours: GoalSender, floor: GoalSender, options: Options) -> tuple[float, str]:
+    """Measure two senders in turn; return the ratio of their totals, and the times as text."""
+    for sender in (ours, floor):
+        sender.warm_up()
+    for _ in range(options.turns):
+        for sender in (ours, floor):
+            sender.send(options.samples(_GOALS // options.turns))
+    text = f"({ours.start} + {ours.end}) / ({floor.start} + {floor.end}) µs"
+    return ours.total / floor.total, text
+
+
+def _task(number: int) -> Any:
+    goal: Any = ExecTask.Goal()
+    goal.arg.task_id = number
+    return goal
+
+
+def _move_base(number: int) -> Any:
+    goal: Any = MoveBase.Goal()
+    goal.arg.action.value = 1
+    goal.arg.target_pose.x = float(number)
+    return goal
+
+
+def _nav2_goal(number: int) -> Any:
+    goal: Any = NavigateToPose.Goal()
+    goal.pose.header.frame_id = "map"
+    goal.pose.pose.position.x = float(number)
+    return goal

@@ -1,12 +1,15 @@
-"""Cost of an idle agent, and its start-up time."""
+"""Cost of an idle agent, and its start-up time; the same of Nav2's interfaces."""
 
 from __future__ import annotations
 
+import math
 import statistics
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
+from nav2_msgs import action as nav2_actions
 from std_msgs.msg import Bool
 
 from benchmarks.figures import Measured, Target
@@ -14,6 +17,8 @@ from benchmarks.options import Options
 from benchmarks.processes import MIB, Program, agent_command, running, running_chassis
 from tests.harness import Client
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
+from woosh_robot_agent.ros.nav2.endpoints import NAV2
+from woosh_robot_agent.ros.nav2.endpoints import Kind as Nav2Kind
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.testing import wait_until
 
@@ -23,6 +28,11 @@ FIGURES = {
     "startup": Target(
         1.4, 1.2, "start to connected and discovered / a node with the same entities"
     ),
+}
+NAV2_FIGURES = {
+    "nav2_idle_rss": Target(8.0, 6.0, "memory of Nav2's interfaces: agent with / without, in MiB"),
+    "nav2_idle_cpu": Target(0.1, 0.05, "CPU of them, connected and unused, in percent of a core"),
+    "nav2_startup": Target(1.1, 1.05, "start of an agent with them / without"),
 }
 _STARTS = 5
 """Number of starts; the figure is their median."""
@@ -55,34 +65,82 @@ def floor_command(nodes: int) -> list[str]:
     return ["benchmarks.floors.entities", str(nodes), *entities()]
 
 
-def _commands(port: int, options: Options) -> dict[str, list[str]]:
-    return {
-        "agent": agent_command(port, options),
-        "floor": floor_command(1),
-    }
-
-
 def measure(domain: int, options: Options) -> Measured:
     """Measure several starts of agent and floor in turn, then both while idle."""
-    starts: dict[str, list[float]] = {"agent": [], "floor": []}
-    rss, cpu = {}, {}
     with running_chassis(domain) as (_, port):
-        for turn in reversed(range(1 if options.smoke else _STARTS)):
-            for name, command in _commands(port, options).items():
-                watcher = Watcher(domain)
-                with running(*command, domain=domain) as program:
-                    watcher.wait_started(connected=name == "agent")
-                    starts[name].append(time.monotonic() - program.started)
-                    watcher.close()
-                    if turn == 0:
-                        cpu[name], rss[name] = _idle(program, options)
-                _wait_gone(domain)
-    ours, floor = (statistics.median(starts[name]) for name in ("agent", "floor"))
+        ours, floor = _in_turn(
+            domain,
+            options,
+            Presence(agent_command(port, options)),
+            Presence(floor_command(1), connects=False),
+        )
     return {
-        "idle_rss": (rss["agent"] / rss["floor"], f"{rss['agent']:.1f} / {rss['floor']:.1f} MiB"),
-        "idle_cpu": (cpu["agent"], f"{cpu['agent']:.2f} %, floor {cpu['floor']:.2f} %"),
-        "startup": (ours / floor, f"{ours:.2f} / {floor:.2f} s"),
+        "idle_rss": (ours.rss / floor.rss, f"{ours.rss:.1f} / {floor.rss:.1f} MiB"),
+        "idle_cpu": (ours.cpu, f"{ours.cpu:.2f} %, floor {floor.cpu:.2f} %"),
+        "startup": (ours.start / floor.start, f"{ours.start:.2f} / {floor.start:.2f} s"),
     }
+
+
+def measure_nav2(domain: int, options: Options) -> Measured:
+    """Measure an agent with Nav2's interfaces and one without in turn."""
+    actions = [
+        each.name
+        for each in NAV2
+        if each.kind is Nav2Kind.ACTION and hasattr(nav2_actions, each.type.partition("/")[2])
+    ]
+    with running_chassis(domain) as (_, port):
+        nav2, bare = _in_turn(
+            domain,
+            options,
+            Presence(agent_command(port, options, nav2="true"), further_actions=actions),
+            Presence(agent_command(port, options)),
+        )
+    return {
+        "nav2_idle_rss": (nav2.rss - bare.rss, f"{nav2.rss:.1f} - {bare.rss:.1f} MiB"),
+        "nav2_idle_cpu": (nav2.cpu - bare.cpu, f"{nav2.cpu:.3f} - {bare.cpu:.3f} %"),
+        "nav2_startup": (nav2.start / bare.start, f"{nav2.start:.2f} / {bare.start:.2f} s"),
+    }
+
+
+@dataclass
+class Presence:
+    """A program that is measured while it starts and while it is idle.
+
+    Attributes:
+        command: Its module and arguments.
+        connects: False if it has no link to wait for.
+        further_actions: Names of actions that it has beside those of the agent.
+        starts: Time of each start, in seconds.
+        cpu: CPU time while idle, in percent of a core.
+        rss: Resident memory while idle, in MiB.
+    """
+
+    command: list[str]
+    connects: bool = True
+    further_actions: Sequence[str] = ()
+    starts: list[float] = field(default_factory=list)
+    cpu: float = math.nan
+    rss: float = math.nan
+
+    @property
+    def start(self) -> float:
+        """Median time of the starts, in seconds."""
+        return statistics.median(self.starts)
+
+
+def _in_turn(domain: int, options: Options, *programs: Presence) -> tuple[Presence, ...]:
+    """Start each program several times in turn, then measure each while idle."""
+    for turn in reversed(range(1 if options.smoke else _STARTS)):
+        for each in programs:
+            watcher = Watcher(domain, each.further_actions)
+            with running(*each.command, domain=domain) as program:
+                watcher.wait_started(connected=each.connects)
+                each.starts.append(time.monotonic() - program.started)
+                watcher.close()
+                if turn == 0:
+                    each.cpu, each.rss = _idle(program, options)
+            _wait_gone(domain)
+    return programs
 
 
 def _idle(program: Program, options: Options) -> tuple[float, float]:
@@ -95,10 +153,16 @@ def _idle(program: Program, options: Options) -> tuple[float, float]:
 
 
 class Watcher:
-    """A client that runs before the agent and watches its start."""
+    """A client that runs before the agent and watches its start.
 
-    def __init__(self, domain: int) -> None:
+    Args:
+        domain: Its ROS_DOMAIN_ID.
+        further_actions: Names of actions to wait for, beside those of the agent.
+    """
+
+    def __init__(self, domain: int, further_actions: Sequence[str] = ()) -> None:
         self._client = Client(domain)
+        self._actions = [*(each.name for each in ACTIONS), *further_actions]
         self._connected = self._client.echo(Bool, "connected")
 
     def wait_started(self, *, connected: bool) -> None:
@@ -118,7 +182,7 @@ class Watcher:
         return (
             {path(each.name) for each in (*QUERIES, *COMMANDS)} <= services
             and {path(each.name) for each in TOPICS} <= topics
-            and {path(f"{each.name}/_action/status") for each in ACTIONS} <= topics
+            and {path(f"{name}/_action/status") for name in self._actions} <= topics
         )
 
     def close(self) -> None:

@@ -2,9 +2,10 @@
 
     python -m benchmarks.programs.chassis [--beams N] [--map BYTES] [--transport websocket|tcp]
 
-A map download is answered with a file of BYTES random bytes. A task is reported as running, and
-then as completed. The chassis runs beside the measured program, so it does as little as it can: it
-encodes each answer and each push only once. It prints its port. Each line on stdin is a command:
+A map download is answered with a file of BYTES random bytes. A task or a MoveBase is reported as
+running, and then as completed. The chassis runs beside the measured program, so it does as little
+as it can: it encodes each answer and each push only once. It prints its port. Each line on stdin is
+a command:
 
     delay SECONDS            from now on answer after SECONDS
     move                     from now on push poses at 10 Hz, and answer each ScannerData with
@@ -17,8 +18,9 @@ encodes each answer and each push only once. It prints its port. Each line on st
     push_path RATE POSES COUNT
                              push COUNT messages of NavPath with POSES poses at RATE Hz to all
                              subscribers, while it obeys further commands; prints nothing
-    tasks                    print, as JSON, by its id, the time at which each task since the last
-                             such command came, and the time of its last report (time.monotonic)
+    goals                    print, as JSON, the time at which each task and each MoveBase since the
+                             last such command came, and the time of its last report
+                             (time.monotonic), by the id of the task or the x of the pose
     velocities               print, as JSON, the linear velocity in each woosh.robot.Twist since the
                              last such command, and the time of its arrival (time.monotonic)
 """
@@ -54,6 +56,14 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     ScannerData,
     TaskProc,
 )
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
+    CallAction,
+    Feedback,
+    Feedbacks,
+    kRosExecuting,
+    kRosSuccess,
+)
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 from woosh_robot_agent.pb.util.task_pb2 import kCompleted, kExecuting
 
@@ -71,9 +81,9 @@ _VARIANTS = 20
 _MOVE_PERIOD = 0.1
 """Time between two poses of a robot that moves, in seconds."""
 _FIRST_REPORT = 0.02
-"""Delay of the first report on a task after the answer, in seconds."""
-_TASK_DURATION = 0.15
-"""Time from the first report on a task to the last one, in seconds."""
+"""Delay of the first report on a goal after the answer, in seconds."""
+_DURATION = 0.15
+"""Time from the first report on a goal to the last one, in seconds."""
 Send = Callable[[ServerTransport, int], Awaitable[None]]
 """Sends the answer to the request with a serial number."""
 
@@ -130,18 +140,21 @@ class BenchChassis:
     Attributes:
         beams: Number of beams of a scan.
         delay: Time from a request to its answer, in seconds.
-        tasks: Time of arrival and time of the last report of each task, by its id.
+        goals: Time of arrival and time of the last report of each task and each MoveBase, by the id
+            of the task or the x of the pose.
         velocities: Linear velocity and time of arrival of each velocity command.
     """
 
     def __init__(self, beams: int, map_size: int) -> None:
         self.beams = beams
         self.delay = 0.0
-        self.tasks: dict[int, tuple[float, float]] = {}
+        self.goals: dict[int, tuple[float, float]] = {}
         self.velocities: list[tuple[float, float]] = []
         self._moving = False
         self._subscribers: dict[ServerTransport, Codec] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._reports: set[asyncio.Task[None]] = set()
+        """Those of them that report on goals."""
         bodies: tuple[Message, ...] = (RobotInfo(robot_id=1), pose_speed(0), scan(beams))
         self._bodies = {full_name(body): body for body in bodies}
         self._bodies[full_name(Download)] = map_files(map_size)
@@ -172,25 +185,51 @@ class BenchChassis:
             await send(transport, envelope.sn)
         if envelope.type == full_name(ExecTask):
             task_id = codec.body(envelope, ExecTask).task_id
-            self._start(self._report_task(transport, codec, task_id, arrival))
+            reports: list[Message] = [
+                TaskProc(robot_task_id=task_id, state=state) for state in (kExecuting, kCompleted)
+            ]
+            self._report(transport, codec, task_id, reports, arrival)
+        if envelope.type == full_name(CallAction):  # of MoveBase, the only action that is measured
+            number = int(codec.body(envelope, CallAction).move_base.target_pose.x)
+            reports = [
+                Feedbacks(fbs=[Feedback(action=full_name(MoveBase), state=state)])
+                for state in (kRosExecuting, kRosSuccess)
+            ]
+            self._report(transport, codec, number, reports, arrival)
 
-    async def _report_task(
-        self, transport: ServerTransport, codec: Codec, task_id: int, arrival: float
+    async def take_goals(self) -> dict[int, tuple[float, float]]:
+        """Return `goals` when all of them have ended, and forget them."""
+        if self._reports:
+            await asyncio.wait(self._reports)
+        taken, self.goals = self.goals, {}
+        return taken
+
+    def _report(
+        self,
+        transport: ServerTransport,
+        codec: Codec,
+        number: int,
+        reports: Sequence[Message],
+        arrival: float,
     ) -> None:
-        first, last = (
-            _frame(codec, TaskProc(robot_task_id=task_id, state=s))
-            for s in (kExecuting, kCompleted)
-        )
-        await asyncio.sleep(_FIRST_REPORT)
-        await transport.send(first)
-        await asyncio.sleep(_TASK_DURATION)
-        self.tasks[task_id] = (arrival, time.monotonic())
-        await transport.send(last)
+        first, last = (_frame(codec, each) for each in reports)
 
-    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        async def report() -> None:
+            await asyncio.sleep(_FIRST_REPORT)
+            await transport.send(first)
+            await asyncio.sleep(_DURATION)
+            self.goals[number] = (arrival, time.monotonic())
+            await transport.send(last)
+
+        task = self._start(report())
+        self._reports.add(task)
+        task.add_done_callback(self._reports.discard)
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+        return task
 
     def _make_answer(self, codec: Codec, type_name: str) -> Send:
         if self._moving and type_name == full_name(ScannerData):
@@ -319,9 +358,8 @@ async def main() -> None:
             chassis.delay = float(words[0])
         elif command == "move":
             chassis.move()
-        elif command == "tasks":
-            print(json.dumps(chassis.tasks), flush=True)
-            chassis.tasks = {}
+        elif command == "goals":
+            print(json.dumps(await chassis.take_goals()), flush=True)
         elif command == "velocities":
             print(json.dumps(chassis.velocities), flush=True)
             chassis.velocities = []
