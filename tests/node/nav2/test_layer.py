@@ -102,6 +102,7 @@ def test_a_program_with_it_ends_cleanly(
     program = start_program(
         "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}", "-p", "nav2:=true"
     )
+    program.wait_says("connected to")
     slow_down(simulator)
     goal = go(client, 5.0)
     goal.feedback.wait(lambda _: True)
