@@ -6,7 +6,7 @@ import asyncio
 import logging
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
@@ -279,10 +279,17 @@ def test_a_late_message_is_as_old_as_it_is_later_than_the_quickest(
     clock: Clock, ahead: float
 ) -> None:
     ages, sender = SenderClock(), RemoteSender(clock, ahead)
-    assert sender.age(ages) == pytest.approx(0.0, abs=1e-5)
+    assert sender.age(ages) == pytest.approx(0.0, abs=2e-3)
     clock.monotonic_now += 3.0
     assert sender.age(ages, network=2.501) == pytest.approx(2.5, abs=1e-5)
     assert sender.age(ages, network=0.501, queue=1.0) == pytest.approx(1.5, abs=1e-5)
+    assert sender.age(ages) == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.5])
+def test_the_first_message_may_be_a_late_one(clock: Clock, ahead: float) -> None:
+    ages, sender = SenderClock(), RemoteSender(clock, ahead)
+    assert sender.age(ages, network=3.0) == pytest.approx(3.0 - ahead, abs=1e-5)
     assert sender.age(ages) == pytest.approx(0.0, abs=1e-5)
 
 
@@ -404,6 +411,18 @@ async def test_what_arrived_during_a_stall_moves_nothing(request_: Any) -> None:
         )  # of this process, for example of an order that goes on
         await asyncio.sleep(rig.gate.timing.settle)
         await ok(rig.gate.request(request_, sender=sent(0.0)))
+
+
+@aio
+async def test_a_stall_is_noticed_wherever_it_lies_between_two_heartbeats() -> None:
+    async with gated() as rig:
+        rig.gate.timing = replace(rig.gate.timing, stall=0.3)
+        for delay in (0.0, 0.03, 0.06, 0.09):
+            await asyncio.sleep(rig.gate.timing.settle + delay)
+            await ok(rig.drive(1, sender=sent(0.0)))
+            time.sleep(0.31)
+            with pytest.raises(SupersededError, match="stood still for"):
+                await soon(rig.drive(2, sender=sent(0.0)))
 
 
 @aio

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 
 import pytest
+from geometry_msgs.msg import PoseStamped
 
 from tests.harness import Client, Program, wait_future, wait_until
 from tests.node.cmd_vel import Sender
@@ -48,6 +49,22 @@ def test_a_stream_whose_sender_has_died_meanwhile_moves_nothing(
     assert client.call(Speak, "robot/Speak").ok  # the agent has handled what came before
     assert not any(velocities(simulator)[before:])
     program.wait_says("old")
+
+
+def test_a_goal_pose_during_the_pause_moves_nothing(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
+    publisher = client.node.create_publisher(PoseStamped, client.path("goal_pose"), 10)
+    wait_until(publisher.get_subscription_count, "the agent at goal_pose")
+    message = PoseStamped()
+    message.header.frame_id = "map"
+    message.pose.position.x, message.pose.position.y, message.pose.orientation.w = 5.0, -6.8, 1.0
+    program.process.send_signal(signal.SIGSTOP)
+    publisher.publish(message)
+    time.sleep(PAUSE)
+    program.process.send_signal(signal.SIGCONT)
+    program.wait_says("goal_pose is ignored: not sent: the agent stood still")
+    assert not any(may_move(each.message) for each in simulator.received)
 
 
 def test_calls_and_goals_during_the_pause_move_nothing_and_say_why(

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import threading
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from tests.harness import Client, wait_future, wait_until
 from tests.node.goals import answer_with_json
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath as NavPathProto
 from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_msgs.msg import Speak as SpeakMsg
-from woosh_robot_msgs.srv import General, Mode, SetSound, Speak, SwitchControlMode
+from woosh_robot_msgs.srv import General, Mode, NavPath, SetSound, Speak, SwitchControlMode
 
 SPEAK = "woosh.robot.Speak"
+NAV_PATH = "woosh.robot.NavPath"
 
 
 @pytest.fixture
@@ -53,6 +57,31 @@ def test_a_flood_is_answered_to_the_last_call(simulator, busy_agent, client):
     assert sum("lost the link" in answer.msg for answer in answers) == 64
     busy_agent.wait_connected(2)
     assert wait_future(speak(client, "again")).ok
+
+
+def test_large_values_are_sent_aside_even_the_last_known_one(
+    simulator, busy_agent, client, monkeypatch
+):
+    path = NavPathProto()
+    for number in range(3000):
+        path.path.poses.add(x=number / 100.0)
+    remove = simulator.intercept(
+        lambda out: [replace(out, body=path) if out.request == NAV_PATH else out]
+    )
+    threads: set[str] = set()
+    send = Reply.send
+
+    def noted(reply: Reply, response: Any) -> None:
+        threads.add(threading.current_thread().name)
+        send(reply, response)
+
+    monkeypatch.setattr(Reply, "send", noted)
+    assert len(client.call(NavPath, "robot/NavPath").nav_path.path.poses) == 3000
+    remove()
+    simulator.refuse(NAV_PATH, "no")
+    calls = [client.call_async(NavPath, "robot/NavPath") for _ in range(5)]
+    assert [len(wait_future(call).nav_path.path.poses) for call in calls] == 5 * [3000]
+    assert threads == {"large messages_0"}
 
 
 def test_too_many_queries_are_logged_once(simulator, busy_agent, client, logs):

@@ -338,8 +338,8 @@ class MotionGate:
         """Send a motion command at once if the rules allow it now."""
         self._chassis.check_permitted(message)  # first: a refused velocity does not drive
         moves = may_move(message)
-        if moves:
-            self._check_allowed(sender.published)
+        if moves and (objection := self.objection(sender.published)):
+            raise SupersededError(objection)
         if isinstance(message, Twist):
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
@@ -354,24 +354,25 @@ class MotionGate:
             self._drives_until = -math.inf
         return answer
 
-    def _check_allowed(self, published: float | None) -> None:
-        """Raise an error if the rules forbid to move the robot now.
+    def objection(self, published: float | None) -> str:
+        """Return why a command may not move the robot now; empty if it may. Thread-safe.
 
-        Raises:
-            SupersededError: the text has the reason.
+        Args:
+            published: as in `Sender`.
         """
-        now = asyncio.get_running_loop().time()
+        now = time.monotonic()
         if now < self._forbidden_until:  # rules 4 and 5
-            raise SupersededError(f"not sent: {self._forbidden}")
+            return f"not sent: {self._forbidden}"
         if now < self._stop_called + self.timing.hold:  # rule 4, while the stop waits for its turn
-            raise SupersededError(f"not sent: {_STOPPED}")
+            return f"not sent: {_STOPPED}"
         self._stalls.check()
         if published is not None and self._stalls.is_from_before(published):  # rule 8
-            raise SupersededError(
+            return (
                 f"not sent: the agent stood still for {self._stalls.duration:.1f} s, and this may "
                 "have been sent before that ended; send it again, and find out what holds up this "
                 "computer"
             )
+        return ""
 
     async def _send_zero(self, timeout: float) -> None:
         """Send a zero velocity ahead of all other requests, even if commands are not permitted.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from woosh_robot_agent.link import SupersededError
 from woosh_robot_agent.link.tasks import run_with_timeout
@@ -20,7 +20,7 @@ _WINDOW = 10.0
 After a clock was set forward, or for a sender whose clock is behind those of others, messages count
 as old for that time.
 """
-_PERIOD = 0.25
+_PERIOD = 0.1
 """Period of the heartbeat, in seconds."""
 
 
@@ -40,7 +40,7 @@ class MotionTiming:
     """Time after a stop in which nothing that moves the robot is sent. A goal that a client sent
     before the stop may arrive after it."""
     stall: float = 0.5
-    """Delay of a heartbeat that counts as a stall."""
+    """Time without a heartbeat that counts as a stall. It contains all stalls of that length."""
     settle: float = 0.5
     """Time after a stall in which commands may still come from before its end."""
     pause: float = 2.0
@@ -52,7 +52,9 @@ class SenderClock:
 
     The clocks of two computers may differ by any amount, and neither is trusted. The smallest
     difference seen lately between the time of receipt and the source time is taken for the
-    difference of the clocks. What is above it is the time that a message was on its way.
+    difference of the clocks. What is above it is the time that a message was on its way. Before
+    anything is known, a difference of less than `_WINDOW` counts as that time, too: the first
+    message may be a late one.
     """
 
     def __init__(self) -> None:
@@ -75,8 +77,24 @@ class SenderClock:
             return received - ahead
         if taken > self._since + _WINDOW:
             self._since, self._former, self._least = taken, self._least, math.inf
+        is_first = self._least == self._former == math.inf
         self._least = min(self._least, received - source)
-        return source + min(self._least, self._former) - ahead
+        offset = min(self._least, self._former)
+        if is_first and 0.0 < offset < _WINDOW:
+            offset = 0.0
+        return source + offset - ahead
+
+    def of_message(self, info: Mapping[str, Any], taken: float) -> float:
+        """Return the same for a message on a topic.
+
+        Args:
+            info: rclpy's information about the message.
+            taken: as in `published`.
+        """
+        source, received = (
+            info.get(f"{name}_timestamp", 0) / 1e9 for name in ("source", "received")
+        )
+        return self.published(source, received, taken)
 
 
 class StallWatch:
@@ -94,28 +112,28 @@ class StallWatch:
         self._timing = timing
         self.ended = -math.inf
         self.duration = 0.0
-        self._due = math.inf
-        """Loop time of the next heartbeat."""
+        self._last = math.inf
+        """Loop time of the last heartbeat; inf while it does not watch."""
         self._timer: asyncio.TimerHandle | None = None
 
     def start(self) -> None:
         """Start watching the running event loop."""
         self.stop()
-        self._schedule(asyncio.get_running_loop())
+        self._beat(asyncio.get_running_loop())
 
     def stop(self) -> None:
         """Stop watching."""
-        self._due = math.inf
+        self._last = math.inf
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def check(self) -> None:
-        """Notice a stall that has just ended, even before the next heartbeat."""
-        now = asyncio.get_running_loop().time()
-        if now - self._due > self._timing().stall:
-            self.ended, self.duration = now, now - self._due + _PERIOD
-            self._due = now + _PERIOD
+        """Notice a stall that has just ended, even before the next heartbeat. Thread-safe."""
+        now = time.monotonic()
+        if now - self._last > self._timing().stall:
+            self.ended, self.duration = now, now - self._last
+            self._last = now
 
     def is_from_before(self, published: float) -> bool:
         """Return True if something may have been sent before the end of the last stall.
@@ -125,14 +143,11 @@ class StallWatch:
         """
         return published < self.ended + self._timing().settle
 
-    def _schedule(self, loop: asyncio.AbstractEventLoop) -> None:
-        # multiples of the period, so that all watches of a loop wake it together
-        self._due = (loop.time() // _PERIOD + 1) * _PERIOD
-        self._timer = loop.call_at(self._due, self._beat, loop)
-
     def _beat(self, loop: asyncio.AbstractEventLoop) -> None:
         self.check()
-        self._schedule(loop)
+        self._last = now = time.monotonic()
+        # multiples of the period, so that all watches of a loop wake it together
+        self._timer = loop.call_at((now // _PERIOD + 1) * _PERIOD, self._beat, loop)
 
 
 T = TypeVar("T")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
@@ -23,7 +24,7 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.reports import LogOnce
-from woosh_robot_agent.link.tasks import aside
+from woosh_robot_agent.link.tasks import LARGE, aside, start_task
 from woosh_robot_agent.motion import Sender, UnusableVelocityError, VelocityLimits
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.motion.timeliness import SenderClock
@@ -34,6 +35,10 @@ from woosh_robot_agent.ros.context import RobotContext
 
 _LOG = logging.getLogger(__name__)
 _LIMITED = "the velocity was limited by cmd_vel_max_linear or cmd_vel_max_angular"
+
+
+_LARGE_VALUE = LARGE // 8
+"""Size of a protobuf message that counts as large, in bytes: JSON takes up to eight times that."""
 
 
 class Services:
@@ -89,6 +94,8 @@ class _QueryHandler:
         self._proto = message_type(endpoint.request)
         field_type = self.srv.Response.get_fields_and_field_types()[endpoint.field]
         self._convert = converter(class_of(field_type, "msg"), self._proto)
+        self._converting: tuple[Message, asyncio.Task[Any]] | None = None
+        """A large last known value, while it is converted."""
 
     def handle(self, request: Any, reply: Reply) -> None:
         self._robot.thread.spawn(partial(self._answer, request, reply), reply.fail)
@@ -98,16 +105,17 @@ class _QueryHandler:
             value = await self._ask(request)
         except TooManyRequestsError as error:  # the link warns of it, once for all services
             _LOG.debug("%s: %s", self._fallback, error)
-            value = self._last_value()
+            value = await self._last_value()
         except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
             self._log.warn(type(error).__name__, f"{self._fallback}: {error}")
-            value = self._last_value()
+            value = await self._last_value()
         else:
             self._log.clear()
-        reply.send(filled(self.srv.Response, **{self._endpoint.field: value}))
+        response = filled(self.srv.Response, **{self._endpoint.field: value.message})
+        await _send(reply, response, is_large=value.is_large)
 
-    async def _ask(self, request: Any) -> Any:
-        """Request the value from the chassis; return it as a ROS message."""
+    async def _ask(self, request: Any) -> _Value:
+        """Request the value from the chassis; return it."""
         answer = await self._robot.chassis.request(self._message(request))
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.msg}")
@@ -118,7 +126,7 @@ class _QueryHandler:
         except FrameError as error:
             raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
         self._robot.last_known.remember(answer.raw)
-        return value
+        return _Value(value, answer.raw.is_large)
 
     @property
     def _fallback(self) -> str:
@@ -128,9 +136,22 @@ class _QueryHandler:
             return f"{name} answers blank, because no value is known yet"
         return f"{name} answers with the last known value"
 
-    def _last_value(self) -> Any:
-        last = self._robot.last_known.get(self._endpoint.request)
-        return self._convert.to_ros(last or self._proto())
+    async def _last_value(self) -> _Value:
+        last = self._robot.last_known.get(self._endpoint.request) or self._proto()
+        if last.ByteSize() < _LARGE_VALUE:
+            return _Value(self._convert.to_ros(last), False)
+        if self._converting is None or self._converting[0] is not last:
+            # all calls that come while it is converted share the result
+            task = start_task(
+                aside(self._convert.to_ros, last), name=f"convert {self._endpoint.name}"
+            )
+            self._converting = (last, task)
+            task.add_done_callback(self._converted)
+        return _Value(await asyncio.shield(self._converting[1]), True)
+
+    def _converted(self, task: asyncio.Task[Any]) -> None:
+        if self._converting is not None and self._converting[1] is task:
+            self._converting = None
 
     def _message(self, request: Any) -> Message:
         if not self._endpoint.takes_arg:
@@ -139,6 +160,15 @@ class _QueryHandler:
             return self._robot.requests.make(self._convert, request.arg)
         except BadFieldError as error:
             raise error.below("arg") from None
+
+
+class _Value(NamedTuple):
+    """The value that a query is answered with."""
+
+    message: Any
+    """The value as a ROS message."""
+    is_large: bool
+    """True if it may take long to send it."""
 
 
 class _RefusedError(Exception):
@@ -202,7 +232,7 @@ class _CommandHandler:
         response = await self._answered(answer)
         if note and answer.ok:
             response.msg = f"{response.msg}; {note}" if response.msg else note
-        reply.send(response)
+        await _send(reply, response, is_large=answer.raw.is_large)
 
     def _lost(self, address: str, error: ConnectionLostError) -> str:
         return (
@@ -240,6 +270,14 @@ class _CommandHandler:
         if ret is None:
             ret = self._convert_ret.to_ros(self._convert_ret.proto_class())
         return filled(self.srv.Response, ok=ok, msg=msg, ret=ret)
+
+
+async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:
+    """Send a response; a large one is sent aside, where it does not hold up the link thread."""
+    if is_large:
+        await aside(reply.send, response)
+    else:
+        reply.send(response)
 
 
 async def _read(convert: Converter, body: Body) -> Any:

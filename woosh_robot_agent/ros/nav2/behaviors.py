@@ -239,9 +239,7 @@ class AssistedTeleop(Nav2Action):
             if objection := stamp_objection(self.context.part, message.header.stamp):
                 self._driver.refuse("age", objection)
                 return
-        published = self._clock.published(
-            info.get("source_timestamp", 0) / 1e9, info.get("received_timestamp", 0) / 1e9, taken
-        )
+        published = self._clock.of_message(info, taken)
         self._driver.drive(twist.linear.x, twist.linear.y, twist.angular.z, published)
 
     def _preempt(self, _message: Any) -> None:

@@ -85,9 +85,7 @@ class CmdVel(Part):
             self._drive(message.twist, info, taken)
 
     def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
-        published = self._clock.published(
-            info.get("source_timestamp", 0) / 1e9, info.get("received_timestamp", 0) / 1e9, taken
-        )
+        published = self._clock.of_message(info, taken)
         self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z, published)
         now = time.monotonic()
         alternate = self._publishers.notice(info.get("publication_sequence_number"), now)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
@@ -86,17 +88,22 @@ class GoalPose(Part):
         """True until the action server has accepted the newest goal."""
         self._cancels: list[Reply] = []
         """Cancel requests that wait until the action server has accepted the newest goal."""
-        context.subscribe("goal_pose", self._received, in_executor=True)
+        self._clock = SenderClock()
+        context.subscribe("goal_pose", self._received, in_executor=True, with_info=True)
         self._service = context.service("cancel", self._cancel_requested)
 
     def close(self) -> None:
         self._client.destroy()  # a client that is left keeps the node in the graph
 
-    def _received(self, message: Any) -> None:
+    def _received(self, message: Any, info: Mapping[str, Any], taken: float) -> None:
         if reason := self._context.robot.chassis.refusal(CallAction()):
             self._log.warn("not permitted", f"goal_pose is ignored: {reason}")
             return
         self._log.clear()
+        published = self._clock.of_message(info, taken)
+        if objection := self._context.robot.gate.objection(published):
+            _LOG.error("goal_pose is ignored: %s", objection)
+            return
         try:
             pose = from_pose_in(self._context.frame("map"), message.header.frame_id, message.pose)
         except ValueError as error:
