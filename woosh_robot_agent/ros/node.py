@@ -182,6 +182,8 @@ class Agent:
         link_thread.call(chassis.start)
         self._standard.start()
         link_thread.spawn(self._second_agent.run)
+        if self._nav2 is not None:
+            self._nav2.start()
 
     def _create_nav2(self, parts: PartContext) -> Nav2Layer | None:
         """Create Nav2's interfaces; None if their definitions are not installed."""

@@ -37,11 +37,14 @@ _ACTIONS: tuple[type[Nav2Action], ...] = (
     DockRobot,
     UndockRobot,
 )
-"""All actions, except for the one that also has topics."""
+"""All actions, except for the one that listens to the link."""
 
 
 class Nav2Layer:
     """Nav2's actions, services and topics. What the release's nav2_msgs lacks is left out.
+
+    Create it before the link starts, because its parts listen to the link, and call `start` after
+    that: most of its servers are created while the link connects.
 
     Args:
         part: the context of the standard layer.
@@ -59,13 +62,18 @@ class Nav2Layer:
     ) -> None:
         pose = RobotPose(part)
         frames = Frames(part, lambda: pose.pose, map_to_odom)
-        context = Nav2Context(part, actions, frames, pose, Slot())
-        self._teleop = AssistedTeleop(context, result_timeout)
+        self._context = Nav2Context(part, actions, frames, pose, Slot())
+        self._result_timeout = result_timeout
+        self._teleop = AssistedTeleop(self._context, result_timeout)
         self._actions: list[Nav2Action] = [self._teleop]
+        SpeedLimit(part)
+
+    def start(self) -> None:
+        """Create the other actions and the services."""
+        part = self._context.part
         for action in _ACTIONS:
             if hasattr(nav2_actions, BY_NAME[action.name].type.partition("/")[2]):
-                self._actions.append(action(context, result_timeout))
-        SpeedLimit(part)
+                self._actions.append(action(self._context, self._result_timeout))
         Lifecycle(part)
         MapServer(part)
         part.robot.thread.spawn(self._teleop.run)
