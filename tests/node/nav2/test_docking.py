@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.harness import Client
+from tests.harness import Client, wait_until
 from tests.node.goals import slow_down
 from tests.node.nav2.goals import ABORTED, CANCELED, SUCCEEDED, Nav2Client, pose
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
@@ -81,6 +81,17 @@ def test_docking_is_cancelled(client: Client, simulator: SimulatorThread) -> Non
     status, result = goal.result()
     assert (status, result.success) == (CANCELED, False)
     assert not simulator.call(lambda sim: sim.chassis.tasks.active)
+
+
+def test_undocking_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
+    assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
+    slow_down(simulator)
+    goal = Nav2Client(client, "undock_robot")
+    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot backs out")
+    goal.cancel()
+    status, result = goal.result()
+    assert (status, result.success, result.error_code) == (CANCELED, False, 0)
+    assert not simulator.call(lambda sim: sim.chassis.base.moving)
 
 
 def test_the_way_to_the_charger_takes_too_long(client: Client, simulator: SimulatorThread) -> None:
