@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from websockets.frames import Opcode
 
 from tests.tools.connections import link
 from tests.tools.test_recording import HEAD, numbered
-from tests.tools.waiting import aio
+from tests.tools.waiting import TIMEOUT, aio
 from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.layout import Event, Frame
 from woosh_robot_agent.tools.recording.proxy import ReadPace, RecordingProxy
@@ -95,6 +96,7 @@ async def test_each_frame_has_the_time_at_which_it_arrived(
     recorder.add(chassis, third)
     clock[0] = 4 * 10**9
     recorder.event(1, "close", "chassis")
+    recorder.close()
     file.close()
     found = read_recording(tmp_path / "a.mcap").records
     assert [record.t for record in found] == [1.0, 2.0, 3.0, 4.0]
@@ -106,6 +108,7 @@ async def test_frames_are_recorded_before_the_next_flush(tmp_path: Path) -> None
     recorder = FrameRecorder(file)
     recorder.add(direction([]), HEAD + wire(numbered(0)))
     recorder.flush()
+    recorder.close()
     assert len(read_recording(tmp_path / "a.mcap").records) == 1
     file.close()
 
@@ -118,9 +121,43 @@ async def test_many_bytes_do_not_wait(tmp_path: Path) -> None:
     frame = wire(b"x" * 300_000)
     for _ in range(4):
         recorder.add(chassis, frame)
-    file.flush()
+    recorder.flush()
+    recorder.close()
     assert file.frames == 4
     file.close()
+
+
+class _SlowDisk(RecordingWriter):
+    """A writer whose disk stands still until it is told to go on."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "ws://x", Limits(2**30), lambda reason: pytest.fail(reason))
+        self.stands, self.goes_on = threading.Event(), threading.Event()
+
+    def flush(self) -> None:
+        self.stands.set()
+        assert self.goes_on.wait(TIMEOUT)
+        super().flush()
+
+
+@aio
+async def test_a_slow_disk_delays_nobody_and_loses_nothing(tmp_path: Path) -> None:
+    file = _SlowDisk(tmp_path / "a.mcap")
+    recorder, chassis = FrameRecorder(file), direction([])
+    recorder.add(chassis, HEAD)
+    recorder.flush()
+    assert await asyncio.to_thread(file.stands.wait, TIMEOUT)
+    frame = wire(b"x" * 1_500_000)
+    for _ in range(40):  # each is handed over at once
+        recorder.add(chassis, frame)
+    assert file.frames == 0
+    # more waits for the disk, which goes on meanwhile
+    asyncio.get_running_loop().run_in_executor(None, file.goes_on.set)
+    for _ in range(20):
+        recorder.add(chassis, frame)
+    recorder.close()
+    file.close()
+    assert (file.frames, file.lost) == (60, 0)
 
 
 @aio

@@ -115,6 +115,7 @@ class RecordingProxy:
     ) -> None:
         self._chassis = chassis
         self._read_period = read_period
+        self._writer = writer
         self._recorder = FrameRecorder(writer)
         self._log = LogOnce(_LOG)
         self._count = 0
@@ -144,7 +145,7 @@ class RecordingProxy:
         await cancel_and_wait(*tasks)
         if self._listener is not None:
             await self._listener.close()
-        self._recorder.record()
+        self._recorder.close()
 
     async def _flush(self) -> None:
         while True:
@@ -167,8 +168,7 @@ class RecordingProxy:
         finally:
             for each in connection.writers:
                 each.transport.abort()
-            if connection.ended_by is not None:
-                self._recorder.event(connection.number, "close", *connection.ended_by)
+            self._recorder.call(self._tell_end, connection, self._writer.now())
             self._tasks.discard(task)
 
     async def _forward(
@@ -241,8 +241,11 @@ class RecordingProxy:
 
     def _end(self, connection: _Connection, by: Side, how: str) -> None:
         """Note how a connection ended, unless an earlier close frame tells it."""
-        self._recorder.record()
-        connection.end(by, how)
+        self._recorder.call(connection.end, by, how)
+
+    def _tell_end(self, connection: _Connection, at: int) -> None:
+        if connection.ended_by is not None:
+            self._writer.event(connection.number, "close", *connection.ended_by, at)
 
     def _make_parser(self, sender: Side) -> FrameParser:
         max_size = self._chassis.max_frame_size

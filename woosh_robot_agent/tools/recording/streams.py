@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -154,6 +156,8 @@ processor has to load code and data into its caches again.
 """
 _MAX_COLLECTED = 1024 * 1024
 """Size of the collected bytes above which the frames in them are recorded at once, in bytes."""
+_MAX_WAITING = 64 * 1024 * 1024
+"""Size of the bytes that may wait for a slow disk before forwarding waits, too, in bytes."""
 
 
 @dataclass(eq=False)
@@ -164,7 +168,7 @@ class Direction:
         connection: Number of the connection.
         sender: Side that sends the bytes.
         parser: Parser of the bytes; None once they cannot be parsed.
-        on_close: Called with code and reason of a close frame.
+        on_close: Called with code and reason of a close frame, in the thread of the recorder.
     """
 
     connection: int
@@ -176,18 +180,22 @@ class Direction:
 class FrameRecorder:
     """Collects bytes, and finds and records the frames in them several times a second.
 
-    Frames and events are recorded in the order of the calls. The time of a frame is that of the
-    call that completed it.
+    This is done in a thread of its own, so that a slow disk does not delay what is forwarded.
+    Everything is recorded in the order of the calls. The time of a frame is that of the call that
+    completed it.
 
     Args:
-        writer: Writer of the recording.
+        writer: Writer of the recording, which belongs to that thread until `close`.
     """
 
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="recording")
         self._collected: list[tuple[int, Direction, bytes]] = []
         """Time of arrival, in ns, and bytes that have not been parsed."""
         self._collected_size = 0
+        self._waiting: deque[tuple[Future[None], int]] = deque()
+        """Work that has been handed over, and the size of its bytes."""
         self._timer: asyncio.TimerHandle | None = None
 
     def add(self, direction: Direction, data: bytes) -> None:
@@ -203,20 +211,42 @@ class FrameRecorder:
 
     def event(self, connection: int, kind: EventKind, by: Side, text: str = "") -> None:
         """Record an event."""
-        self.record()
-        self._writer.event(connection, kind, by, text)
+        self.call(self._writer.event, connection, kind, by, text, self._writer.now())
 
     def flush(self) -> None:
         """Record what has been collected, and pass it on to the operating system."""
+        self.call(self._writer.flush)
+
+    def call(self, work: Callable[..., None], *arguments: Any) -> None:
+        """Record what has been collected, and then call a function in the thread."""
         self.record()
-        self._writer.flush()
+        self._hand_over(0, work, *arguments)
 
     def record(self) -> None:
         """Record the frames in what has been collected."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        collected, self._collected, self._collected_size = self._collected, [], 0
+        if self._collected:
+            collected, self._collected = self._collected, []
+            size, self._collected_size = self._collected_size, 0
+            self._hand_over(size, self._parse_all, collected)
+
+    def close(self) -> None:
+        """Record what has been collected, and wait until everything is recorded."""
+        self.record()
+        self._thread.shutdown()
+        while self._waiting:
+            self._waiting.popleft()[0].result()
+
+    def _hand_over(self, size: int, work: Callable[..., None], *arguments: Any) -> None:
+        self._waiting.append((self._thread.submit(work, *arguments), size))
+        while self._waiting and self._waiting[0][0].done():
+            self._waiting.popleft()[0].result()  # raises what went wrong
+        while sum(each for _, each in self._waiting) > _MAX_WAITING:
+            self._waiting.popleft()[0].result()
+
+    def _parse_all(self, collected: list[tuple[int, Direction, bytes]]) -> None:
         for received, direction, data in collected:
             self._parse(received, direction, data)
 

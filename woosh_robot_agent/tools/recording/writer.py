@@ -166,13 +166,15 @@ class RecordingWriter:
             if sender == "chassis":
                 self._guard("view", self._add_views, decoded.message, now)
 
-    def event(self, connection: int, kind: EventKind, by: Side, text: str = "") -> None:
-        """Write an event that has just happened."""
+    def event(
+        self, connection: int, kind: EventKind, by: Side, text: str = "", at: int | None = None
+    ) -> None:
+        """Write an event that has happened at a time of `now`; by default at this moment."""
         self.connections += kind == "open"
         if kind == "refused":
             self.refusal = text
         message = EventMessage(connection=connection, kind=kind, by=by, text=text)
-        self._files.add(EVENTS, self.now(), message.SerializeToString())
+        self._files.add(EVENTS, self.now() if at is None else at, message.SerializeToString())
 
     def flush(self) -> None:
         """Pass everything written so far on to the operating system."""
