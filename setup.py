@@ -174,7 +174,7 @@ setup(
         PACKAGE: ["py.typed"],
         f"{PACKAGE}.robot": ["status_codes.json"],
         f"{PACKAGE}.simulator": ["data/*.json", "data/*/*"],
-        f"{PACKAGE}.tools.dashboard": ["page/*"],
+        f"{PACKAGE}.tools.dashboard": ["page/*.*", "page/*/*"],
         f"{PACKAGE}.vda5050.messages": ["schemas/LICENSE", "schemas/*/*.schema"],
     },
     data_files=[

@@ -23,6 +23,9 @@ from woosh_robot_agent.link.codecs.json_codec import from_json
 from woosh_robot_agent.link.frames import FieldError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.tools.dashboard.control import Control, ControlConfig
+from woosh_robot_agent.tools.dashboard.part_data import card_data, place_data
+from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.doctor.checks import (
     check_codes,
@@ -133,7 +136,9 @@ async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
         return frame["type"] == "woosh.robot.ScannerData"
 
     async with Peer(script=answer) as peer:
-        shown = Robot(peer.config(), control=False, scan_rate=200.0, update_period=0.0)
+        shared = Parts()
+        shown = Robot(peer.config(), shared, control=True, scan_rate=200.0, update_period=0.0)
+        Control(shown, ControlConfig())
         shown.start()
         shown.parts.watch(object(), lambda names: None)
         wire = await peer.wire()
@@ -159,7 +164,10 @@ async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
 
 def _show(shown: Robot) -> None:
     """Show the state of a robot in all ways."""
-    shown.parts.publish("pose", "robot", "outline", "path", "codes", "map", "link")
+    names = ("pose", "robot", "outline", "path", "codes", "map", "link", "details", "sample")
+    shown.parts.publish(*names, "tasks", "control")
+    json.dumps(card_data(shown.view, shown.chassis, 0), allow_nan=False)
+    json.dumps(place_data(shown.view.info, 0), allow_nan=False)
     for part in shown.parts.messages.values():
         if isinstance(part, str):
             _strict_json(part)

@@ -169,26 +169,37 @@ async def scene_map(
 ) -> SceneData.Map:
     """Request a scene, and return one of its maps; it can have many MiB.
 
+    The arguments and the errors are those of `scene_data` and `find_map`.
+    """
+    return find_map(await scene_data(chassis, scene_name), map_id, map_name)
+
+
+async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
+    """Request a scene with all of its maps.
+
     Args:
         chassis: the link.
         scene_name: name of the scene.
-        map_id: id of the map, used if no map has the name.
-        map_name: name of the map.
 
     Raises:
         LinkError: as in `ChassisClient.request`.
-        MapError: the chassis refuses, or the map is missing, or it has no image.
+        MapError: the chassis refuses, or sends something else.
     """
     answer = await chassis.request(SceneData(name=scene_name))
     if not answer.ok:
         raise MapError(f"the chassis refused SceneData of {scene_name}: {answer.msg}")
     if not isinstance(answer.body, SceneData):
         raise MapError(f"the chassis sent no SceneData: {answer.defect or answer.type}")
-    return _find(answer.body, map_id, map_name)
+    return answer.body
 
 
-def _find(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
+def find_map(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
     """Return a map of a scene.
+
+    Args:
+        data: the scene.
+        map_id: id of the map, used if no map has the name.
+        map_name: name of the map.
 
     Raises:
         MapError: it is missing, or has no image.

@@ -12,16 +12,21 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
 import pytest
 
 from tests.quick_chassis import quick_config
 from tests.tools.waiting import TIMEOUT
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
 T = TypeVar("T")
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
+FIREFOX_DRIVER = shutil.which("geckodriver")
 _OPTIONS = (
     "--headless=new",
     "--no-sandbox",
@@ -114,6 +119,25 @@ def chromium(width: int = 1280, height: int = 800) -> Iterator[Any]:
         service.stop()
 
 
+@contextmanager
+def firefox(width: int = 1280, height: int = 900) -> Iterator[Any]:
+    """Start Firefox, or skip the test if there is none; yield its driver."""
+    if not (FIREFOX and FIREFOX_DRIVER):
+        pytest.skip("no Firefox: install firefox-esr and geckodriver")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="pip install selenium")
+    options = webdriver.FirefoxOptions()
+    options.binary_location = FIREFOX
+    options.add_argument("-headless")
+    driver = webdriver.Firefox(options, webdriver.FirefoxService(FIREFOX_DRIVER))
+    try:
+        driver.set_window_size(width, height)
+        driver.set_page_load_timeout(TIMEOUT)
+        driver.set_script_timeout(TIMEOUT)
+        yield driver
+    finally:
+        driver.quit()
+
+
 class SharedBrowser:
     """A browser that is started once, for many tests; each gets a window of its own."""
 
@@ -167,7 +191,98 @@ def element(driver: Any, selector: str) -> Any:
 
 
 def text(driver: Any, selector: str) -> str:
-    return str(element(driver, selector).text)
+    """Return what can be read of the first element; empty if there is none."""
+    found = f"document.querySelector({json.dumps(selector)})"
+    return str(script(driver, f"{found}?.innerText ?? ''"))
+
+
+def is_enabled(driver: Any, selector: str) -> bool:
+    """Return True if there is a control that can be pressed."""
+    found = f"document.querySelector({json.dumps(selector)})"
+    return bool(script(driver, f"{found}?.disabled === false"))
+
+
+def press(driver: Any, selector: str) -> None:
+    """Press a control as soon as it can be pressed."""
+    from selenium.common.exceptions import WebDriverException
+
+    def is_pressed() -> bool:
+        try:
+            element(driver, selector).click()
+        except WebDriverException:  # not there yet, or something moves over it
+            return False
+        return True
+
+    eventually(is_pressed, f"{selector} to be pressed")
+
+
+def show(driver: Any, tab: str) -> None:
+    """Show a tab of the panel."""
+    press(driver, f"#tab-{tab}")
+
+
+def open_page(driver: Any, url: str) -> None:
+    """Open the page, and wait until it shows the map and the laser."""
+    driver.get(url)
+    wait_for_map(driver)
+
+
+def wait_for_map(driver: Any) -> None:
+    known = "globalThis.mapCanvas?.area != null && store.scan.value !== null"
+    eventually(lambda: script(driver, known), "the map and the laser")
+
+
+def click_at(driver: Any, x: float, y: float, drag: tuple[int, int] | None = None) -> None:
+    """Press a place of the map, in metres, and release there or elsewhere, in pixels from it."""
+    at = script(driver, f"mapCanvas.view.toScreen({x}, {y})")
+    size = script(driver, "[mapCanvas.view.width, mapCanvas.view.height]")
+    offset = round(at["x"] - size[0] / 2), round(at["y"] - size[1] / 2)
+    chain = actions(driver).move_to_element_with_offset(element(driver, "#map"), *offset)
+    if drag is None:
+        chain.click().perform()
+    else:
+        chain.click_and_hold().move_by_offset(*drag).release().perform()
+
+
+def hold_stick(driver: Any, robot: SimulatedPage) -> None:
+    """Push the stick ahead and keep it there until the robot drives.
+
+    On a busy machine, the connection to the dashboard may be too slow for a moment.
+    """
+    stick = element(driver, "#stick")
+
+    def is_pressed() -> bool:
+        if not script(driver, "store.held.value !== null"):
+            actions(driver).release().perform()
+            actions(driver).move_to_element(stick).click_and_hold().move_by_offset(0, -50).perform()
+        return is_driving(robot)
+
+    eventually(is_pressed, "the robot to drive")
+
+
+def is_driving(robot: SimulatedPage) -> bool:
+    return robot.call(lambda simulator: simulator.state.velocity.forward) > 0.05
+
+
+def is_stopped_by_zero(robot: SimulatedPage) -> bool:
+    def stopped(simulator: SimulatedChassis) -> bool:
+        zero = simulator.last(full_name(Twist)) == Twist()
+        return zero and simulator.state.velocity.forward == 0.0
+
+    return robot.call(stopped)
+
+
+def check_console_and_requests(driver: Any, url: str) -> None:
+    """Check that the page reported no error, and asked nobody but the dashboard."""
+    host = urlsplit(url).netloc
+    # on a busy machine, the page may give up a connection, which Chromium reports by itself
+    given_up = f"WebSocket connection to 'ws://{host}/live' failed"
+    messages = [entry["message"] for entry in driver.get_log("browser")]
+    assert [each for each in messages if given_up not in each] == []
+    urls = requested_urls(driver)
+    assert f"ws://{host}/live" in urls
+    others = {each for each in urls if urlsplit(each).netloc != host}
+    assert {each for each in others if not each.startswith(("data:", "chrome:"))} == set()
 
 
 def actions(driver: Any) -> Any:

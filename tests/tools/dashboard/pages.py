@@ -18,8 +18,10 @@ from tests.tools.waiting import TIMEOUT
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.transport import Connect
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard.control import TOO_SLOW, ControlConfig
+from woosh_robot_agent.tools.dashboard import control
+from woosh_robot_agent.tools.dashboard.control import ControlConfig
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
+from woosh_robot_agent.tools.dashboard.texts import english
 
 try:
     from websockets.asyncio.client import ClientConnection as Socket
@@ -31,6 +33,8 @@ except ImportError:  # before websockets 13
     _HEADERS_OPTION = "extra_headers"
 
 
+TOO_SLOW = str(control.TOO_SLOW)
+"""Reason of a refusal over a slow connection; on a busy machine it may come for a moment."""
 _CONTROL = [field.name for field in fields(ControlConfig)]
 
 
@@ -47,17 +51,30 @@ async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[D
 
 @contextmanager
 def program(
-    *robots: SimulatorThread, options: Sequence[str] = ()
+    *robots: SimulatorThread, options: Sequence[str] = (), watch: bool = False
 ) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Start the program with control; yield its process and its address."""
+    """Start the program with control; yield its process and its address.
+
+    Args:
+        robots: the robots.
+        options: further options.
+        watch: yield the address at which one can only look, on this machine.
+    """
     command = [sys.executable, "-m", "woosh_robot_agent.tools", "dashboard", "--control"]
     command += ["--page-port", "0", *options]
     for robot in robots:
         command += ["--ip", f"127.0.0.1:{robot.port}"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    errors = subprocess.PIPE if watch else None
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
         try:
             assert process.stdout is not None
             url = process.stdout.readline().removeprefix("dashboard ready at ").strip()
+            if watch:
+                assert process.stderr is not None
+                lines = iter(process.stderr.readline, "")
+                found = next(each for each in lines if each.startswith("to watch only: "))
+                port = urlsplit(url).port
+                url = f"http://127.0.0.1:{port}/?{urlsplit(found.split()[-1]).query}"
             yield process, url
         finally:
             process.kill()
@@ -91,6 +108,15 @@ async def fetch(
     return await asyncio.to_thread(get)
 
 
+def say(text: dict[str, Any]) -> str:
+    """Return in English what the dashboard says."""
+    values = {
+        name: say(value) if isinstance(value, dict) else str(value)
+        for name, value in text["values"].items()
+    }
+    return english()[text["key"]].format_map(values)
+
+
 class Page:
     """A page without a browser: the last data of each part, and what it was told."""
 
@@ -98,6 +124,8 @@ class Page:
         self.socket = socket
         self.parts: dict[str, Any] = {}
         self.replies: dict[int, tuple[bool, str]] = {}
+        self.data: dict[int, Any] = {}
+        """What came with the replies."""
         self.refusals: list[str] = []
         """Reasons why the stick does not drive."""
         self.press = 0
@@ -117,11 +145,12 @@ class Page:
             else:
                 content = json.loads(message)
                 if content["part"] == "reply":
-                    self.replies[content["id"]] = content["ok"], content["text"]
+                    self.replies[content["id"]] = content["ok"], say(content["text"])
+                    self.data[content["id"]] = content["data"]
                 else:
                     self.parts[content["part"]] = content["data"]
                     if content["part"] == "stick":
-                        self.refusals.append(content["data"])
+                        self.refusals.append(say(content["data"]))
             self._changed.set()
 
     async def until(self, wanted: Callable[[dict[str, Any]], Any]) -> Any:
@@ -132,7 +161,7 @@ class Page:
                 try:
                     if found := wanted(self.parts):
                         return found
-                except (KeyError, TypeError):
+                except (IndexError, KeyError, TypeError):
                     pass  # the part has not come yet, or is None
                 self._changed.clear()
                 await self._changed.wait()

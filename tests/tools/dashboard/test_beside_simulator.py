@@ -126,7 +126,7 @@ def test_the_simulator_serves_the_page() -> None:
             assert found
             assert process.stdout.readline().startswith("simulated chassis ready on ")
             with urllib.request.urlopen(found[1], timeout=TIMEOUT) as response:
-                assert b"<canvas" in response.read()
+                assert b"main.js" in response.read()
             process.send_signal(signal.SIGINT)
             _, err = process.communicate(timeout=TIMEOUT)
         finally:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import math
-import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import Page, dashboard, delayed, page
+from tests.tools.dashboard.pages import TOO_SLOW, Page, dashboard, delayed, page, say
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.motion.gate import HOLD
+from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
     ExecTask,
@@ -26,12 +25,9 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SwitchWorkMode,
     Twist,
 )
-from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard import control
 
 TWIST = full_name(Twist)
 
@@ -79,7 +75,7 @@ def is_stopped_by_zero(chassis: SimulatorThread) -> bool:
 @aio
 async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
-        assert await viewer.command("go", x=3.0, y=-5.0, theta=0.5) == (True, "go: accepted")
+        assert await viewer.command("go", x=3.0, y=-5.0, theta=0.5) == (True, "Go: accepted")
         pose = last(chassis, ExecTask).pose
         assert (pose.x, pose.y, pose.theta) == (3.0, -5.0, 0.5)
         await viewer.until(lambda parts: parts["robot"]["task"]["running"])
@@ -95,67 +91,6 @@ async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: Simulat
         assert last(chassis, ExecTask).mark_no == "A2"
 
 
-@pytest.fixture
-def real_chassis() -> Iterator[SimulatorThread]:
-    """A chassis that reports the end of a task for a few milliseconds, as a real one does."""
-    with SimulatorThread(quick_config(port=0, tcp_port=0, profile="tr200", speed=5)) as running:
-        yield running
-
-
-@aio
-async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThread) -> None:
-    async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
-        assert viewer.parts["result"] is None
-        ok, text = await viewer.command("goMark", mark="A2")
-        assert ok, text
-        begun = await viewer.until(lambda parts: parts["result"])
-        assert begun["text"].startswith("goMark to A2: executing")
-        done = await viewer.until(lambda parts: parts["result"]["tone"] and parts["result"])
-        assert (done["text"], done["tone"]) == ("goMark to A2: completed", "good")
-        assert begun["time"] < done["time"] <= time.time() * 1000
-        assert (await viewer.command("go", x=500.0, y=500.0, theta=0.0))[0]
-        failed = await viewer.until(
-            lambda parts: parts["result"]["tone"] == "bad" and parts["result"]
-        )
-        assert failed["text"].startswith("go: failed")
-        await viewer.until(lambda parts: "navigation did not succeed" in parts["result"]["text"])
-        real_chassis.set_emergency_stop(True)
-        await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
-        assert not (await viewer.command("goMark", mark="A2"))[0]
-        assert viewer.parts["result"]["time"] == failed["time"]  # a refused one has no result
-        async with page(running) as later:
-            assert (await later.until(lambda parts: parts["result"]))["time"] == failed["time"]
-
-
-@aio
-async def test_the_page_sees_what_became_of_a_task_while_the_link_was_lost(
-    real_chassis: SimulatorThread,
-) -> None:
-    async with controlled(real_chassis) as viewer:
-        assert (await viewer.command("goMark", mark="A2"))[0]
-        await viewer.until(lambda parts: "executing" in parts["result"]["text"])
-        real_chassis.stop_listening()
-        await viewer.until(lambda parts: not parts["link"]["good"])
-        await eventually(
-            lambda: real_chassis.call(lambda simulator: simulator.chassis.tasks.history)
-        )
-        real_chassis.listen()
-        await viewer.until(lambda parts: parts["result"]["text"] == "goMark to A2: completed")
-
-
-@aio
-async def test_the_page_says_that_the_end_of_a_task_was_not_seen(chassis: SimulatorThread) -> None:
-    async with controlled(chassis) as viewer:
-        assert (await viewer.command("goMark", mark="A2"))[0]
-        await viewer.until(lambda parts: "executing" in parts["result"]["text"])
-        chassis.push(TaskProc(robot_task_id=17, state=task.kExecuting))
-        result = await viewer.until(
-            lambda parts: parts["result"]["tone"] == "bad" and parts["result"]
-        )
-        assert "its end was not seen" in result["text"]
-
-
 @aio
 async def test_modes_pose_and_speech(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
@@ -164,10 +99,10 @@ async def test_modes_pose_and_speech(chassis: SimulatorThread) -> None:
         assert math.isclose(last(chassis, SetRobotPose).pose.x, here.x)
         assert (await viewer.command("speak", text="hello"))[0]
         assert last(chassis, Speak).text == "hello"
-        assert (await viewer.command("workMode", mode=1))[0]
+        assert (await viewer.command("workMode", mode="deploy"))[0]
         assert last(chassis, SwitchWorkMode).mode == robot.kDeployMode
         await viewer.until(lambda parts: parts["robot"]["work"] == "deploy")
-        assert (await viewer.command("controlMode", mode=2))[0]
+        assert (await viewer.command("controlMode", mode="manual"))[0]
         assert last(chassis, SwitchControlMode).mode == robot.kManual
 
 
@@ -209,8 +144,17 @@ async def test_a_refusal_says_why(chassis: SimulatorThread) -> None:
         ("goMark", {"mark": 7}),
         ("speak", {"text": "x" * 201}),
         ("speak", {"text": "\x00"}),
-        ("workMode", {"mode": 9}),
-        ("controlMode", {"mode": True}),
+        ("workMode", {"mode": "fly"}),
+        ("controlMode", {"mode": 1}),
+        ("goMark", {"mark": "A2", "type": "fly"}),
+        ("goMark", {"mark": "A2", "number": -1}),
+        ("goMark", {"mark": "A2", "number": 1.5}),
+        ("sound", {"mute": 1, "volume": 50}),
+        ("sound", {"mute": False, "volume": 101}),
+        ("speedLimit", {"limit": 0.0}),
+        ("speedLimit", {"limit": True}),
+        ("buildMap", {"type": "save", "scene": "hall", "map": "ground"}),
+        ("plan", {"x": 0}),
         ("fault", {"text": "emergency_stop"}),
     ],
 )
@@ -236,7 +180,7 @@ async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorTh
             assert "--control" in text
         reads = {
             *("woosh.Subscription", "woosh.robot.RobotInfo", "woosh.robot.RobotState"),
-            *("woosh.robot.ScannerData", "woosh.map.SceneData"),
+            *("woosh.robot.ScannerData", "woosh.map.SceneData", "woosh.map.SceneList"),
         }
         assert set(chassis.counts) <= reads
         await viewer.drive(0.3)
@@ -307,7 +251,7 @@ async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> No
         assert (await viewer.command("goMark", mark="A2"))[0]
         await viewer.until(lambda parts: parts["robot"]["task"]["running"])
         await hold(viewer, lambda: viewer.parts.get("stick"))
-        assert "is running: pause or cancel it to drive by hand" in viewer.parts["stick"]
+        assert "is running: pause or cancel it to drive by hand" in say(viewer.parts["stick"])
         assert chassis.counts[TWIST] == 0
 
 
@@ -329,7 +273,7 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
             viewer.press = count
             await viewer.drive(0.4, clock=wrong)
             await viewer.until(lambda _, count=count: len(viewer.refusals) == count)
-        assert set(viewer.refusals) == {control.TOO_SLOW}
+        assert set(viewer.refusals) == {TOO_SLOW}
         assert chassis.counts[TWIST] == 0
         await hold(viewer, lambda: is_driving(chassis))
 
@@ -339,10 +283,12 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
 async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -> None:
     async with controlled(chassis) as viewer:
         before = chassis.counts
-        args = {"x": 1.0, "y": 0.0, "theta": 0.0, "mark": "A2", "mode": 1}
+        mode = "manual" if name == "controlMode" else "deploy"
+        args = {"x": 1.0, "y": 0.0, "theta": 0.0, "mark": "A2", "mode": mode}
         await viewer.send(do="command", id=1, name=name, args=args, clock=0)
         reply = await viewer.until(lambda _: viewer.replies.get(1))
-        assert reply == (False, f"{name} was not sent: {control.TOO_SLOW}")
+        assert not reply[0]
+        assert reply[1].endswith(f" was not sent: {TOO_SLOW}")
         assert viewer.parts["control"]["owner"] is None
         changed = chassis.counts - before
         assert not {full_name(ExecTask), full_name(ActionOrder), full_name(SetRobotPose)} & set(
@@ -368,7 +314,7 @@ async def test_over_a_constantly_slow_connection_only_a_stop_reaches_the_robot(
             await viewer.drive(0.3, press=press)
             await asyncio.sleep(0.1)
         await viewer.until(lambda _: len(viewer.refusals) == 20)
-        assert set(viewer.refusals) == {control.TOO_SLOW}
+        assert set(viewer.refusals) == {TOO_SLOW}
         assert chassis.counts[TWIST] == 0
         clock = viewer.parts["clock"]
         await viewer.send(do="command", id=1, name="stop", args={}, clock=clock)
@@ -389,16 +335,17 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
         name = driver.parts["hello"]["you"]
         await other.until(lambda parts: parts["control"]["owner"] == name)
         ok, text = await other.command("cancel")
-        assert (ok, text) == (False, f"{name} has control: wait until it is released")
+        assert (ok, text) == (False, f"viewer {name} has control: wait until it is released")
         await other.drive(0.3)
-        await other.until(lambda parts: parts["stick"].startswith(name))
+        await other.until(lambda parts: say(parts["stick"]).startswith(f"viewer {name} "))
         assert chassis.counts[TWIST] == 0
         ok, text = await other.command("stop")  # everybody may
         assert ok, text
         assert "task cancelled" in text
         await driver.socket.close()
         await other.until(lambda parts: parts["control"]["owner"] is None)
-        await passed(other, HOLD)  # for a moment after a stop, nothing that moves is sent
+        # for a moment after a stop, nothing that moves is sent
+        await passed(other, MotionTiming().hold)
         ok, text = await other.command("goMark", mark="A2")
         assert ok, text
 
@@ -410,9 +357,9 @@ async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread)
         await viewer.command("stop")
         await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
         ok, text = await viewer.until(lambda _: viewer.replies.get(99))
-        reasons = ("the robot was stopped in the meantime", control.TOO_SLOW)
+        reasons = ("the robot was stopped in the meantime", TOO_SLOW)
         assert not ok
-        assert text.startswith("goMark was not sent: ")
+        assert text.startswith("Go was not sent: ")
         assert text.endswith(reasons)
         assert chassis.counts[full_name(ExecTask)] == 0
 
@@ -431,7 +378,7 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
             ok, text = await (driver if who == "driver" else other).command("stop")
             assert ok, text
             await driver.until(lambda _: "the robot was stopped" in driver.refusals)
-            await passed(driver, HOLD)
+            await passed(driver, MotionTiming().hold)
             await eventually(lambda: is_stopped_by_zero(chassis))
         sent = chassis.counts[TWIST]
         await driver.drive(0.0)  # the dead zone of the stick
@@ -449,7 +396,7 @@ async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) 
         await eventually(lambda: chassis.state.velocity.forward == 0.0)
         sent = chassis.counts[TWIST]
         await viewer.drive(0.3)
-        await viewer.until(lambda _: viewer.refusals[-1:] == [control.TOO_SLOW])
+        await viewer.until(lambda _: viewer.refusals[-1:] == [TOO_SLOW])
         await viewer.command("pause")
         assert chassis.counts[TWIST] <= sent + 1  # the zero of the watchdog
         assert chassis.last(TWIST) == Twist()
@@ -481,7 +428,7 @@ async def test_a_robot_that_sends_nothing_is_not_driven(chassis: SimulatorThread
         await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
         ok, text = await viewer.until(lambda _: viewer.replies.get(99))
         assert not ok
-        assert "goMark was not sent: " in text
+        assert "Go was not sent: " in text
         freeze.clear()
         await eventually(lambda: is_stopped_by_zero(chassis))
         await viewer.until(lambda parts: parts["link"]["good"])

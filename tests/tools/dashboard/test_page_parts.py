@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import io
 import math
-import re
 import struct
+import time
+from typing import Any
 
 from PIL import Image
 
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import dashboard, fetch, page
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMap, ExecTask, SwitchWorkMode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     PoseSpeed,
     RobotState,
     ScannerData,
-    TaskProc,
 )
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard.part_data import robot_data, scan_frame
-from woosh_robot_agent.tools.robot_view import RobotView
+from woosh_robot_agent.tools.dashboard.part_data import scan_frame
 
 
 @aio
@@ -37,11 +35,17 @@ async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> N
         assert math.isclose(pose["y"], actual.y, abs_tol=0.01)
         robot = await viewer.until(lambda parts: parts["robot"]["known"] and parts["robot"])
         assert (robot["id"], robot["control"], robot["work"]) == (30001, "auto", "task")
-        assert robot["battery"] == {"power": 93, "charging": False}
+        battery = robot["battery"]
+        assert (battery["power"], battery["charging"]) == (93, False)
         assert (robot["taskable"], robot["objections"], robot["task"]) == (True, [], None)
         assert len(await viewer.until(lambda parts: parts["outline"])) > 2
         link = await viewer.until(lambda parts: parts["link"]["good"] and parts["link"])
-        assert link["text"].startswith("connected since ")
+        assert (link["state"], link["silence"], link["error"]) == ("connected", 0, "")
+        assert 0 < link["since"] <= time.time() * 1000
+        details = await viewer.until(lambda parts: parts["details"])
+        assert details["address"].endswith(str(chassis.port))
+        scenes = await viewer.until(lambda parts: parts["scenes"])
+        assert {"name": "wooshmap", "maps": ["wooshmap"]} in scenes
 
 
 @aio
@@ -73,7 +77,7 @@ async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) 
         number = await viewer.until(
             lambda parts: (
                 parts["map"]["number"] > before + 1
-                and parts["map"]["marks"] == []
+                and "marks" not in parts["map"]
                 and parts["map"]["number"]
             )
         )
@@ -92,11 +96,11 @@ async def test_a_page_sees_an_emergency_stop_and_its_remedy(chassis: SimulatorTh
         await viewer.until(lambda parts: parts["robot"]["known"])
         chassis.set_emergency_stop(True)
         robot = await viewer.until(lambda parts: parts["robot"]["emergencyStop"] and parts["robot"])
-        reason, remedy = robot["objections"][0]
-        assert reason == "the emergency stop is pressed"
-        assert "release the button" in remedy
+        assert robot["objections"][0]["name"] == "emergency_stop"
         codes = await viewer.until(lambda parts: parts["codes"])
-        assert codes[0]["text"]
+        assert codes[0]["level"] == "fault"
+        assert "emergency stop" in codes[0]["meaning"]
+        assert abs(codes[0]["time"] / 1000 - time.time()) < TIMEOUT
 
 
 @aio
@@ -112,7 +116,7 @@ async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
         task = await viewer.until(lambda parts: parts["robot"]["task"])
         assert (task["id"], task["running"]) == ("7", True)
         reasons = await viewer.until(lambda parts: parts["robot"]["objections"])
-        assert [reason for reason, _ in reasons] == ["the robot is executing task 7"]
+        assert [each["name"] for each in reasons] == ["busy"]
         assert len(await viewer.until(lambda parts: parts["path"])) > 1
         await viewer.until(
             lambda parts: (
@@ -120,35 +124,6 @@ async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
                 > 0.3
             )
         )
-
-
-@aio
-async def test_a_failed_task_has_its_reason(chassis: SimulatorThread) -> None:
-    config = LinkConfig("127.0.0.1", chassis.port)
-    async with (
-        dashboard(chassis) as running,
-        page(running) as viewer,
-        ChassisClient(config=config) as client,
-    ):
-        await viewer.until(lambda parts: parts["pose"])
-        task = ExecTask(task_id=7, type=task_pb2.kPick)
-        task.pose.x, task.pose.y = 500.0, 500.0
-        await client.request(task)
-        found = await viewer.until(
-            lambda parts: parts["robot"]["task"]["state"] == "failed" and parts["robot"]["task"]
-        )
-        assert "navigation did not succeed" in found["reason"]
-
-
-def test_a_status_code_at_the_end_of_a_task_is_its_reason() -> None:
-    view = RobotView()
-    view.update(TaskProc(robot_task_id=7, state=task_pb2.kFailed, time=1_700_000_000))
-    # the time of a code is in milliseconds
-    for age, expected in ((10_000, ""), (500, "blocked")):
-        time = 1_700_000_000_000 - age
-        view.update(StatusCode(code=1, msg="blocked", level=StatusCode.kFault, time=time))
-        assert expected in robot_data(view)["task"]["reason"]
-        assert bool(expected) == bool(robot_data(view)["task"]["reason"])
 
 
 @aio
@@ -202,8 +177,9 @@ async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread
         await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
         chassis.stop_listening()
         link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
-        assert link["text"].startswith("connection lost since ")
-        assert "doctor" in link["detail"]
+        assert link["state"] == "lost"
+        assert link["error"]
+        assert link["advice"] == f"--ip 127.0.0.1:{chassis.port}"
         assert viewer.parts["robot"]["id"] == 30001
         chassis.listen()
         await viewer.until(lambda parts: parts["link"]["good"])
@@ -218,10 +194,10 @@ async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread)
         config = quick_config(port=chassis.port, tcp_port=0, robot_id=7)
         with SimulatorThread(config) as other:
             link = await viewer.until(
-                lambda parts: "robot 7 " in parts["link"]["text"] and parts["link"]
+                lambda parts: "robot 7 " in parts["link"]["error"] and parts["link"]
             )
-            assert "answers instead of robot 30001" in link["text"]
-            assert (link["good"], link["detail"]) == (False, "")
+            assert "answers instead of robot 30001" in link["error"]
+            assert (link["good"], link["advice"]) == (False, "")
             assert viewer.parts["robot"]["id"] == 30001
             ok, text = await viewer.command("goMark", mark="A2")
             assert not ok
@@ -238,13 +214,13 @@ async def test_a_robot_that_hangs_has_no_data(chassis: SimulatorThread) -> None:
         await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
         freeze = chassis.inject("freeze")  # the connection stays, and pings are answered
         link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
-        assert re.fullmatch(r"no data for [1-9]\d* s", link["text"])
-        assert "the robot sends nothing" in link["detail"]
-        await viewer.until(lambda parts: parts["link"]["text"] > link["text"])  # it counts
-        assert "no data for " in running.robots[0].summary
+        assert link["state"] == "connected"
+        assert link["silence"] >= 1
+        await viewer.until(lambda parts: parts["link"]["silence"] > link["silence"])  # it counts
+        await viewer.until(lambda parts: parts["fleet"][0]["silence"] > 0)
         freeze.clear()
         await viewer.until(lambda parts: parts["link"]["good"])
-        assert "no data" not in running.robots[0].summary
+        await viewer.until(lambda parts: parts["fleet"][0]["silence"] == 0)
 
 
 @aio
@@ -255,7 +231,7 @@ async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThrea
         before = chassis.counts[probe]
 
         def is_asked() -> bool:
-            assert (robot.no_data, viewer.parts["link"]["good"]) == ("", True)
+            assert (robot.silence, viewer.parts["link"]["good"]) == (0, True)
             return chassis.counts[probe] > before + 3
 
         await eventually(is_asked)
@@ -272,10 +248,15 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
         await eventually(lambda: not robot.parts.watched)
         begin = await viewer.until(lambda parts: parts["clock"])
         await viewer.until(lambda parts: parts["clock"] > begin + 1500)
-        count, seen = chassis.counts[full_name(ScannerData)], set()
-        robot.parts.watch("somebody", lambda _: seen.add(robot.no_data))
-        await eventually(lambda: chassis.counts[full_name(ScannerData)] > count + 3)
-        assert seen == {""}
+        seen, scans = set(), viewer.scans
+        await viewer.send(do="visible", visible=True)
+
+        def is_shown(parts: dict[str, Any]) -> bool:
+            seen.add(robot.silence)
+            return viewer.scans > scans + 3
+
+        await viewer.until(is_shown)
+        assert seen == {0}
 
 
 @aio

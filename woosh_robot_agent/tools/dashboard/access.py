@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
+import json
 import math
+import os
 import re
 import secrets
+from enum import Enum
 from http.cookies import CookieError
+from pathlib import Path
 from types import MappingProxyType
 from urllib.parse import urlsplit
 
@@ -18,7 +23,7 @@ from woosh_robot_agent.tools.options import is_local
 SECURITY_HEADERS = MappingProxyType(
     {
         "Content-Security-Policy": (
-            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
             "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         ),
         "X-Content-Type-Options": "nosniff",
@@ -36,27 +41,75 @@ _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[\w.-]+)(:\d{1,5})?", re.ASCII | re.IGNORE
 """A host with an optional port, and without the user name that URLs may have."""
 
 
+class Role(Enum):
+    """What somebody may do who opens the page."""
+
+    LOOK = "look"
+    CONTROL = "control"
+
+
+class TokenFileError(Exception):
+    """The file of the tokens cannot be used; the text says why, and what to do."""
+
+
+def new_tokens() -> dict[Role, str]:
+    """Return a token for each role."""
+    return {role: secrets.token_urlsafe(_TOKEN_BYTES) for role in Role}
+
+
+def kept_tokens(path: Path) -> dict[Role, str]:
+    """Return the tokens in a file, which is made with new ones if it is missing.
+
+    With it, an address stays valid when the program is started again.
+
+    Raises:
+        TokenFileError: the file cannot be read or made, others can read it, or it has no tokens.
+    """
+    try:
+        with contextlib.suppress(FileExistsError):
+            file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(file, "w") as made:
+                json.dump({role.value: token for role, token in new_tokens().items()}, made)
+        if path.stat().st_mode & 0o077:
+            raise TokenFileError(f"others can read {path}: run chmod 600 {path}")
+        content = json.loads(path.read_text("utf-8"))
+        tokens = {role: content[role.value] for role in Role}
+    except OSError as error:
+        raise TokenFileError(f"cannot use {path}: {error.strerror or error}") from None
+    except (ValueError, TypeError, KeyError):
+        tokens = {}
+    if not tokens or not all(isinstance(each, str) and len(each) > 15 for each in tokens.values()):
+        raise TokenFileError(f"{path} has no tokens: delete it, and a new one is made")
+    return tokens
+
+
 class Access:
-    """Decides which requests are answered.
+    """Decides which requests are answered, and what may be done by those who made them.
 
     1. A page of another site cannot read or command anything: WebSockets need the origin of the
        page itself. On this machine, the `Host` header must name this machine, so that no other
        site's name can be redirected here.
-    2. If other machines can connect, every request needs the token: from the printed address, and
-       then from the cookie that the page sets.
+    2. If other machines can connect, every request needs a token: from a printed address, and
+       then from the cookie that the page sets. One token is to look, another one to control.
 
     Args:
         host: the address that is listened on.
         is_encrypted: the page is served over HTTPS.
+        control: somebody may control the robots.
+        tokens: tokens of the roles.
 
     Attributes:
-        token: the token that requests need; empty if only this machine can connect.
+        tokens: tokens of the roles that there are; empty if only this machine can connect.
         port: port that is listened on, known once the server listens.
         scheme: `http` or `https`.
     """
 
-    def __init__(self, host: str, *, is_encrypted: bool) -> None:
-        self.token = "" if is_local(host) else secrets.token_urlsafe(_TOKEN_BYTES)
+    def __init__(
+        self, host: str, *, is_encrypted: bool, control: bool, tokens: dict[Role, str]
+    ) -> None:
+        self._highest = Role.CONTROL if control else Role.LOOK
+        roles = Role if control else (Role.LOOK,)
+        self.tokens = {} if is_local(host) else {role: tokens[role] for role in roles}
         self.scheme = "https" if is_encrypted else "http"
         self.port = 0
 
@@ -65,10 +118,10 @@ class Access:
         hosts = request.headers.getall("Host", [])
         if len(hosts) != 1 or not _HOST.fullmatch(hosts[0]):
             return "the request has no valid Host header"
-        if not self.token and not _names_this_machine(hosts[0]):
+        if not self.tokens and not _names_this_machine(hosts[0]):
             return f"open this page at {self.scheme}://127.0.0.1:{self.port}, not by another name"
-        if self.token and not self._has_token(request):
-            return "the address needs the token: use the address that the program printed"
+        if self.role(request) is None:
+            return "the address needs a token: use an address that the program printed"
         return ""
 
     def socket_refusal(self, request: web.BaseRequest) -> str:
@@ -79,28 +132,36 @@ class Access:
             return "only the page of this program may connect"
         return ""
 
+    def role(self, request: web.BaseRequest) -> Role | None:
+        """Return what may be done by whom a request comes from; None if it has no valid token."""
+        if not self.tokens:
+            return self._highest
+        if role := self._role_of(request.query.get("token", "")):
+            return role
+        try:
+            return self._role_of(request.cookies.get(self._cookie_name, ""))
+        except CookieError:  # of another server of this host
+            return None
+
     def cookie(self, request: web.BaseRequest) -> dict[str, str]:
         """Return the header that sets the cookie for the page's own requests, if it needs one."""
-        if not self.token or not self._is_token(request.query.get("token", "")):
+        role = self._role_of(request.query.get("token", ""))
+        if role is None:
             return {}
         secure = "; Secure" if self.scheme == "https" else ""
-        cookie = f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict{secure}"
-        return {"Set-Cookie": cookie}
+        content = f"{self._cookie_name}={self.tokens[role]}"
+        return {"Set-Cookie": f"{content}; Path=/; HttpOnly; SameSite=Strict{secure}"}
 
     @property
     def _cookie_name(self) -> str:
         return f"woosh_dashboard_{self.port}"  # browsers send cookies to all ports of a host
 
-    def _has_token(self, request: web.BaseRequest) -> bool:
-        if self._is_token(request.query.get("token", "")):
-            return True
-        try:
-            return self._is_token(request.cookies.get(self._cookie_name, ""))
-        except CookieError:  # of another server of this host
-            return False
-
-    def _is_token(self, text: str) -> bool:
-        return hmac.compare_digest(text.encode(errors="replace"), self.token.encode())
+    def _role_of(self, text: str) -> Role | None:
+        given = text.encode(errors="replace")
+        for role, token in self.tokens.items():
+            if hmac.compare_digest(given, token.encode()):
+                return role
+        return None
 
 
 def _names_this_machine(host: str) -> bool:

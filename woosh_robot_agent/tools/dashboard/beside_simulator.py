@@ -5,15 +5,17 @@ The simulator imports this module by its name, because it belongs to a lower lay
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator.faults import FAULTS, FaultError, Injection, parse_fault
 from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.tools.dashboard.commands import Args
 from woosh_robot_agent.tools.dashboard.control import Outcome
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
+from woosh_robot_agent.tools.dashboard.texts import Text
 
 _MAX_FAULTS = 100
 """Maximum number of faults that are active at the same time, obstacles included."""
@@ -69,31 +71,35 @@ class FaultCommands:
         """Return the faults that exist, and those that are active."""
         return {"known": self._known, "faults": [_entry(each) for each in self._simulator.faults]}
 
-    def _clear(self, _args: Mapping[str, Any]) -> Outcome:
+    def _clear(self, _args: Args) -> Outcome:
         self._simulator.clear_faults()
-        return True, "all faults are ended"
+        return Outcome(True, Text("reply.faultsEnded"))
 
-    def _begin(self, args: Mapping[str, Any]) -> Outcome:
+    def _begin(self, args: Args) -> Outcome:
         text = args.get("text")
         if not isinstance(text, str) or len(text) > _MAX_TEXT:
-            return False, f"a fault is a text of at most {_MAX_TEXT} characters"
+            return _refusal(f"a fault is a text of at most {_MAX_TEXT} characters")
         if len(self._simulator.faults) >= _MAX_FAULTS:
-            return False, f"there are {_MAX_FAULTS} faults already: end some of them"
+            return _refusal(f"there are {_MAX_FAULTS} faults already: end some of them")
         try:
             step = parse_fault(text)
             if step.at:
-                return False, "leave out `at`: a fault of the page begins at once"
+                return _refusal("leave out `at`: a fault of the page begins at once")
             injection = self._simulator.inject(step.name, **step.arguments)
         except FaultError as error:
-            return False, str(error)
-        return True, f"{injection}: begun"
+            return _refusal(str(error))
+        return Outcome(True, Text("reply.faultBegun", fault=str(injection)))
 
-    def _end(self, args: Mapping[str, Any]) -> Outcome:
+    def _end(self, args: Args) -> Outcome:
         for injection in self._simulator.faults:
             if _id(injection) == args.get("id"):
                 injection.clear()
-                return True, f"{injection}: ended"
-        return False, "this fault has ended already"
+                return Outcome(True, Text("reply.faultEnded", fault=str(injection)))
+        return Outcome(False, Text("reason.faultEnded"))
+
+
+def _refusal(reason: str) -> Outcome:
+    return Outcome(False, Text("reason.said", text=reason))
 
 
 def _id(injection: Injection) -> str:

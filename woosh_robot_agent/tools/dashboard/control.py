@@ -1,154 +1,59 @@
-"""The commands of the page, and who may give them to a robot: all through the gate for motion."""
+"""Who may command a robot from a page, and its stick: all through the gate for motion."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-import time
-from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import LinkError
-from woosh_robot_agent.link.reports import RecentDict
-from woosh_robot_agent.motion import AnsweredCommand, MotionGate, VelocityDriver, VelocityLimits
-from woosh_robot_agent.motion.wheel_owner import is_running
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
-    ActionOrder,
-    ExecTask,
-    InitRobot,
-    SetRobotPose,
-    Speak,
-    SwitchControlMode,
-    SwitchWorkMode,
+from woosh_robot_agent.motion import (
+    AnsweredCommand,
+    MotionGate,
+    Sender,
+    VelocityDriver,
+    VelocityLimits,
 )
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
-from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
-from woosh_robot_agent.tools.dashboard import part_data
+from woosh_robot_agent.robot.standstill import Standstill
+from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
+from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandError, number
 from woosh_robot_agent.tools.dashboard.robot import Robot
+from woosh_robot_agent.tools.dashboard.tasks import TaskLog
+from woosh_robot_agent.tools.dashboard.texts import Text
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
-Args = Mapping[str, Any]
-"""Arguments of a command, as the page sends them."""
-Outcome = tuple[bool, str]
-"""Success of a command, and a text for the viewer."""
-_MAX_TEXT = 200
-"""Maximum length of a text."""
-_MAX_COORDINATE = 1e5
-"""Greatest coordinate, in metres."""
 
-
-class CommandError(ValueError):
-    """A command is refused."""
-
-
-def _go(args: Args, _info: RobotInfo) -> Message:
-    request = ExecTask(task_id=_task_id(), type=task.kPick)
-    _set_pose(request.pose, args)
-    return request
-
-
-def _go_to_mark(args: Args, _info: RobotInfo) -> Message:
-    return ExecTask(task_id=_task_id(), type=task.kPick, mark_no=_text(args, "mark"))
-
-
-def _tell_pose(args: Args, info: RobotInfo) -> Message:
-    """Return the request that tells the robot its pose; before the initialisation, another one."""
-    request = InitRobot() if info.state == robot.kUninit else SetRobotPose()
-    _set_pose(request.pose, args)
-    return request
-
-
-def _control_mode(args: Args, _info: RobotInfo) -> Message:
-    mode = _choice(args, "mode", (robot.kAuto, robot.kManual, robot.kMaintain))
-    return SwitchControlMode(mode=robot.ControlMode.Name(mode))
-
-
-def _work_mode(args: Args, _info: RobotInfo) -> Message:
-    mode = _choice(args, "mode", (robot.kDeployMode, robot.kTaskMode, robot.kScheduleMode))
-    return SwitchWorkMode(mode=robot.WorkMode.Name(mode))
-
-
-def _speak(args: Args, _info: RobotInfo) -> Message:
-    return Speak(text=_text(args, "text"))
-
-
-def _number(args: Args, name: str, limit: float) -> float:
-    """Return an argument that is a number.
-
-    Raises:
-        CommandError: it is not a number within -`limit` to `limit`.
-    """
-    value = args.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= limit:
-        raise CommandError(f"{name} is not a number within {-limit:g} to {limit:g}")
-    return float(value)
-
-
-def _set_pose(pose: Any, args: Args) -> None:
-    pose.x = _number(args, "x", _MAX_COORDINATE)
-    pose.y = _number(args, "y", _MAX_COORDINATE)
-    pose.theta = _number(args, "theta", math.tau)
-
-
-def _text(args: Args, name: str) -> str:
-    text = args.get(name)
-    if not isinstance(text, str) or len(text) > _MAX_TEXT or not text.isprintable():
-        raise CommandError(f"{name} is not a text of at most {_MAX_TEXT} characters")
-    return text
-
-
-def _choice(args: Args, name: str, valid: tuple[int, ...]) -> int:
-    value = args.get(name)
-    if isinstance(value, bool) or not isinstance(value, int) or value not in valid:
-        raise CommandError(f"{name} is not one of {', '.join(map(str, valid))}")
-    return value
-
-
-def _task_id() -> int:
-    """Return an id for a task, which the robot repeats in its reports."""
-    return int(time.time() * 1000)
-
-
-class _Command(NamedTuple):
-    """A command that the page can give.
+class Outcome(NamedTuple):
+    """What has become of a command.
 
     Attributes:
-        request: makes the request from the arguments and the state of the robot.
-        interrupts: it only ends or interrupts a motion, so it is never too old to be sent.
+        ok: it succeeded.
+        text: a text for the viewer.
+        data: what the page has asked for.
     """
 
-    request: Callable[[Args, RobotInfo], Message]
-    interrupts: bool = False
-
-
-_COMMANDS: Mapping[str, _Command] = MappingProxyType(
-    {
-        "go": _Command(_go),
-        "goMark": _Command(_go_to_mark),
-        "setPose": _Command(_tell_pose),
-        "pause": _Command(lambda *_: ActionOrder(order=action.kPause), interrupts=True),
-        "continue": _Command(lambda *_: ActionOrder(order=action.kContinue)),
-        "cancel": _Command(lambda *_: ActionOrder(order=action.kCancel), interrupts=True),
-        "controlMode": _Command(_control_mode),
-        "workMode": _Command(_work_mode),
-        "speak": _Command(_speak),
-    }
-)
-"""All commands for a robot, by name, besides `STOP`."""
+    ok: bool
+    text: Text
+    data: Any = None
 
 
 _STICK = "stick"
 """Name of the stream of velocities."""
 STOP = "stop"
 """Name of the command that stops the robot, which every viewer may give."""
-TOO_SLOW = "the connection to the dashboard is too slow; try again"
+SPEED_LIMIT = "speedLimit"
+"""Name of the command that limits the speed of the robot."""
+TOO_SLOW = Text("reason.tooSlow")
 """Reason why something from the page is too old to be sent."""
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
@@ -156,8 +61,10 @@ _MAX_AGE = 0.5
 """Age of the newest time known to the page from which what it sends is too old, in seconds."""
 _MAX_COUNT = 1e15
 """Greatest time, in milliseconds, and number of a press in a message of the page."""
-_MAX_TASKS = 20
-"""Number of tasks of the page whose end is awaited."""
+_LEAST_SPEED = 0.05
+"""Smallest limit of the speed, in m/s."""
+_GREATEST_SPEED = 3.0
+"""Greatest limit of the speed, in m/s."""
 _STICK_RATE = 20.0
 """Maximum rate of velocities that are sent to the robot, in Hz."""
 _MAX_INPUT = 100.0
@@ -184,33 +91,64 @@ class ControlConfig:
     close_timeout: float = 0.5
 
 
-@dataclass
-class _GivenTask:
-    """A task that a page has given the robot.
+class SpeedLimit:
+    """Limits the speed of the robot while it navigates, also in tasks of other programs.
+
+    A robot takes a limit only while it navigates, and forgets it with the task.
+
+    Args:
+        robot: the robot.
+        gate: sender of the limit.
 
     Attributes:
-        command: name of the command.
-        known: the robot has accepted or reported it.
-        report: last report about it; None before the first one. Without a state, its end was not
-            seen.
-        at: Unix time of that report, in seconds.
+        value: the limit, in m/s; None without one.
+        refusal: why the robot did not take it; empty if it did, or did not have to yet.
     """
 
-    command: str
-    known: bool = False
-    report: TaskProc | None = None
-    at: float = 0.0
+    def __init__(self, robot: Robot, gate: MotionGate) -> None:
+        self._robot = robot
+        self._gate = gate
+        self.value: float | None = None
+        self.refusal = ""
+        self._navigating = False
+        self._sending: asyncio.Task[None] | None = None
+        robot.chassis.on_snapshot(lambda info: self._reported(info.task_proc))
+        robot.chassis.subscribe(TaskProc, self._reported)
 
-    @property
-    def ended(self) -> bool:
-        """True if no more reports are expected."""
-        return self.report is not None and not is_running(self.report)
+    def set(self, value: float | None) -> None:
+        """Set the limit; for a robot that navigates, at once."""
+        had, self.value, self.refusal = self.value is not None, value, ""
+        if self._navigating and (had or value is not None):
+            self._send()
 
-    def update(self, report: TaskProc) -> None:
-        """Take a report about the task."""
-        if self.report is None or self.report.state != report.state:
-            self.at = time.time()
-        self.known, self.report = True, report
+    def _reported(self, report: TaskProc) -> None:
+        was, self._navigating = (
+            self._navigating,
+            (
+                report.state == task.kExecuting
+                and report.action.type == action.kNav
+                and report.action.state == action.kRosExecuting
+            ),
+        )
+        if self._navigating and not was and self.value is not None:
+            self._send()
+
+    def _send(self) -> None:
+        limit = self.value or 0.0  # 0: the default of the robot
+        mode = navigation.ModeSetting(
+            type=navigation.kAccurate, mode=navigation.kAvoid, max_speed=limit
+        )
+        work = self._request(ChangeNavMode(nav_mode=mode))
+        self._sending = asyncio.get_running_loop().create_task(work, name="speed limit")
+
+    async def _request(self, request: ChangeNavMode) -> None:
+        try:
+            answer = await self._gate.request(self._robot.requests.address(request))
+        except LinkError as error:
+            self.refusal = str(error)
+        else:
+            self.refusal = "" if answer.ok else answer.msg or "refused"
+        self._robot.parts.changed()
 
 
 class Control:
@@ -218,18 +156,16 @@ class Control:
 
     1. The first viewer to give a command gets the control. It keeps the control until it gives it
        back, hides the page, disconnects, watches another robot, or gives no command for a minute.
-    2. The others are told who has the control. All of them may stop the robot.
+    2. The others are told who has the control. All that may control may stop the robot.
     3. When a viewer loses the control, its stick stops the robot.
     4. The stick drives only while the page repeats the velocity; see `VelocityDriver`.
     5. The page repeats the newest time that it got from this process. If that time is old, the
        connection is slow in one direction or the other, and neither a velocity nor a command that
        may start something is sent. The same holds for a time before the last stop: the viewer did
        not know of the stop.
-    6. What becomes of the last task that a page has given is a part of its own, because a robot
-       reports the end of a task only for a few milliseconds.
-    7. Each press of the stick has a number. A stop, a refused velocity, a robot that sends nothing
+    6. Each press of the stick has a number. A stop, a refused velocity, a robot that sends nothing
        or a gap between the velocities ends the press. Only another press drives again.
-    8. A robot that hangs may execute later what it gets now. While it sends nothing, it gets no
+    7. A robot that hangs may execute later what it gets now. While it sends nothing, it gets no
        command that may start something.
 
     Args:
@@ -247,10 +183,16 @@ class Control:
         self._limits = VelocityLimits(
             config.max_linear, config.max_angular, _STICK_RATE, config.stick_timeout
         )
-        self._stick = _Stick(self._gate, robot, self._limits, self._stick_refused)
+        self._speed_limit = SpeedLimit(robot, self._gate)
+        self._stick = _Stick(self._gate, robot, self._stick_limits, self._stick_refused)
         self._gate.on_answered(self._answered)
         self._gate.on_stop(self._stopped)
-        self._explainer = RefusalExplainer(robot.chassis, robot.view.values)
+        last_known = robot.view.values
+        self._explainer = RefusalExplainer(robot.chassis, last_known)
+        self._standstill = Standstill(robot.chassis, self._gate, last_known)
+        velocities = VelocitySources(robot.chassis, self._gate)
+        self._who_drives = WhoDrives(robot.chassis, self._gate, last_known, velocities, tuple)
+        self._tasks = TaskLog(robot, self._who_drives.now)
         self.owner: Viewer | None = None
         self._used_at = -math.inf
         """Loop time of the last command of the owner."""
@@ -261,12 +203,7 @@ class Control:
         self._driven_at = -math.inf
         """Loop time of the last velocity of this press."""
         self._stick_task: asyncio.Task[None] | None = None
-        self._tasks: RecentDict[int, _GivenTask] = RecentDict(_MAX_TASKS)
-        """Tasks that pages have given, by id, the last one last."""
-        robot.chassis.on_snapshot(self._find_task)
-        robot.chassis.subscribe(TaskProc, self._task_reported)
         robot.parts.add("control", self._data, each_second=True)
-        robot.parts.add("result", self._result)
 
     def start(self) -> None:
         """Start sending the velocities of the stick."""
@@ -304,15 +241,20 @@ class Control:
         """
         if name == STOP:
             return self._stop()
-        command = _COMMANDS.get(name)
-        if command is None:
-            raise CommandError("there is no such command")
-        request = command.request(args, self._robot.view.info)
+        command = COMMANDS.get(name)
+        if command is None and name != SPEED_LIMIT:
+            raise CommandError(Text("reason.unknownCommand"))
+        request = command.request(args, self._robot.view.info) if command else None
+        limit = self._speed_in(args) if command is None else None
         reason = self._outdated(clock) or self._robot.no_data
-        if reason and not command.interrupts:
-            raise CommandError(f"{name} was not sent: {reason}")
+        if reason and not (command and command.interrupts):
+            raise CommandError(Text("reply.notSent", command=_name(name), reason=reason))
         if reason := self._claim(viewer):
             raise CommandError(reason)
+        if request is None:
+            return self._limit_speed(limit)
+        if isinstance(request, ExecTask):
+            self._tasks.given(request.task_id, viewer.name, name, args)
         return self._execute(name, request)
 
     def drive(self, viewer: Viewer, message: Args) -> None:
@@ -321,10 +263,10 @@ class Control:
         Raises:
             CommandError: a value is not a valid number.
         """
-        linear = _number(message, "linear", _MAX_INPUT)
-        angular = _number(message, "angular", _MAX_INPUT)
-        clock = _number(message, "clock", _MAX_COUNT)
-        press = int(_number(message, "press", _MAX_COUNT))
+        linear = number(message, "linear", _MAX_INPUT)
+        angular = number(message, "angular", _MAX_INPUT)
+        clock = number(message, "clock", _MAX_COUNT)
+        press = int(number(message, "press", _MAX_COUNT))
         if not (linear or angular):
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
@@ -358,21 +300,21 @@ class Control:
         if self.owner and now > self._used_at + self._config.idle_timeout:
             self.release(self.owner)
 
-    def _claim(self, viewer: Viewer) -> str:
-        """Give the control to a viewer; return the reason why not, or an empty text."""
+    def _claim(self, viewer: Viewer) -> Text | None:
+        """Give the control to a viewer; return the reason why not."""
         self._release_idle()
         if self.owner not in (None, viewer):
-            return f"{self.owner.name} has control: wait until it is released"
+            return Text("reason.controlled", name=self.owner.name)
         if not viewer.visible:
-            return "the page is hidden"
+            return Text("reason.hidden")
         if self.owner is None:
             self.owner = viewer
             self._robot.parts.changed()
         self._used_at = asyncio.get_running_loop().time()
-        return ""
+        return None
 
-    def _outdated(self, clock: float) -> str:
-        """Return the reason why something is too old to be sent; empty if it is not.
+    def _outdated(self, clock: float) -> Text | None:
+        """Return the reason why something is too old to be sent; None if it is not.
 
         Args:
             clock: newest time that the page knew, in milliseconds.
@@ -381,91 +323,90 @@ class Control:
         if not 0.0 <= asyncio.get_running_loop().time() - known <= _MAX_AGE:
             return TOO_SLOW
         if known <= self._stopped_at:
-            return "the robot was stopped in the meantime"
-        return ""
+            return Text("reason.stoppedMeanwhile")
+        return None
 
     @property
     def _gap(self) -> float:
         """Time since the last velocity of the press that drives, in seconds."""
         return asyncio.get_running_loop().time() - self._driven_at
 
-    def _objection(self, viewer: Viewer, press: int, clock: float) -> str:
-        """Return the reason why a press of the stick may not drive; empty if it may."""
+    def _objection(self, viewer: Viewer, press: int, clock: float) -> Text | None:
+        """Return the reason why a press of the stick may not drive; None if it may."""
         if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason
         if press == self._press and self._gap > self._config.stick_timeout:
             return TOO_SLOW
         owner = self._gate.owner
-        return f"{owner} is running: pause or cancel it to drive by hand" if owner else ""
+        return Text("reason.running", owner=owner) if owner else None
 
     async def _stop(self) -> Outcome:
         report = await self._gate.stop(_STOP_TIMEOUT)
-        return report.success, report.message
+        key = "reply.stopped" if report.success else "reply.notStopped"
+        return Outcome(report.success, Text(key, text=report.message))
 
     async def _execute(self, name: str, request: Message) -> Outcome:
-        given = _GivenTask(name)
-        task_id = request.task_id if isinstance(request, ExecTask) else 0
-        if task_id:
-            self._tasks[task_id] = given
         try:
-            answer = await self._gate.request(self._robot.requests.address(request))
+            request = self._robot.requests.address(request)
+            answer = await self._gate.request(request, sender=Sender(name))
         except LinkError as error:  # if the robot has got it, its reports tell
-            return False, f"{name}: {error}"
+            return Outcome(False, Text("reply.refused", command=_name(name), text=str(error)))
+        if isinstance(request, ExecTask):
+            self._tasks.answered(request.task_id, answer.ok)
         if answer.ok:
-            given.known = True
-            self._robot.parts.changed()
-            return True, f"{name}: accepted"
-        self._tasks.pop(task_id, None)
+            return Outcome(True, Text("reply.accepted", command=_name(name)))
         reason = await self._explainer.reason(type_of(request))
-        return False, f"{name}: {answer.msg or 'refused'}{reason and f' ({reason})'}"
+        text = answer.msg or "refused"
+        if reason:
+            text += f" ({reason})"
+        return Outcome(False, Text("reply.refused", command=_name(name), text=text))
 
-    def _task_reported(self, report: TaskProc) -> None:
-        """Take a report about a task. The robot reports one at a time."""
-        if given := self._tasks.get(report.robot_task_id):
-            given.update(report)
-        self._miss_ends(report.robot_task_id)
-        self._robot.parts.changed()
-
-    def _find_task(self, info: RobotInfo) -> None:
-        """Find out what has become of the tasks while there was no link."""
-        for report in (*info.task_history.tes, info.task_proc):
-            if given := self._tasks.get(report.robot_task_id):
-                given.update(report)
-        for given in self._tasks.values():
-            if given.known and given.report is None:
-                given.update(TaskProc())
-        self._miss_ends(info.task_proc.robot_task_id)
-
-    def _miss_ends(self, current: int) -> None:
-        """Note that the end of each other task was not seen that was running."""
-        for task_id, given in self._tasks.items():
-            if task_id != current and given.report is not None and not given.ended:
-                given.update(TaskProc(robot_task_id=task_id, dest=given.report.dest))
-
-    def _result(self) -> dict[str, Any] | None:
-        """Return what has become of the last task; None if it has not begun."""
-        given = next((each for each in reversed(self._tasks.values()) if each.known), None)
-        if given is None or given.report is None:
+    def _speed_in(self, args: Args) -> float | None:
+        if args.get("limit") is None:
             return None
-        return part_data.result_data(self._robot.view, given.command, given.report, given.at)
+        return number(args, "limit", _GREATEST_SPEED, _LEAST_SPEED)
+
+    async def _limit_speed(self, limit: float | None) -> Outcome:
+        self._speed_limit.set(limit)
+        self._robot.parts.changed()
+        return Outcome(True, Text("reply.accepted", command=_name(SPEED_LIMIT)))
+
+    def _stick_limits(self) -> VelocityLimits:
+        linear = min(self._limits.max_linear, self._speed_limit.value or math.inf)
+        return replace(self._limits, max_linear=linear)
 
     def _stopped(self) -> None:
         self._stopped_at = asyncio.get_running_loop().time()
-        self._stick_refused("the robot was stopped")
+        self._end_press(Text("reason.stopped"))
 
     def _answered(self, command: AnsweredCommand) -> None:
         if command.source == _STICK and not command.answer.ok:
             self._stick_refused(command.answer.msg or "the robot refused the velocity")
 
     def _stick_refused(self, reason: str) -> None:
+        self._end_press(Text("reason.said", text=reason))
+
+    def _end_press(self, reason: Text) -> None:
         """End the press that drives."""
         if self.owner is not None:
             self.owner.end_press(self._press, reason)
 
     def _data(self) -> dict[str, Any]:
         self._release_idle()
-        limits = {"linear": self._limits.max_linear, "angular": self._limits.max_angular}
-        return {"owner": self.owner.name if self.owner else None, "limits": limits}
+        limits, driver = self._stick_limits(), self._who_drives.now()
+        return {
+            "owner": self.owner.name if self.owner else None,
+            "limits": {"linear": limits.max_linear, "angular": limits.max_angular},
+            "maximum": self._limits.max_linear,
+            "speedLimit": self._speed_limit.value,
+            "speedRefusal": self._speed_limit.refusal,
+            "driver": {"name": driver.name, "detail": driver.detail},
+            "standstill": self._standstill.warning,
+        }
+
+
+def _name(command: str) -> Text:
+    return Text(f"command.{command}")
 
 
 class _Stick(VelocityDriver):
@@ -475,10 +416,10 @@ class _Stick(VelocityDriver):
         self,
         gate: MotionGate,
         robot: Robot,
-        limits: VelocityLimits,
+        limits: Callable[[], VelocityLimits],
         on_refused: Callable[[str], None],
     ) -> None:
-        super().__init__(gate, robot.chassis, _STICK, lambda: limits, log_refusals=False)
+        super().__init__(gate, robot.chassis, _STICK, limits, log_refusals=False)
         self._on_refused = on_refused
 
     def refuse(self, kind: str, reason: str) -> None:

@@ -1,60 +1,58 @@
-"""The parts of the page's data: texts, numbers and lists, ready for JSON, and the binary scan."""
+"""The parts of the page's data: numbers, names and lists, ready for JSON, and the binary scan.
+
+The page has the words for what has a name here, in each language.
+"""
 
 from __future__ import annotations
 
 import array
+import json
 import math
 import struct
 import sys
 import time
+from collections.abc import Iterable
 from typing import Any
 
+from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
+    Battery,
     DeviceState,
+    HardwareState,
     NavPath,
     RobotInfo,
     ScannerData,
-    TaskProc,
 )
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.robot import readiness
-from woosh_robot_agent.robot.readiness import accepts_task, is_charging, pose_doubt, rejections
-from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.robot.readiness import (
+    Objection,
+    accepts_task,
+    is_charging,
+    pose_doubt,
+    rejections,
+)
+from woosh_robot_agent.robot.status_codes import meaning
 from woosh_robot_agent.tools.robot_view import RobotView
 
-_MAX_CODES = 20
+_MAX_CODES = 50
 """Maximum number of status codes on the page."""
 _MAX_POINTS = 2000
 """Maximum number of points of a path on the page."""
 _MAX_MARKS = 2000
 """Maximum number of marks on the page."""
-
-_SAME_MOMENT = 2.0
-"""Longest time between the end of a task and its status code, in seconds."""
-_TONES = {task.kCompleted: "good", task.kCanceled: "warning", task.kFailed: "bad"}
-"""Colours of the ends of a task; other states have none."""
-
-_HERE = "on a page with control"
-_REMEDIES = {
-    readiness.MANUAL.name: "turn the key switch to automatic; if it is there already, set Control "
-    f"to automatic {_HERE} (the key switch overrides the mode set by software)",
-    readiness.MAINTENANCE.name: f"finish the maintenance, then set Control to automatic {_HERE}",
-    readiness.NO_CONTROL_MODE.name: "turn the key switch to automatic, or set Control to automatic "
-    f"{_HERE}",
-    readiness.DEPLOYMENT.name: f"save maps and marks, then set Work to task {_HERE}",
-    readiness.SCHEDULE.name: f"send the task to the dispatch system, or set Work to task {_HERE}",
-    readiness.NO_WORK_MODE.name: f"set Work to task {_HERE}",
-    readiness.NOT_INITIALISED.name: f"choose Set pose {_HERE}, and show its pose on the map",
-    readiness.LOST.name: f"choose Set pose {_HERE}, and show its actual pose on the map",
-}
-"""What to do about an objection with the means of the page, by the name of the objection."""
+_MAX_ZONES = 500
+"""Maximum number of zones, and of lanes, on the page."""
+_MAX_TYPES = 50
+"""Maximum number of kinds of tasks on the page."""
+_MAX_NAME = 60
+"""Maximum length of the name of a kind of tasks."""
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
@@ -71,12 +69,12 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
         "theta": round(pose.theta, 4),
         "linear": _number(twist.linear),
         "angular": _number(twist.angular),
-        "doubt": "" if doubt is None else doubt.reason,
+        "doubt": None if doubt is None else _objection(doubt),
     }
 
 
 def robot_data(view: RobotView) -> dict[str, Any]:
-    """Return everything that the page shows as text, except pose and status codes."""
+    """Return the state of a robot, except pose and status codes."""
     info = view.info
     return {
         "known": view.has_robot_info,
@@ -88,86 +86,128 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "state": enum_name(robot.State, info.state),
         "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
-        "modes": [info.mode.ctrl, info.mode.work],
-        "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
+        "emergencyStop": is_emergency_stop(info),
         "taskable": accepts_task(info),
-        "objections": _objections(info),
+        "objections": [_objection(each) for each in rejections(info)],
         "battery": _battery(info),
         "task": _task(view),
         "actions": [_action(view, name) for name in sorted(view.actions)],
-        "problems": [
-            explained(code.code, code.msg) for code in info.abnormal_codes.scs[:_MAX_CODES]
-        ],
+        "problems": [code_data(each) for each in info.abnormal_codes.scs[:_MAX_CODES]],
+        "sound": _sound(info),
+        "light": info.HasField("hardware_state"),
     }
 
 
-def summary(view: RobotView, address: str, trouble: str) -> str:
-    """Return address, name and state of a robot in one line, for a list of robots.
+def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
+    """Return what changes rarely or interests only a technician: network, parts, link."""
+    info, stats = view.info, chassis.stats
+    return {
+        "address": chassis.config.address,
+        "software": info.genral.version.rc,
+        "system": info.genral.version.system,
+        "mileage": info.pose_speed.mileage,
+        "wifi": info.network.wifi.name,
+        "strength": info.network.wifi.strength,
+        "parts": _parts(info.hardware_state),
+        "connects": stats.connects,
+        "received": stats.rx,
+        "sent": stats.tx,
+        "invalid": stats.bad_frames.total(),
+        "dropped": stats.dropped_pushes.total(),
+        "clockOffset": None if stats.clock_offset is None else round(stats.clock_offset, 1),
+    }
+
+
+def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str, Any]:
+    """Return what the card of a robot shows, and where the robot is.
 
     Args:
         view: state of the robot.
-        address: address of the robot.
-        trouble: why its state is not up to date; empty if it is.
+        chassis: its link.
+        silence: whole seconds for which the robot has sent nothing.
     """
     info = view.info
-    number = info.robot_id or info.genral.serial_number
-    names = dict.fromkeys(str(each) for each in (number, info.setting.identity.name) if each)
-    states = []
-    if trouble:
-        states.append(trouble)
-    elif view.has_robot_info:
-        states.append(enum_name(robot.State, info.state))
-        twist = info.pose_speed.twist
-        if _number(twist.linear) or _number(twist.angular):
-            states.append("moving")
-        if info.device_state.hardware & DeviceState.kEmgBtn:
-            states.append("emergency stop")
-        if any(code.level == StatusCode.kFault for code in info.abnormal_codes.scs):
-            states.append("fault")
-    return f"{' '.join([*names, address])}: {', '.join(states) or 'unknown'}"
+    proc = info.task_proc
+    worst = max((code.level for code in info.abnormal_codes.scs), default=StatusCode.kNormal)
+    return {
+        "address": chassis.config.address,
+        "connected": chassis.state is LinkState.READY,
+        "silence": silence,
+        "known": view.has_robot_info,
+        "id": info.robot_id or info.genral.serial_number,
+        "name": info.setting.identity.name,
+        "state": enum_name(robot.State, info.state),
+        "emergencyStop": is_emergency_stop(info),
+        "problems": len(info.abnormal_codes.scs),
+        "level": enum_name(StatusCode.Level, worst),
+        "battery": _battery(info),
+        "task": proc.dest if is_running(proc) else None,
+    }
 
 
-def result_data(view: RobotView, command: str, proc: TaskProc, at: float) -> dict[str, Any]:
-    """Return what has become of a task that a page has given.
+def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
+    """Return where a robot is, for the maps of the others; None if that is not known."""
+    pose = pose_data(info)
+    if pose is None or pose["doubt"]:
+        return None
+    return {
+        "index": index,
+        "name": info.setting.identity.name or str(info.robot_id or info.genral.serial_number),
+        "scene": info.scene.scene_name,
+        "map": info.scene.map_name,
+        "outline": outline_data(info),
+        **{name: pose[name] for name in ("x", "y", "theta")},
+    }
+
+
+def is_emergency_stop(info: RobotInfo) -> bool:
+    """Return True if the emergency stop is pressed."""
+    return bool(info.device_state.hardware & DeviceState.kEmgBtn)
+
+
+def codes_data(view: RobotView, clock_offset: float | None) -> list[dict[str, Any]]:
+    """Return the last status codes, the newest first, with times of this computer's clock.
 
     Args:
         view: state of the robot.
-        command: name of the command.
-        proc: last report about the task; without a state, its end was not seen.
-        at: Unix time of that, in seconds.
+        clock_offset: time by which the robot's clock is ahead, in seconds; None if unknown.
     """
-    text = f"{command} to {proc.dest}" if proc.dest else command
-    if proc.state == task.kStateUndefined:
-        state = "its end was not seen, and the robot no longer reports the task"
-        return {"text": f"{text}: {state}", "tone": "bad", "time": int(at * 1000)}
-    reasons = [proc.msg, _failure(view, proc) if proc.state == task.kFailed else ""]
-    told = ": ".join([text, enum_name(task.State, proc.state), *filter(None, reasons)])
-    return {"text": told, "tone": _TONES.get(proc.state, ""), "time": int(at * 1000)}
-
-
-def codes_data(view: RobotView) -> list[dict[str, Any]]:
-    """Return the last status codes, the newest first."""
+    ahead = 1000.0 * (clock_offset or 0.0)
     return [
-        {
-            "time": time.strftime("%m-%d %H:%M:%S", time.localtime(code.time / 1000)),
-            "level": enum_name(StatusCode.Level, code.level),
-            "text": explained(code.code, code.msg),
-        }
+        {"time": int(code.time - ahead), **code_data(code)}
         for code in list(view.codes)[: -_MAX_CODES - 1 : -1]
     ]
 
 
+def code_data(code: StatusCode) -> dict[str, Any]:
+    """Return a status code: its number, its level, the robot's text and what it means."""
+    return {
+        "code": str(code.code),
+        "level": enum_name(StatusCode.Level, code.level),
+        "text": code.msg,
+        "meaning": meaning(code.code),
+    }
+
+
 def outline_data(info: RobotInfo) -> list[list[float]]:
     """Return the corners of the robot's outline in its frame, in metres."""
-    return _points(info.model.model)
+    return points_data(info.model.model)
 
 
 def path_data(view: RobotView) -> list[list[float]]:
     """Return the points of the path that the robot follows, in metres."""
     nav_path = view.values.value(NavPath)
-    poses = nav_path.path.poses if nav_path is not None else []
-    step = math.ceil(len(poses) / _MAX_POINTS) or 1
-    return _points(poses[::step])
+    return points_data(nav_path.path.poses if nav_path is not None else [])
+
+
+def points_data(points: Any) -> list[list[float]]:
+    """Return points for the page, in metres: every nth if there are too many."""
+    step = math.ceil(len(points) / _MAX_POINTS) or 1
+    return [
+        [round(each.x, 3), round(each.y, 3)]
+        for each in points[::step]
+        if math.isfinite(each.x) and math.isfinite(each.y)
+    ]
 
 
 def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
@@ -180,7 +220,7 @@ def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
                 {
                     "number": storage.identity.no,
                     "text": storage.identity.desc,
-                    "type": storage.WhichOneof("category") or "",
+                    "type": storage.WhichOneof("category") or "base",
                     "x": round(pose.x, 3),
                     "y": round(pose.y, 3),
                     "theta": round(pose.theta, 3),
@@ -189,15 +229,69 @@ def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
     return marks
 
 
-def _objections(info: RobotInfo) -> list[list[str]]:
-    """Return why the robot rejects a new task now, and what to do."""
-    return [[each.reason, _REMEDIES.get(each.name, each.remedy)] for each in rejections(info)]
+def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
+    """Return the zones of a map: kind, corners, and the maximum speed there, in m/s, or 0."""
+    zones = []
+    for field, fields in area.field_info.ListFields():
+        if field.name == "guide_markers":
+            continue
+        for each in fields:
+            outline = points_data(each.nav_filed.vertexs)
+            if len(outline) > 2:
+                speed = _number(each.nav_filed.max_speed)
+                zones.append({"kind": field.name, "outline": outline, "speed": speed})
+    return zones[:_MAX_ZONES]
+
+
+def lanes_data(area: SceneData.Map) -> list[list[list[float]]]:
+    """Return the paths on which robots should drive, as points in metres."""
+    paths: list[Any] = [*area.path_info.mono_paths, *area.path_info.bidirect_paths]
+    lanes = (points_data(each.path) for each in paths[:_MAX_ZONES])
+    return [each for each in lanes if len(each) > 1]
+
+
+def task_types_data(scene: SceneData) -> list[dict[str, Any]]:
+    """Return the kinds of tasks of a scene: type, number and name; empty if they are not known.
+
+    They are in a file that the robot passes on as it is.
+    """
+    found: dict[tuple[str, int], str] = {}
+    try:
+        content = json.loads(scene.action_group or "{}")
+        for each in content["task_type"]:
+            kind, number, name = each["type"], each["no"], each["name"]
+            if kind in task.Type.values() and isinstance(number, int) and isinstance(name, str):
+                found[enum_name(task.Type, kind), number] = name[:_MAX_NAME]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return []
+    return [
+        {"type": kind, "number": number, "name": name}
+        for (kind, number), name in list(found.items())[:_MAX_TYPES]
+    ]
+
+
+def _objection(objection: Objection) -> dict[str, str]:
+    return {"name": objection.name, "reason": objection.reason, "remedy": objection.remedy}
 
 
 def _battery(info: RobotInfo) -> dict[str, Any] | None:
     if not info.HasField("battery"):
         return None
-    return {"power": info.battery.power, "charging": is_charging(info.battery)}
+    battery = info.battery
+    return {
+        "power": battery.power,
+        "charging": is_charging(battery),
+        "kind": enum_name(Battery.ChargeState, battery.charge_state),
+        "temperature": battery.temp_max,
+        "cycles": battery.charge_cycle,
+        "low": info.setting.power.low,
+    }
+
+
+def _sound(info: RobotInfo) -> dict[str, Any] | None:
+    if not info.setting.HasField("sound"):
+        return None
+    return {"mute": info.setting.sound.mute, "volume": info.setting.sound.volume}
 
 
 def _task(view: RobotView) -> dict[str, Any] | None:
@@ -213,38 +307,41 @@ def _task(view: RobotView) -> dict[str, Any] | None:
         "state": enum_name(task.State, proc.state),
         "running": is_running(proc),
         "text": proc.msg,
-        "reason": _failure(view, proc) if proc.state == task.kFailed else "",
         "action": enum_name(action.Type, doing.type) if doing.type else "",
         "actionState": enum_name(action.State, doing.state) if doing.state else "",
     }
 
 
-def _failure(view: RobotView, proc: TaskProc) -> str:
-    """Return the status code with which a task failed, explained; empty if none is known."""
-    for code in reversed(view.codes):
-        of_task = code.robot_task_id == proc.robot_task_id
-        at_its_end = not code.robot_task_id and abs(code.time / 1000.0 - proc.time) < _SAME_MOMENT
-        if code.level in (StatusCode.kWarn, StatusCode.kFault) and (of_task or at_its_end):
-            return explained(code.code, code.msg)
-    return ""
-
-
-def _action(view: RobotView, name: str) -> dict[str, str]:
+def _action(view: RobotView, name: str) -> dict[str, Any]:
     feedback = view.actions[name]
-    text = explained(feedback.code, feedback.msg) if feedback.code else feedback.msg
-    return {"name": name, "state": enum_name(ActionState, feedback.state), "text": text}
+    return {
+        "name": name,
+        "state": enum_name(ActionState, feedback.state),
+        "text": feedback.msg or meaning(feedback.code),
+    }
 
 
-def _points(points: Any) -> list[list[float]]:
-    return [
-        [round(each.x, 3), round(each.y, 3)]
-        for each in points
-        if math.isfinite(each.x) and math.isfinite(each.y)
-    ]
+def _parts(hardware: HardwareState) -> list[dict[str, str]]:
+    """Return the parts of the robot that are not normal, with their states."""
+    found = []
+    for field, value in hardware.ListFields():
+        if field.enum_type is None:
+            continue
+        states: Iterable[int] = [value] if isinstance(value, int) else value
+        for number, state in enumerate(states, start=1):
+            if state != HardwareState.kNormal:
+                part = field.name if isinstance(value, int) else f"{field.name} {number}"
+                found.append({"part": part, "state": enum_name(HardwareState.State, state)})
+    return found
 
 
 def _number(value: float) -> float:
     return round(value, 3) if math.isfinite(value) else 0.0
+
+
+def now() -> int:
+    """Return the Unix time, in milliseconds."""
+    return int(time.time() * 1000.0)
 
 
 _HEADER = struct.Struct("<4x7f")

@@ -10,9 +10,16 @@ import socket
 import ssl
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
+from woosh_robot_agent.tools.dashboard.access import (
+    Role,
+    TokenFileError,
+    kept_tokens,
+    new_tokens,
+)
 from woosh_robot_agent.tools.dashboard.control import ControlConfig
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 from woosh_robot_agent.tools.options import add_link_options, is_local, link_config, stop_event
@@ -42,11 +49,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             option = name.replace("_", "-")
             parser.error(f"--{option} must be above 0, and at most 10: {getattr(options, name):g}")
     robots = [link_config(parser, options, address) for address in options.ip]
+    try:
+        tokens = kept_tokens(options.token_file) if options.token_file else new_tokens()
+    except TokenFileError as error:
+        parser.error(f"--token-file: {error}")
     config = DashboardConfig(
         host=options.host,
         port=options.page_port,
         tls=_tls(parser, options),
         control=options.control,
+        tokens=tokens,
         control_config=ControlConfig(options.max_linear, options.max_angular),
     )
     log_to_stderr(logging.WARNING, "%(levelname)s: %(message)s")
@@ -66,7 +78,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--host",
         default=default.host,
-        help="address to serve the page on; other machines need the token of the printed address "
+        help="address to serve the page on; other machines need a token of the printed addresses "
         "(default: %(default)s)",
     )
     parser.add_argument(
@@ -82,6 +94,13 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--tls-key", metavar="FILE", help="private key, if it is not in the file of --tls-cert"
+    )
+    parser.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="file that keeps the tokens, so that the addresses stay valid; made if it is missing "
+        "(default: new tokens at each start)",
     )
     parser.add_argument(
         "--control", action="store_true", help="allow the page to command and drive the robots"
@@ -141,6 +160,8 @@ async def _run(robots: Sequence[LinkConfig], config: DashboardConfig) -> int:
         if not is_local(config.host):
             rights = "command the robots" if config.control else "watch the robots"
             print(f"warning: everybody who knows this address can {rights}", file=sys.stderr)
+            if config.control:
+                print(f"to watch only: {dashboard.urls[Role.LOOK]}", file=sys.stderr)
         await stop.wait()
     finally:
         await dashboard.close()

@@ -1,13 +1,13 @@
-"""One robot of the page: its link, its map, and the store of what its viewers see."""
+"""One robot of the page: its link, its map, its history, and what its viewers see."""
 
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import math
-from collections.abc import Callable, Set
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from google.protobuf.message import Message
@@ -15,279 +15,31 @@ from google.protobuf.message import Message
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.link import (
-    Body,
     ChassisClient,
-    FrameError,
     LinkConfig,
     LinkError,
     LinkState,
+    OtherRobotError,
 )
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, ScannerData, Scene
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.maps import MapError, check_place, grey_png, scene_map
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.robot_view import (
-    MAX_BACKOFF,
-    RobotView,
-    link_report,
-    subscribe_all,
-)
+from woosh_robot_agent.tools.dashboard.commands import Args, set_pose
+from woosh_robot_agent.tools.dashboard.map_source import MapSource
+from woosh_robot_agent.tools.dashboard.parts import SCAN, Parts
+from woosh_robot_agent.tools.dashboard.texts import Text
+from woosh_robot_agent.tools.options import link_arguments
+from woosh_robot_agent.tools.robot_view import MAX_BACKOFF, RobotView, subscribe_all
 
 _LOG = logging.getLogger(__name__)
 M = TypeVar("M", bound=Message)
-SCAN = "scan"
-"""Name of the part that holds the laser scan, which is binary; the others are JSON."""
 
-
-class Parts:
-    """Store of what viewers see of a robot: a message for each part, sent again when it changes.
-
-    Attributes:
-        messages: last message of each part, by its name: JSON as text, or binary.
-    """
-
-    def __init__(self) -> None:
-        self.messages: dict[str, str | bytes] = {}
-        self._sources: dict[str, Callable[[], Any]] = {}
-        """Functions that return the data of the parts, by name."""
-        self._on_change: list[str] = []
-        self._each_second: list[str] = []
-        self._viewers: dict[object, Callable[[Set[str]], None]] = {}
-        """Callbacks of the viewers."""
-        self._changed = asyncio.Event()
-        self._watched = asyncio.Event()
-        """Set while somebody watches."""
-
-    def add(
-        self,
-        name: str,
-        source: Callable[[], Any],
-        *,
-        on_change: bool = True,
-        each_second: bool = False,
-    ) -> None:
-        """Add a part.
-
-        Args:
-            name: name of the part.
-            source: returns the data of the part.
-            on_change: make it anew soon after each call of `changed`.
-            each_second: make it anew once a second, because it changes without such a call.
-        """
-        self._sources[name] = source
-        if on_change:
-            self._on_change.append(name)
-        if each_second:
-            self._each_second.append(name)
-
-    def changed(self) -> None:
-        """Tell that the data of parts may have changed."""
-        self._changed.set()
-
-    def put(self, name: str, message: bytes) -> None:
-        """Set the message of a binary part."""
-        if self.messages.get(name) != message:
-            self.messages[name] = message
-            self._tell({name})
-
-    def publish(self, *names: str) -> None:
-        """Make the messages of parts, and tell the viewers which ones have changed."""
-        changed = set()
-        for name in names:
-            content = {"part": name, "data": self._sources[name]()}
-            message = json.dumps(content, separators=(",", ":"))
-            if self.messages.get(name) != message:
-                self.messages[name] = message
-                changed.add(name)
-        self._tell(changed)
-
-    async def publish_changes(self, period: float) -> None:
-        """Publish parts whenever they may have changed, while somebody watches.
-
-        Args:
-            period: shortest time between two times, in seconds.
-        """
-        while True:
-            await self._watched.wait()
-            await self._changed.wait()
-            self._changed.clear()
-            self.publish(*self._on_change)
-            await asyncio.sleep(period)
-
-    async def publish_each_second(self) -> None:
-        """Publish the parts that change without a call of `changed`, while somebody watches."""
-        while True:
-            await self._watched.wait()
-            self.publish(*self._each_second)
-            await asyncio.sleep(1.0)
-
-    def watch(self, viewer: object, callback: Callable[[Set[str]], None]) -> None:
-        """Call `callback` with the names of parts that have changed, at first with all of them."""
-        self._viewers[viewer] = callback
-        self._watched.set()
-        self.changed()
-        callback(self.messages.keys() - {SCAN})
-
-    def unwatch(self, viewer: object) -> None:
-        """End what `watch` began; idempotent."""
-        self._viewers.pop(viewer, None)
-        if not self._viewers:
-            self._watched.clear()
-
-    @property
-    def watched(self) -> bool:
-        """True while somebody watches."""
-        return self._watched.is_set()
-
-    async def wait_watched(self) -> None:
-        """Wait until somebody watches."""
-        await self._watched.wait()
-
-    def _tell(self, names: Set[str]) -> None:
-        if names:
-            for callback in list(self._viewers.values()):
-                callback(names)
-
-
-_RETRY_DELAY = 5.0
-"""Delay before a failed request is retried, in seconds."""
-
-
-@dataclass(frozen=True)
-class MapPicture:
-    """A map that the page shows.
-
-    Attributes:
-        png: the picture.
-        data: resolution, origin and marks, for the page.
-    """
-
-    png: bytes
-    data: dict[str, Any]
-
-
-class MapSource:
-    """Requests the map that the robot uses, and receives the one that it is making.
-
-    Call `update` repeatedly while somebody watches.
-
-    Args:
-        chassis: the link.
-        on_change: called when there is another picture.
-
-    Attributes:
-        picture: the picture; None if there is no map.
-        number: number of the picture, which changes with each picture.
-        error: reason why there is no picture; empty if there is one.
-    """
-
-    def __init__(self, chassis: ChassisClient, on_change: Callable[[], None]) -> None:
-        self._chassis = chassis
-        self._on_change = on_change
-        self.picture: MapPicture | None = None
-        self.number = 0
-        self.error = ""
-        self._shown: object = None
-        """Scene, id, name and version of the map in the picture; None for another picture."""
-        self._task: asyncio.Task[None] | None = None
-        self._not_before = -math.inf
-        """Loop time before which a map is not requested again."""
-        self._unsubscribe: Callable[[], None] | None = None
-        """Ends the subscription to the map that the robot is making."""
-
-    def data(self) -> dict[str, Any]:
-        """Return the part of the map for the page."""
-        place = {} if self.picture is None else self.picture.data
-        return {"number": self.number, "error": self.error, **place}
-
-    def close(self) -> None:
-        """Stop requesting and receiving."""
-        if self._task is not None:
-            self._task.cancel()
-            self._task = None
-        self._end_growing()
-
-    def update(self, scene: Scene, mapping: bool) -> None:
-        """Request the map if it is another one than that of the picture.
-
-        Args:
-            scene: scene and map that the robot uses.
-            mapping: True while the robot is making a map.
-        """
-        if self._chassis.state is not LinkState.READY:
-            return
-        if mapping:
-            self._shown = None
-            if self._unsubscribe is None:
-                self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._growing)
-            return
-        self._end_growing()
-        wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
-        loop = asyncio.get_running_loop()
-        busy = self._task is not None and not self._task.done()
-        if not scene.scene_name or wanted == self._shown or busy or loop.time() < self._not_before:
-            return
-        self._not_before = loop.time() + _RETRY_DELAY
-        self._start(self._request(wanted))
-
-    async def _request(self, wanted: tuple[str, int, str, int]) -> None:
-        try:
-            area = await scene_map(self._chassis, *wanted[:3])
-            origin = area.origin.x, area.origin.y, area.origin.theta
-            marks = part_data.marks_data(area)
-            self._set(await _picture(area.map_png, area.resolution, origin, marks))
-        except (LinkError, MapError) as error:
-            if self.error != str(error):
-                self.error = str(error)
-                self._on_change()
-            return
-        self._shown = wanted
-        self._not_before = -math.inf
-
-    def _growing(self, body: Body) -> None:
-        if self._task is None or self._task.done():  # a slow picture skips the next ones
-            self._start(self._show_growing(body))
-
-    async def _show_growing(self, body: Body) -> None:
-        try:
-            report: BuildMapData = body.message()
-            origin = report.origin_x, report.origin_y, 0.0
-            self._set(await _picture(report.map_data, report.resolution, origin, []))
-        except (FrameError, MapError):  # the next one comes within a second
-            return
-
-    def _end_growing(self) -> None:
-        if self._unsubscribe is not None:
-            self._unsubscribe()
-            self._unsubscribe = None
-
-    def _start(self, work: Any) -> None:
-        self._task = asyncio.get_running_loop().create_task(work, name="map picture")
-
-    def _set(self, picture: MapPicture) -> None:
-        self.picture = picture
-        self.number += 1
-        self.error = ""
-        self._on_change()
-
-
-async def _picture(
-    png: bytes, resolution: float, origin: tuple[float, float, float], marks: list[Any]
-) -> MapPicture:
-    """Return the picture of a map.
-
-    Raises:
-        MapError: the map has no valid resolution, origin or image.
-    """
-    check_place(resolution, *origin)
-    # decoding a large image would block the link
-    data = await asyncio.to_thread(grey_png, png)
-    place = dict(zip(("x", "y", "theta"), origin, strict=True))
-    return MapPicture(data, {"resolution": resolution, "origin": place, "marks": marks})
-
-
+SAMPLE_PERIOD = 2.0
+"""Time between two samples of the history, in seconds."""
+_MAX_SAMPLES = 900
+"""Number of samples that are kept: those of 30 minutes."""
 _MAP_PERIOD = 1.0
 """Time between two looks whether the robot uses another map, in seconds."""
 _LISTEN_PERIOD = 0.1
@@ -299,7 +51,7 @@ A standing robot pushes nothing, and scans may be rare.
 """
 _BUSY = 0.3
 """Delay of a look from which this program was busy, in seconds; that is no silence of the robot."""
-READ_ONLY = "the dashboard only shows: start it with --control to command the robot"
+READ_ONLY = Text("reason.readOnly")
 """Reason for which commands are refused."""
 
 
@@ -310,6 +62,7 @@ class Robot:
 
     Args:
         config: address and timeouts of the robot.
+        shared: parts of all robots, which each viewer watches.
         control: the robot may be commanded. Otherwise the client of the link refuses every request
             that could change something.
         scan_rate: rate at which scans are requested, in Hz.
@@ -321,34 +74,53 @@ class Robot:
         requests: puts the robot's id into requests, if there is one.
         map: the map of the robot.
         parts: what viewers see of the robot.
-        silence: whole seconds for which a watched robot has sent nothing although it is connected.
+        silence: whole seconds for which the robot has sent nothing although it is connected;
+            measured while somebody watches any robot.
+        order: returns the order that a fleet manager has given the robot; None without one.
     """
 
     def __init__(
-        self, config: LinkConfig, *, control: bool, scan_rate: float, update_period: float = 0.1
+        self,
+        config: LinkConfig,
+        shared: Parts,
+        *,
+        control: bool,
+        scan_rate: float,
+        update_period: float = 0.1,
     ) -> None:
         self.chassis = ChassisClient(
             config=replace(config, backoff_max=MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
         )
         if not control:
-            self.chassis.permit_only(only_reads, READ_ONLY)
+            self.chassis.permit_only(only_reads, str(READ_ONLY))
         self.view = RobotView()
         self.requests = RequestMaker(config.robot_id)
         self.parts = Parts()
         self.map = MapSource(self.chassis, self.parts.changed)
         self.silence = 0
+        self.order: Callable[[], dict[str, Any] | None] = lambda: None
+        self._shared = shared
         self._scan_rate = scan_rate
         self._update_period = update_period
+        self._samples: deque[list[Any]] = deque(maxlen=_MAX_SAMPLES)
+        """Time, and what `_sample` returns."""
+        self._fastest = 0.0
+        """Greatest speed since the last sample, in m/s."""
         for name, source in (
             ("pose", lambda: part_data.pose_data(self.view.info)),
             ("robot", lambda: part_data.robot_data(self.view)),
             ("outline", lambda: part_data.outline_data(self.view.info)),
             ("path", lambda: part_data.path_data(self.view)),
-            ("codes", lambda: part_data.codes_data(self.view)),
+            ("codes", self._codes_data),
             ("map", self.map.data),
+            ("scenes", self.map.scenes_data),
         ):
             self.parts.add(name, source)
         self.parts.add("link", self._link_data, on_change=False, each_second=True)
+        details = "details", lambda: part_data.details_data(self.view, self.chassis)
+        self.parts.add(*details, on_change=False, each_second=True)
+        newest = "sample", lambda: self._samples[-1] if self._samples else None
+        self.parts.add(*newest, on_change=False, each_second=True)
         self._running: asyncio.Task[None] | None = None
         self.chassis.on_state(lambda state: self.parts.changed())
         subscribe_all(self.chassis, self._received)
@@ -367,19 +139,44 @@ class Robot:
         await self.chassis.close()
 
     @property
-    def summary(self) -> str:
-        """Address, name and state in one line."""
-        trouble = self.no_data if self.chassis.state is LinkState.READY else "no connection"
-        return part_data.summary(self.view, self.chassis.config.address, trouble)
+    def no_data(self) -> Text | None:
+        """For how long the robot has sent nothing; None if it does."""
+        return Text("reason.noData", seconds=self.silence) if self.silence else None
 
     @property
-    def no_data(self) -> str:
-        """For how long the robot has sent nothing; empty if it does. Measured while watched."""
-        return f"no data for {self.silence} s" if self.silence else ""
+    def history(self) -> dict[str, Any]:
+        """Time, speed, battery and delay of the link in the last half hour, for the page."""
+        return {"period": SAMPLE_PERIOD, "samples": list(self._samples)}
+
+    async def plan(self, args: Args) -> tuple[str, dict[str, Any] | None]:
+        """Ask the robot how it would drive to a pose, without driving there.
+
+        Returns:
+            The reason why there is no path, or an empty text and the path with its length.
+
+        Raises:
+            CommandError: the arguments are no pose.
+            LinkError: as in `ChassisClient.request`.
+        """
+        request = PlanNavPath()
+        set_pose(request.end, args)
+        request.start.CopyFrom(self.view.info.pose_speed.pose)
+        answer = await self.chassis.request(self.requests.address(request))
+        if not answer.ok:
+            return answer.msg or "refused", None
+        if not isinstance(answer.body, NavPath):
+            return f"the robot answered with {answer.type}, not with a path", None
+        points = part_data.points_data(answer.body.path.poses)
+        length = sum(map(math.dist, points, points[1:]))
+        return "", {"path": points, "length": round(length, 2)}
 
     def _received(self, message: Message) -> None:
         self.view.update(message)
+        twist = self.view.info.pose_speed.twist
+        if math.isfinite(twist.linear):
+            self._fastest = max(self._fastest, abs(twist.linear))
         self.parts.changed()
+        self._shared.changed()
 
     async def _run(self) -> None:
         try:
@@ -389,9 +186,26 @@ class Robot:
                 self._update_map(),
                 self._scan(),
                 self._listen(),
+                self._record_samples(),
             )
         except Exception:
             _LOG.exception("the page no longer shows %s", self.chassis.config.address)
+
+    async def _record_samples(self) -> None:
+        while True:
+            self._samples.append(self._sample())
+            await asyncio.sleep(SAMPLE_PERIOD)
+
+    def _sample(self) -> list[Any]:
+        """Return Unix time in seconds, speed in m/s, battery in percent, and delay in ms."""
+        info, stats = self.view.info, self.chassis.stats
+        moment = part_data.now() // 1000
+        if self.chassis.state is not LinkState.READY or not self.view.has_robot_info:
+            return [moment, None, None, None]
+        speed, self._fastest = round(self._fastest, 3), 0.0
+        battery = info.battery.power if info.HasField("battery") else None
+        delay = None if stats.round_trip is None else round(stats.round_trip * 1000.0, 1)
+        return [moment, speed, battery, delay]
 
     async def _update_map(self) -> None:
         while True:
@@ -420,9 +234,9 @@ class Robot:
         received, heard_at = 0, loop.time()
         asking: asyncio.Task[None] | None = None
         while True:
-            if not self.parts.watched:
+            if not self._shared.watched:
                 self.silence = 0
-                await self.parts.wait_watched()
+                await self._shared.wait_watched()
                 heard_at = loop.time()
             due = loop.time() + _LISTEN_PERIOD
             await asyncio.sleep(_LISTEN_PERIOD)
@@ -455,9 +269,24 @@ class Robot:
             return None
         return answer.body if answer.ok and isinstance(answer.body, cls) else None
 
+    def _codes_data(self) -> list[dict[str, Any]]:
+        return part_data.codes_data(self.view, self.chassis.stats.clock_offset)
+
     def _link_data(self) -> dict[str, Any]:
-        report = link_report(self.chassis)
-        if report.good and self.no_data:
-            detail = "connected, but the robot sends nothing: its program or the network may hang"
-            return {"good": False, "text": self.no_data, "detail": detail}
-        return {"good": report.good, "text": report.text, "detail": report.detail}
+        chassis = self.chassis
+        ready, error = chassis.state is LinkState.READY, chassis.last_error
+        round_trip = chassis.stats.round_trip
+        # the text of an `OtherRobotError` has the remedy
+        advice = (
+            "" if ready or isinstance(error, OtherRobotError) else link_arguments(chassis.config)
+        )
+        state = "lost" if chassis.stats.connects else "not connected"
+        return {
+            "good": ready and not self.silence,
+            "state": "connected" if ready else state,
+            "since": int(chassis.since * 1000),
+            "silence": self.silence if ready else 0,
+            "error": "" if ready or error is None else str(error),
+            "advice": advice,
+            "delay": None if round_trip is None else round(round_trip * 1000.0),
+        }

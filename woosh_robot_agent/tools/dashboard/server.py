@@ -11,21 +11,24 @@ import ssl
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from importlib import resources
 from typing import Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.tools.dashboard.access import SECURITY_HEADERS, Access, LimitedConnection
-from woosh_robot_agent.tools.dashboard.control import (
-    STOP,
-    CommandError,
-    Control,
-    ControlConfig,
-    Outcome,
+from woosh_robot_agent.link import LinkConfig, LinkError
+from woosh_robot_agent.tools.dashboard import part_data
+from woosh_robot_agent.tools.dashboard.access import (
+    SECURITY_HEADERS,
+    Access,
+    LimitedConnection,
+    Role,
+    new_tokens,
 )
+from woosh_robot_agent.tools.dashboard.commands import Args, CommandError
+from woosh_robot_agent.tools.dashboard.control import STOP, Control, ControlConfig, Outcome
+from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
+from woosh_robot_agent.tools.dashboard.texts import PAGE, Text
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 _LOG = logging.getLogger(__name__)
@@ -40,6 +43,8 @@ _MAX_COMMANDS = 8
 """Maximum number of commands of one viewer that wait for their answer; a stop is never too many."""
 _MAX_CLOCK = 10**15
 """Greatest time in a message of the page, in milliseconds."""
+_PLACES_PERIOD = 0.2
+"""Shortest time between two messages about where the other robots are, in seconds."""
 _CLOCK_PERIOD = 0.1
 """Time between two messages to the viewers with the time of this process, in seconds."""
 _HEARTBEAT = 8.0
@@ -59,7 +64,8 @@ class DashboardConfig:
         host: address to listen on.
         port: port to listen on; 0 takes a free one.
         tls: certificate for HTTPS; None for HTTP.
-        control: the page may command the robots.
+        control: viewers may command the robots.
+        tokens: tokens of the addresses, if other machines can connect.
         control_config: limits and timeouts of the control.
         scan_rate: rate at which laser scans are requested while somebody watches, in Hz.
         max_viewers: maximum number of viewers, besides one for each robot.
@@ -69,6 +75,7 @@ class DashboardConfig:
     port: int = 8480
     tls: ssl.SSLContext | None = None
     control: bool = False
+    tokens: dict[Role, str] = field(default_factory=new_tokens)
     control_config: ControlConfig = field(default_factory=ControlConfig)
     scan_rate: float = 10.0
     max_viewers: int = 20
@@ -91,25 +98,25 @@ class Dashboard:
         self,
         robots: Sequence[LinkConfig],
         config: DashboardConfig,
-        more_commands: Mapping[str, Callable[[Mapping[str, Any]], Outcome]] | None = None,
+        more_commands: Mapping[str, Callable[[Args], Outcome]] | None = None,
     ) -> None:
         self._config = config
         self._more_commands = more_commands or {}
-        self._access = Access(config.host, is_encrypted=config.tls is not None)
-        self._files = _page_files()
-        self.robots = [
-            Robot(each, control=config.control, scan_rate=config.scan_rate) for each in robots
-        ]
-        self._controls = (
-            {each: Control(each, config.control_config) for each in self.robots}
-            if config.control
-            else {}
+        self._access = Access(
+            config.host,
+            is_encrypted=config.tls is not None,
+            control=config.control,
+            tokens=config.tokens,
         )
-        if len(self.robots) > 1:
-            for robot in self.robots:
-                robot.parts.add(
-                    "robots", lambda: [each.summary for each in self.robots], each_second=True
-                )
+        self._files = _page_files()
+        self._shared = Parts()
+        self._shared.add("fleet", self._fleet_data, on_change=False, each_second=True)
+        self._shared.add("places", self._places_data)
+        self.robots = [
+            Robot(each, self._shared, control=config.control, scan_rate=config.scan_rate)
+            for each in robots
+        ]
+        self._controls = {each: Control(each, config.control_config) for each in self.robots}
         self._max_viewers = config.max_viewers + len(robots)
         self._viewers: set[Viewer] = set()
         self._count = 0
@@ -117,7 +124,7 @@ class Dashboard:
         self._opening: dict[LimitedConnection, None] = {}
         self._http: web.Server | None = None
         self._server: asyncio.Server | None = None
-        self._clock: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Dashboard:
         await self.start()
@@ -152,13 +159,18 @@ class Dashboard:
             robot.start()
         for control in self._controls.values():
             control.start()
-        self._clock = loop.create_task(self._tell_time(), name="clock")
+        for work in (
+            self._tell_time(),
+            self._shared.publish_changes(_PLACES_PERIOD),
+            self._shared.publish_each_second(),
+        ):
+            self._tasks.append(loop.create_task(work, name="dashboard"))
 
     async def close(self) -> None:
         """Stop each robot that a stick drives, stop listening, and close the links."""
         await asyncio.gather(*map(self._stop_driving, self._controls))
-        if self._clock is not None:
-            self._clock.cancel()
+        for task in self._tasks:
+            task.cancel()
         if self._server is not None and self._http is not None:
             self._server.close()
             for viewer in self._viewers:
@@ -176,11 +188,33 @@ class Dashboard:
 
     @property
     def url(self) -> str:
-        """Address of the page, with the token if it needs one."""
+        """Address of the page, with the token for the most that may be done there, if any."""
+        return self.urls[Role.CONTROL if self._config.control else Role.LOOK]
+
+    @property
+    def urls(self) -> dict[Role, str]:
+        """Address of the page for each role. Where no token is needed, they are the same."""
         host = _reachable(self._config.host)
         shown = f"[{host}]" if ":" in host else host
-        token = f"?token={self._access.token}" if self._access.token else ""
-        return f"{self._access.scheme}://{shown}:{self._access.port}/{token}"
+        page = f"{self._access.scheme}://{shown}:{self._access.port}/"
+        tokens = self._access.tokens
+        if not tokens:
+            return dict.fromkeys(Role, page)
+        return {role: f"{page}?token={token}" for role, token in tokens.items()}
+
+    # Parts of all robots
+
+    def _fleet_data(self) -> list[dict[str, Any]]:
+        return [
+            {**part_data.card_data(each.view, each.chassis, each.silence), "order": each.order()}
+            for each in self.robots
+        ]
+
+    def _places_data(self) -> list[dict[str, Any]]:
+        if len(self.robots) == 1:
+            return []
+        places = (part_data.place_data(each.view.info, n) for n, each in enumerate(self.robots))
+        return [each for each in places if each is not None]
 
     # HTTP
 
@@ -209,10 +243,21 @@ class Dashboard:
         return web.Response(body=content, headers=headers)
 
     def _map_picture(self, path: str) -> tuple[bytes, str] | None:
-        """Return the map of a robot, by `/map/ROBOT/NUMBER.png`; NUMBER tells pictures apart."""
+        """Return a picture of the map of a robot.
+
+        Its path is `/map/ROBOT/NUMBER.png`, or for the keep-out areas `/keepout/ROBOT/NUMBER.png`.
+        NUMBER tells pictures apart.
+        """
         for index, robot in enumerate(self.robots):
-            if path.startswith(f"/map/{index}/") and robot.map.picture is not None:
-                return robot.map.picture.png, "image/png"
+            picture = robot.map.picture
+            if picture is not None and path.startswith(f"/map/{index}/"):
+                return picture.png, "image/png"
+            if (
+                picture is not None
+                and path.startswith(f"/keepout/{index}/")
+                and picture.keepout_png
+            ):
+                return picture.keepout_png, "image/png"
         return None
 
     # WebSockets
@@ -236,7 +281,8 @@ class Dashboard:
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too many viewers")
             return socket
         self._count += 1
-        viewer = Viewer(socket, transport, self._count)
+        may_control = self._access.role(request) is Role.CONTROL
+        viewer = Viewer(socket, transport, self._count, self._shared, may_control=may_control)
         self._viewers.add(viewer)
         viewer.note(part="hello", data=self._hello(viewer))
         self._watch(viewer, 0)
@@ -262,7 +308,8 @@ class Dashboard:
         """
         if len(self._viewers) < self._max_viewers:
             return True
-        idle = self._viewers - {control.owner for control in self._controls.values()}
+        owners = {control.owner for control in self._controls.values()}
+        idle = [viewer for viewer in self._viewers if viewer not in owners]
         if not idle:
             return False
         oldest = min(idle, key=lambda viewer: (viewer.visible, viewer.heard_at))
@@ -284,7 +331,7 @@ class Dashboard:
     def _hello(self, viewer: Viewer) -> dict[str, Any]:
         return {
             "you": viewer.name,
-            "control": self._config.control,
+            "control": viewer.may_control,
             "robots": [robot.chassis.config.address for robot in self.robots],
         }
 
@@ -312,7 +359,7 @@ class Dashboard:
                 viewer.set_visible(visible)
             case {"do": "release"}:
                 self._release(viewer)
-            case {"do": "drive"} if viewer.robot in self._controls:
+            case {"do": "drive"} if viewer.robot and viewer.may_control:
                 self._controls[viewer.robot].drive(viewer, message)
             case {
                 "do": "command",
@@ -331,35 +378,58 @@ class Dashboard:
         """Start a command of a viewer for the robot that it watches now."""
         try:
             if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
-                raise CommandError("wait for the other commands")
+                raise CommandError(Text("reason.tooManyCommands"))
             work = self._work(viewer, name, args, clock)
         except CommandError as error:
-            viewer.note(part="reply", id=id_, ok=False, text=str(error))
+            self._reply(viewer, id_, Outcome(False, error.text))
             return
 
         async def execute() -> None:
-            ok, text = await work
-            viewer.note(part="reply", id=id_, ok=ok, text=text)
+            self._reply(viewer, id_, await work)
 
         task = asyncio.get_running_loop().create_task(execute(), name=name)
         viewer.commands.add(task)
         task.add_done_callback(viewer.commands.discard)
 
+    def _reply(self, viewer: Viewer, id_: int, outcome: Outcome) -> None:
+        ok, text, data = outcome
+        viewer.note(part="reply", id=id_, ok=ok, text=text.data, data=data)
+
     def _work(
-        self, viewer: Viewer, name: str, args: dict[str, Any], clock: int
+        self, viewer: Viewer, name: str, args: Args, clock: int
     ) -> Coroutine[Any, Any, Outcome]:
         """Return the execution of a command.
 
         Raises:
             CommandError: the command is refused.
         """
+        robot = viewer.robot
+        assert robot is not None  # it has watched one since it connected
+        if name == "history":
+            return self._history(robot)
+        if not viewer.may_control:
+            raise CommandError(Text("reason.lookOnly") if self._config.control else READ_ONLY)
         if name in self._more_commands:
             return self._run_more(name, args)
-        if viewer.robot not in self._controls:
-            raise CommandError(READ_ONLY)
-        return self._controls[viewer.robot].command(viewer, name, args, clock)
+        if name == "plan":
+            return self._plan(robot, args)
+        return self._controls[robot].command(viewer, name, args, clock)
 
-    async def _run_more(self, name: str, args: dict[str, Any]) -> Outcome:
+    async def _history(self, robot: Robot) -> Outcome:
+        return Outcome(True, Text("reply.done"), robot.history)
+
+    async def _plan(self, robot: Robot, args: Args) -> Outcome:
+        try:
+            reason, found = await robot.plan(args)
+        except CommandError as error:
+            return Outcome(False, error.text)
+        except LinkError as error:
+            reason, found = str(error), None
+        if found is None:
+            return Outcome(False, Text("reason.said", text=reason))
+        return Outcome(True, Text("reply.done"), found)
+
+    async def _run_more(self, name: str, args: Args) -> Outcome:
         outcome = self._more_commands[name](args)
         self.robots[0].parts.changed()
         return outcome
@@ -400,11 +470,11 @@ def _parse(text: str) -> dict[str, Any]:
 def _page_files() -> dict[str, tuple[bytes, str]]:
     """Return content and media type of the files of the page, by path."""
     found = {}
-    for file in resources.files(__package__).joinpath("page").iterdir():
+    for file in PAGE.rglob("*.*"):
         content_type = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
         if content_type.startswith("text/"):
             content_type += "; charset=utf-8"
-        found[f"/{file.name}"] = (file.read_bytes(), content_type)
+        found[f"/{file.relative_to(PAGE).as_posix()}"] = (file.read_bytes(), content_type)
     found["/"] = found["/index.html"]
     return found
 

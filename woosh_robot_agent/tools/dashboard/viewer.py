@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Set
+from functools import partial
 from typing import Any
 
 from aiohttp import web
 
+from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import Robot
+from woosh_robot_agent.tools.dashboard.texts import Text
 
 _MAX_NOTES = 100
 """Maximum number of notes that wait; a viewer for which there are more is disconnected."""
@@ -24,9 +27,12 @@ class Viewer:
         socket: the WebSocket.
         transport: its connection.
         number: number of the viewer, from 1.
+        shared: parts of all robots, which each viewer watches.
+        may_control: the viewer may command robots.
 
     Attributes:
-        name: name of the viewer, for other viewers.
+        name: name of the viewer, for other viewers: its number and its address.
+        may_control: the viewer may command robots.
         robot: the robot that the viewer watches; None at first.
         visible: False while the page is hidden.
         commands: tasks of the commands that wait for their answer.
@@ -35,20 +41,28 @@ class Viewer:
     """
 
     def __init__(
-        self, socket: web.WebSocketResponse, transport: asyncio.Transport, number: int
+        self,
+        socket: web.WebSocketResponse,
+        transport: asyncio.Transport,
+        number: int,
+        shared: Parts,
+        *,
+        may_control: bool,
     ) -> None:
         self._socket = socket
         self._transport = transport
+        self._shared = shared
         address = transport.get_extra_info("peername")
-        self.name = f"viewer {number} at {address[0]}" if address else f"viewer {number}"
+        self.name = f"{number} ({address[0]})" if address else str(number)
+        self.may_control = may_control
         self.robot: Robot | None = None
         self.visible = True
         self.commands: set[asyncio.Task[None]] = set()
         self.ended_press = -1
         self._tells_time = False
         """True if the time is to be sent."""
-        self._stale: dict[str, None] = {}
-        """Names of the parts to send, in the order in which they changed."""
+        self._stale: dict[tuple[Parts, str], None] = {}
+        """Stores and names of the parts to send, in the order in which they changed."""
         self._notes: list[str] = []
         """Messages to send, none of which may be left out."""
         self._wake = asyncio.Event()
@@ -60,22 +74,28 @@ class Viewer:
         """Watch a robot instead of the one before."""
         self.unwatch()
         self.robot = robot
-        if self.visible:
-            robot.parts.watch(self, self._changed)
+        self._watch()
 
     def set_visible(self, visible: bool) -> None:
         """Stop sending while the page is hidden, and go on when it is visible again."""
         self.visible = visible
-        if not visible:
-            self.unwatch()
-        elif self.robot is not None:
-            self.robot.parts.watch(self, self._changed)
+        self.unwatch()
+        self._watch()
 
     def unwatch(self) -> None:
         """Watch no robot."""
-        if self.robot is not None:
-            self.robot.parts.unwatch(self)
+        for parts in self._stores:
+            parts.unwatch(self)
         self._stale.clear()
+
+    @property
+    def _stores(self) -> list[Parts]:
+        return [self._shared] if self.robot is None else [self._shared, self.robot.parts]
+
+    def _watch(self) -> None:
+        if self.visible and self.robot is not None:
+            for parts in self._stores:
+                parts.watch(self, partial(self._changed, parts))
 
     def note(self, **content: Any) -> None:
         """Send a message to the page."""
@@ -101,10 +121,10 @@ class Viewer:
         self._tells_time = True
         self._wake.set()
 
-    def end_press(self, press: int, reason: str) -> None:
+    def end_press(self, press: int, reason: Text) -> None:
         """Drive no more with the current press of the stick, and tell the page why."""
         self.ended_press = max(self.ended_press, press)
-        self.note(part="stick", data=reason)
+        self.note(part="stick", data=reason.data)
 
     async def send(self) -> None:
         """Send what is to be sent, until the WebSocket ends or this is cancelled."""
@@ -127,11 +147,10 @@ class Viewer:
         if self._tells_time:  # after the notes: a page that knows a time after a stop knows it too
             self._tells_time = False
             return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
-        name = next(iter(self._stale))
-        del self._stale[name]
-        assert self.robot is not None
-        return self.robot.parts.messages.get(name, "{}")
+        parts, name = next(iter(self._stale))
+        del self._stale[parts, name]
+        return parts.messages.get(name, "{}")
 
-    def _changed(self, names: Set[str]) -> None:
-        self._stale.update(dict.fromkeys(names))
+    def _changed(self, parts: Parts, names: Set[str]) -> None:
+        self._stale.update(dict.fromkeys((parts, name) for name in names))
         self._wake.set()

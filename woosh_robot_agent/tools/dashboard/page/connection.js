@@ -1,5 +1,8 @@
 // The WebSocket to the dashboard. It reconnects by itself; no message is sent twice.
 
+/** @typedef {import("./texts.js").Text} Text */
+/** @typedef {{ok: boolean, text: Text, data?: any}} Reply */
+
 const RETRY_DELAY = 1000; // milliseconds
 const SILENCE = 2000; // milliseconds without a message after which what is shown counts as outdated
 const GIVE_UP = 6000; // milliseconds without a message after which the connection counts as lost
@@ -12,29 +15,33 @@ export class Connection {
    * @param {(name: string, data: any) => void} onPart called with each part
    * @param {(scan: ArrayBuffer) => void} onScan called with each laser scan
    * @param {(problem: string) => void} onChange called when the connection becomes good or bad, with
-   *   the problem; empty if it is good
+   *   the key of the problem's text; empty if it is good
    */
   constructor(onPart, onScan, onChange) {
     this.onPart = onPart;
     this.onScan = onScan;
     this.onChange = onChange;
     this.robot = 0;
+    this.clock = 0; // newest time of the dashboard, which goes back with everything that moves
     this.nextId = 1;
-    this.replies = new Map(); // functions that take the reply, by the id of the command
+    /** @type {Map<number, (reply: Reply) => void>} by the id of the command */
+    this.replies = new Map();
     this.unsentStop = 0; // id of a stop that waits for the connection
-    this.problem = "connecting";
+    this.problem = "link.connecting";
+    this.heardAt = 0;
+    this.retry = 0;
+    this.socket = this.connect();
     document.addEventListener("visibilitychange", () => this.reportVisibility());
     addEventListener("pagehide", () => this.socket.close());
     addEventListener("pageshow", (event) => {
       if (event.persisted) this.connect();
     });
     setInterval(() => this.checkSilence(), SILENCE / 4);
-    this.connect();
   }
 
   connect() {
     clearTimeout(this.retry);
-    this.clock = 0; // newest time of the dashboard, which goes back with everything that moves
+    this.clock = 0;
     this.heardAt = performance.now();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
@@ -42,19 +49,21 @@ export class Connection {
     this.socket = socket;
     socket.onopen = () => {
       if (this.socket !== socket) return;
-      if (this.robot) this.send({do: "watch", robot: this.robot});
+      if (this.robot) this.send({ do: "watch", robot: this.robot });
       if (document.hidden) this.reportVisibility();
       if (this.unsentStop) this.sendCommand(this.unsentStop, "stop", {});
       this.unsentStop = 0;
     };
-    socket.onmessage = ({data}) => {
+    socket.onmessage = ({ data }) => {
       if (this.socket === socket) this.received(data);
     };
-    socket.onclose = ({code, reason}) => {
-      if (this.socket === socket) this.lost(reason, code !== TOO_MANY_VIEWERS);
+    socket.onclose = ({ code }) => {
+      if (this.socket === socket) this.lost(code === TOO_MANY_VIEWERS);
     };
+    return socket;
   }
 
+  /** @param {string | ArrayBuffer} data */
   received(data) {
     this.heardAt = performance.now();
     if (this.problem) this.change("");
@@ -64,16 +73,17 @@ export class Connection {
     }
     const message = JSON.parse(data);
     if (message.part === "clock") this.clock = message.data;
-    else if (message.part === "reply") this.settle(message.id, message.ok, message.text);
+    else if (message.part === "reply") this.settle(message.id, message);
     else if (message.part) this.onPart(message.part, message.data);
   }
 
-  lost(reason, retry) {
-    this.change(`no connection to the dashboard${reason && `: ${reason}`}`);
+  /** @param {boolean} dismissed the dashboard wants no further connection */
+  lost(dismissed) {
+    this.change(dismissed ? "link.dismissed" : "link.noDashboard");
     for (const id of [...this.replies.keys()]) {
-      if (id !== this.unsentStop) this.settle(id, false, "the connection to the dashboard was lost");
+      if (id !== this.unsentStop) this.settle(id, failure("reason.connectionLost"));
     }
-    if (retry) this.retry = setTimeout(() => this.connect(), RETRY_DELAY);
+    if (!dismissed) this.retry = setTimeout(() => this.connect(), RETRY_DELAY);
   }
 
   checkSilence() {
@@ -82,14 +92,15 @@ export class Connection {
     const connecting = this.socket.readyState === WebSocket.CONNECTING;
     if (silence > (connecting ? CONNECT_TIMEOUT : GIVE_UP)) {
       const former = this.socket;
+      this.lost(false);
       this.connect();
       former.close();
-      this.lost("it does not answer", false);
     } else if (silence > SILENCE && !this.problem) {
-      this.change("no answer from the dashboard");
+      this.change("link.noAnswer");
     }
   }
 
+  /** @param {string} problem */
   change(problem) {
     this.problem = problem;
     this.onChange(problem);
@@ -99,30 +110,35 @@ export class Connection {
     return this.socket.readyState === WebSocket.OPEN;
   }
 
+  /** @param {Record<string, any>} message */
   send(message) {
     if (this.isOpen) this.socket.send(JSON.stringify(message));
   }
 
+  /** @param {number} robot index */
   watch(robot) {
     this.robot = robot;
-    this.send({do: "watch", robot});
+    this.send({ do: "watch", robot });
   }
 
   reportVisibility() {
-    this.send({do: "visible", visible: !document.hidden});
+    this.send({ do: "visible", visible: !document.hidden });
   }
 
-  /** Send a command; return a promise of {ok, text}. */
+  /**
+   * Send a command.
+   * @param {string} name
+   * @param {Record<string, any>} args
+   * @returns {Promise<Reply>}
+   */
   command(name, args = {}) {
-    if (!this.isOpen) {
-      return Promise.resolve({ok: false, text: "there is no connection to the dashboard"});
-    }
+    if (!this.isOpen) return Promise.resolve(failure("reason.noConnection"));
     const id = this.nextId++;
     this.sendCommand(id, name, args);
     return this.reply(id);
   }
 
-  /** Send a stop, if need be as soon as there is a connection; return a promise of {ok, text}. */
+  /** Send a stop, if need be as soon as there is a connection. */
   stop() {
     const id = this.nextId++;
     if (this.isOpen) {
@@ -133,21 +149,42 @@ export class Connection {
     }
     setTimeout(() => {
       if (this.unsentStop === id) this.unsentStop = 0;
-      this.settle(id, false, "no answer");
+      this.settle(id, failure("reason.noAnswer"));
     }, STOP_TIMEOUT);
     return this.reply(id);
   }
 
+  /**
+   * @param {number} id
+   * @param {string} name
+   * @param {Record<string, any>} args
+   */
   sendCommand(id, name, args) {
-    this.send({do: "command", id, name, args, clock: this.clock});
+    this.send({ do: "command", id, name, args, clock: this.clock });
   }
 
+  /**
+   * @param {number} id
+   * @returns {Promise<Reply>}
+   */
   reply(id) {
     return new Promise((resolve) => this.replies.set(id, resolve));
   }
 
-  settle(id, ok, text) {
-    this.replies.get(id)?.({ok, text});
+  /**
+   * @param {number} id
+   * @param {Reply} reply
+   */
+  settle(id, reply) {
+    this.replies.get(id)?.(reply);
     this.replies.delete(id);
   }
+}
+
+/**
+ * @param {string} key
+ * @returns {Reply}
+ */
+function failure(key) {
+  return { ok: false, text: { key, values: {} } };
 }

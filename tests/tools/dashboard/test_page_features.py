@@ -1,0 +1,240 @@
+"""What the page can ask and set: ways, history, speed limit, maps, fleet; and who may do so."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.tools.dashboard.pages import Page, dashboard, fetch, page, place
+from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    LED,
+    BuildMap,
+    ChangeNavMode,
+    ExecTask,
+    InitRobot,
+    SwitchMap,
+    Twist,
+)
+from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import part_data
+from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_tokens
+
+_REAL_GROUPS = Path(__file__).parents[2] / "facts/real_scene/action_groups.json"
+
+
+async def ready(viewer: Page) -> None:
+    await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+
+
+@aio
+async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        here = await viewer.until(lambda parts: parts["pose"])
+        ok, text = await viewer.command("plan", x=1.0, y=-6.0, theta=0.0)
+        assert ok, text
+        found = viewer.data[max(viewer.data)]
+        assert math.dist(found["path"][0], (here["x"], here["y"])) < 0.1
+        assert math.dist(found["path"][-1], (1.0, -6.0)) < 0.1
+        assert found["length"] >= math.dist((here["x"], here["y"]), (1.0, -6.0)) - 0.1
+        ok, text = await viewer.command("plan", x=500.0, y=0.0, theta=0.0)
+        assert not ok
+        assert text
+        assert viewer.parts["control"]["owner"] is None  # looking takes no control
+        assert chassis.counts[full_name(ExecTask)] == 0
+
+
+@aio
+async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running:
+        await eventually(lambda: len(running.robots[0].history["samples"]) > 1)
+        async with page(running) as viewer:
+            await ready(viewer)
+            ok, _ = await viewer.command("history")
+            assert ok
+            found = viewer.data[max(viewer.data)]
+            assert len(found["samples"]) > 1
+            newest = await viewer.until(lambda parts: parts["sample"][2] and parts["sample"])
+            moment, speed, battery, delay = newest
+            assert moment >= found["samples"][0][0]
+            assert (speed, battery) == (0.0, 93)
+            assert delay > 0.0
+
+
+@aio
+async def test_a_speed_limit_holds_for_tasks_and_for_the_stick(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("speedLimit", limit=0.2))[0]
+        await viewer.until(lambda parts: parts["control"]["speedLimit"] == 0.2)
+        assert viewer.parts["control"]["limits"]["linear"] == 0.2
+        assert chassis.counts[full_name(ChangeNavMode)] == 0  # nothing navigates
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        await eventually(lambda: chassis.last(full_name(ChangeNavMode)))
+        assert chassis.last(full_name(ChangeNavMode)).nav_mode.max_speed == pytest.approx(0.2)
+        await viewer.until(lambda parts: parts["pose"]["linear"] > 0.15)
+        assert viewer.parts["pose"]["linear"] <= 0.21
+        assert (await viewer.command("speedLimit", limit=None))[0]
+        await eventually(lambda: chassis.last(full_name(ChangeNavMode)).nav_mode.max_speed == 0.0)
+        await viewer.until(lambda parts: parts["pose"]["linear"] > 0.3)
+        assert (await viewer.command("cancel"))[0]
+        assert (await viewer.command("speedLimit", limit=0.1))[0]
+        async with viewer.holds(5.0):
+            await eventually(lambda: chassis.last(full_name(Twist)) not in (None, Twist()))
+            assert chassis.last(full_name(Twist)).linear == pytest.approx(0.1)
+
+
+@aio
+async def test_a_refused_speed_limit_is_told(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        chassis.refuse(full_name(ChangeNavMode), "not today")
+        assert (await viewer.command("speedLimit", limit=0.2))[0]
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        await viewer.until(lambda parts: parts["control"]["speedRefusal"] == "not today")
+
+
+@aio
+async def test_sound_light_and_charge(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert viewer.parts["robot"]["sound"] == {"mute": False, "volume": 50}
+        assert (await viewer.command("sound", mute=True, volume=20))[0]
+        assert chassis.last(full_name(Sound)) == Sound(mute=True, volume=20)
+        await viewer.until(lambda parts: parts["robot"]["sound"]["volume"] == 20)
+        assert (await viewer.command("light", effect=2, color=5))[0]
+        assert chassis.last(full_name(LED)) == LED(normal=2, color=5)
+        await viewer.command("charge")  # the simulated robot wants a mark
+        sent = chassis.last(full_name(ExecTask))
+        assert (sent.type, sent.mark_no, sent.HasField("pose")) == (task.kCharge, "", False)
+
+
+@aio
+async def test_maps_are_made_and_switched(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("workMode", mode="deploy"))[0]
+        ok, text = await viewer.command("buildMap", type="add", scene="hall", map="ground")
+        assert ok, text
+        assert chassis.last(full_name(BuildMap)).type == BuildMap.kAdd
+        await viewer.until(lambda parts: parts["robot"]["state"] == "mapping")
+        assert (await viewer.command("saveMap"))[0]
+        await viewer.until(lambda parts: {"name": "hall", "maps": ["ground"]} in parts["scenes"])
+        await viewer.until(lambda parts: parts["robot"]["state"] != "mapping")
+        ok, text = await viewer.command("collectMark")
+        assert ok, text
+        ok, text = await viewer.command("switchMap", scene="wooshmap", map="wooshmap")
+        assert ok, text
+        assert chassis.last(full_name(SwitchMap)).map_name == "wooshmap"
+        assert (await viewer.command("keepPose"))[0]
+        assert chassis.last(full_name(InitRobot)).is_record
+
+
+@aio
+async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
+    chassis: SimulatorThread,
+) -> None:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=8)) as other:
+        async with dashboard(chassis, other) as running, page(running) as viewer:
+            places = await viewer.until(lambda parts: len(parts["places"]) == 2 and parts["places"])
+            assert [each["index"] for each in places] == [0, 1]
+            assert {each["map"] for each in places} == {"wooshmap"}
+            assert len(places[1]["outline"]) > 2
+            cards = await viewer.until(
+                lambda parts: all(each["known"] for each in parts["fleet"]) and parts["fleet"]
+            )
+            assert [each["id"] for each in cards] == [30001, 8]
+            other.set_emergency_stop(True)
+            await viewer.until(lambda parts: parts["fleet"][1]["emergencyStop"])
+            other.stop_listening()
+            await viewer.until(lambda parts: not parts["fleet"][1]["connected"])
+            # a frozen robot is noticed though nobody watches it
+            other.listen()
+            await viewer.until(lambda parts: parts["fleet"][1]["connected"])
+            other.inject("freeze")
+            await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
+
+
+@aio
+async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True, host="0.0.0.0") as running:
+        port = place(running).rpartition(":")[2]
+        cookies = {}
+        for role, url in running.urls.items():
+            query = url.partition("?")[2]
+            headers = {"Host": f"127.0.0.1:{port}"}
+            _, found, _ = await fetch(running, f"/?{query}", headers)
+            cookies[role] = found["set-cookie"].partition(";")[0]
+        assert running.url == running.urls[Role.CONTROL]
+        local = f"http://127.0.0.1:{port}"
+        async with (
+            page(local, Cookie=cookies[Role.LOOK]) as looking,
+            page(local, Cookie=cookies[Role.CONTROL]) as controlling,
+        ):
+            await ready(looking)
+            await ready(controlling)
+            assert looking.parts["hello"]["control"] is False
+            assert controlling.parts["hello"]["control"] is True
+            before = chassis.counts
+            for name in ("stop", "goMark", "plan", "speedLimit", "pause"):
+                ok, text = await looking.command(name, mark="A2", x=0, y=0, theta=0)
+                assert (ok, "only shows" in text) == (False, True)
+            assert (await looking.command("history"))[0]
+            await looking.drive(0.3)
+            assert await looking.closed() == 1008
+            changed = chassis.counts - before
+            assert not {full_name(Twist), full_name(ExecTask)} & set(changed)
+            assert (await controlling.command("goMark", mark="A2"))[0]
+
+
+def test_tokens_are_kept_in_a_file_that_only_its_owner_reads(tmp_path: Path) -> None:
+    path = tmp_path / "tokens.json"
+    tokens = kept_tokens(path)
+    assert tokens == kept_tokens(path)
+    assert len(set(tokens.values())) == len(Role)
+    assert path.stat().st_mode & 0o777 == 0o600
+    path.chmod(0o644)
+    with pytest.raises(TokenFileError, match="chmod 600"):
+        kept_tokens(path)
+    path.chmod(0o600)
+    for content in ("", "[]", "{}", json.dumps({"look": "short", "control": "short"})):
+        path.write_text(content)
+        with pytest.raises(TokenFileError, match="delete it"):
+            kept_tokens(path)
+    with pytest.raises(TokenFileError, match="No such file"):
+        kept_tokens(tmp_path / "none" / "tokens.json")
+
+
+def test_zones_lanes_and_kinds_of_tasks_of_a_scene() -> None:
+    area = SceneData.Map()
+    zone = area.field_info.speed_limit_fields.add().nav_filed
+    zone.max_speed = 0.3
+    for x, y in ((0, 0), (2, 0), (2, 1), (math.nan, 1)):
+        zone.vertexs.add(x=x, y=y)
+    area.field_info.crossings.add().nav_filed.vertexs.add(x=1)  # no area
+    area.field_info.guide_markers.add(id=1)
+    area.path_info.mono_paths.add().path.add(x=1)
+    lane = area.path_info.bidirect_paths.add()
+    for x in (1, 2):
+        lane.path.add(x=x)
+    (found,) = part_data.zones_data(area)
+    assert found == {
+        "kind": "speed_limit_fields",
+        "outline": [[0, 0], [2, 0], [2, 1]],
+        "speed": pytest.approx(0.3),
+    }
+    assert part_data.lanes_data(area) == [[[1, 0], [2, 0]]]
+    kinds = part_data.task_types_data(SceneData(action_group=_REAL_GROUPS.read_text("utf-8")))
+    assert {"type": "pick", "number": 1, "name": "对接导航"} in kinds
+    assert [each["number"] for each in kinds if each["type"] == "carry"] == [0, 1, 2]
+    for broken in ("", "[]", "{", '{"task_type": [1]}', '{"task_type": [{"no": 1}]}', "[" * 9999):
+        assert part_data.task_types_data(SceneData(action_group=broken)) == []

@@ -1,0 +1,305 @@
+"""How the page looks: accessibility, colours, languages, and pictures of its main states.
+
+With WOOSH_SCREENSHOTS=docs, the pictures of the documentation, and those that these tests compare
+with, are made anew.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image, ImageChops, ImageStat
+
+from tests.tools.dashboard.browsers import (
+    SharedBrowser,
+    SimulatedPage,
+    check_console_and_requests,
+    click_at,
+    eventually,
+    is_enabled,
+    open_page,
+    press,
+    script,
+    set_screen,
+    show,
+    text,
+)
+from tests.tools.dashboard.pages import program
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.texts import PAGE
+
+pytestmark = pytest.mark.timeout(300)
+_DOCS = os.environ.get("WOOSH_SCREENSHOTS")
+_PICTURES = Path(__file__).with_name("pictures")
+_ROOT = Path(__file__).parents[3]
+_AXE = _ROOT / "scripts/page/node_modules/axe-core/axe.min.js"
+_SHRINK = 4
+"""Factor by which the pictures to compare with are smaller than the screen."""
+_TILE = 15
+"""Size of the tiles of which the mean colours are compared, in pixels of these pictures."""
+_TOLERANCE = 20.0
+"""Greatest difference of a mean colour, of 255: fonts may differ, but nothing may be missing."""
+
+
+@pytest.fixture
+def robot() -> Iterator[SimulatedPage]:
+    """A simulated robot with its page."""
+    running = SimulatedPage()
+    yield running
+    running.close()
+
+
+@contextmanager
+def opened(
+    shared_browser: SharedBrowser, url: str, width: int, height: int, *, scheme: str = "light"
+) -> Iterator[Any]:
+    """Open the page on a screen of this size, and check its console at the end."""
+    with shared_browser.window() as driver:
+        set_screen(driver, width, height, mobile=width < 1000)
+        set_media(driver, **{"prefers-color-scheme": scheme})
+        open_page(driver, url)
+        yield driver
+        check_console_and_requests(driver, url)
+
+
+def set_media(driver: Any, **features: str) -> None:
+    found = [{"name": name, "value": value} for name, value in features.items()]
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": found})
+
+
+def check_accessibility(driver: Any, state: str) -> None:
+    """Check that axe finds no violation."""
+    driver.execute_script(_AXE.read_text("utf-8"))
+    found = driver.execute_async_script(
+        "const done = arguments[0];"
+        "axe.run(document, {resultTypes: ['violations']}).then(({violations}) => done("
+        "  violations.map(({id, nodes}) => `${id}: ${nodes.map(({html, failureSummary}) =>"
+        "    html + ' ' + failureSummary)}`)), (error) => done([String(error)]));"
+    )
+    assert found == [], state
+
+
+@pytest.mark.skipif(not _AXE.exists(), reason="no axe-core: run npm ci in scripts/page")
+@pytest.mark.parametrize(
+    ("width", "height", "scheme"), [(1440, 900, "light"), (390, 844, "light"), (1024, 768, "dark")]
+)
+def test_axe_finds_no_violation(
+    robot: SimulatedPage, shared_browser: SharedBrowser, width: int, height: int, scheme: str
+) -> None:
+    with opened(shared_browser, robot.url, width, height, scheme=scheme) as driver:
+        check_accessibility(driver, "standing")
+        press(driver, "#layers")
+        check_accessibility(driver, "layers")
+        press(driver, "#layers")
+        for tab in ("go", "tasks", "state", "map", "setup", "simulator"):
+            show(driver, tab)
+            check_accessibility(driver, tab)
+        robot.call(lambda simulator: simulator.inject("emergency_stop"))
+        eventually(lambda: text(driver, "#notice"), "the banner")
+        show(driver, "state")
+        eventually(lambda: text(driver, "#problems"), "the fault")
+        check_accessibility(driver, "emergency stop")
+
+
+def test_colours_have_enough_contrast(robot: SimulatedPage, shared_browser: SharedBrowser) -> None:
+    pairs = {
+        4.5: ["ink paper", "faint paper", "ok ok-tint", "warning warning-tint", "fault fault-tint"]
+        + ["accent paper", "accent tint", "on-accent accent", "ink map-unknown"],
+        3.0: ["edge paper", "edge raised", "laser map-floor", "map-wall map-floor", "edge ground"],
+    }
+    contrast = """
+      const context = new OffscreenCanvas(1, 1).getContext("2d", {willReadFrequently: true});
+      const light = (name) => {
+        const probe = document.body.appendChild(document.createElement("i"));
+        probe.style.color = `var(--${name})`;
+        context.fillStyle = getComputedStyle(probe).color;
+        probe.remove();
+        context.fillRect(0, 0, 1, 1);
+        const [r, g, b] = [...context.getImageData(0, 0, 1, 1).data].map((each) => each / 255)
+          .map((each) => each <= 0.04045 ? each / 12.92 : ((each + 0.055) / 1.055) ** 2.4);
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+      };
+      const [one, other] = arguments[0].split(" ").map(light);
+      return (Math.max(one, other) + 0.05) / (Math.min(one, other) + 0.05);
+    """
+    for scheme in ("light", "dark"):
+        with opened(shared_browser, robot.url, 1440, 900, scheme=scheme) as driver:
+            for least, names in pairs.items():
+                for each in names:
+                    assert driver.execute_script(contrast, each) >= least, (scheme, each)
+
+
+def test_forced_colours_and_less_motion_are_respected(
+    robot: SimulatedPage, shared_browser: SharedBrowser
+) -> None:
+    with opened(shared_browser, robot.url, 1440, 900) as driver:
+        set_media(driver, **{"forced-colors": "active", "prefers-reduced-motion": "reduce"})
+        eventually(
+            lambda: script(driver, "matchMedia('(forced-colors: active)').matches"), "the colours"
+        )
+        canvas = "getComputedStyle(document.body).backgroundColor"
+        eventually(
+            lambda: script(driver, "mapCanvas.colours['map-floor']") == script(driver, canvas),
+            "the map in the colours of the system",
+        )
+        show(driver, "state")
+        moving = "document.getAnimations().filter((each) => each.playState === 'running').length"
+        assert script(driver, moving) == 0
+
+
+def test_both_languages_have_the_same_texts() -> None:
+    texts = {
+        name: json.loads((PAGE / f"texts/{name}.json").read_text("utf-8")) for name in ("en", "zh")
+    }
+    assert list(texts["en"]) == list(texts["zh"])
+    for key, text_ in texts["en"].items():
+        values = {part.split("}")[0] for part in text_.split("{")[1:]}
+        others = {part.split("}")[0] for part in texts["zh"][key].split("{")[1:]}
+        assert values == others, key
+
+
+def test_chinese_covers_what_the_page_shows(
+    robot: SimulatedPage, shared_browser: SharedBrowser
+) -> None:
+    with opened(shared_browser, robot.url, 1440, 900) as driver:
+        press(driver, "#language")
+        eventually(lambda: text(driver, "#tab-go") == "前往", "Chinese")
+        robot.call(lambda simulator: simulator.inject("emergency_stop"))
+        for tab in ("go", "tasks", "state", "map", "setup"):
+            show(driver, tab)
+            missing = script(
+                driver,
+                "[...document.body.innerText.matchAll(/\\b[a-z]+\\.[a-zA-Z.]+\\b/g)].map(String)",
+            )
+            assert missing == [], tab
+        show(driver, "state")
+        eventually(lambda: "急停" in text(driver, "#problems"), "the meaning of the code")
+        press(driver, "#language")
+        eventually(lambda: text(driver, "#tab-go") == "Go", "English")
+
+
+def test_who_may_only_look_sees_no_commands(shared_browser: SharedBrowser) -> None:
+    options = ["--host", "0.0.0.0"]
+    with (
+        SimulatorThread() as chassis,
+        program(chassis, options=options, watch=True) as (_, url),
+        opened(shared_browser, url, 390, 844) as driver,
+    ):
+        assert "token" not in driver.current_url
+        eventually(lambda: "only shows" in text(driver, "#now"), "the hint")
+        for selector in ("#stop", "#stick", "#owner", "[data-tool=go]"):
+            assert driver.find_elements("css selector", selector) == [], selector
+        for tab in ("go", "tasks", "state", "map", "setup"):
+            show(driver, tab)
+            for selector in ("#go", "#charge", "#pause", "#set-pose", "#controlMode"):
+                assert driver.find_elements("css selector", selector) == [], (tab, selector)
+        show(driver, "go")
+        press(driver, "#marks button")
+        eventually(lambda: "Rack" in text(driver, "#now"), "what is known of the mark")
+
+
+def test_the_first_load_is_small(robot: SimulatedPage, shared_browser: SharedBrowser) -> None:
+    with opened(shared_browser, robot.url, 1440, 900) as driver:
+        size = script(
+            driver,
+            "performance.getEntriesByType('resource')"
+            ".concat(performance.getEntriesByType('navigation'))"
+            ".reduce((sum, each) => sum + each.transferSize, 0)",
+        )
+        assert 50_000 < size <= 300_000
+
+
+@pytest.mark.parametrize(
+    ("name", "width", "height", "scheme"),
+    [
+        ("standing", 1440, 900, "light"),
+        ("preview", 1024, 768, "dark"),
+        ("emergency", 768, 1024, "light"),
+        ("sheet", 390, 844, "dark"),
+        ("low", 844, 390, "light"),
+    ],
+)
+def test_main_states_look_as_stored(
+    robot: SimulatedPage,
+    shared_browser: SharedBrowser,
+    tmp_path: Path,
+    name: str,
+    width: int,
+    height: int,
+    scheme: str,
+) -> None:
+    with opened(shared_browser, robot.url, width, height, scheme=scheme) as driver:
+        if name == "preview":
+            press(driver, "#marks li:nth-child(2) button")
+            eventually(lambda: " m" in text(driver, "#now .way"), "the way")
+        elif name == "emergency":
+            robot.call(lambda simulator: simulator.inject("emergency_stop"))
+            eventually(lambda: text(driver, "#notice"), "the banner")
+        elif name == "sheet":
+            show(driver, "go")
+            press(driver, "#fit")
+        # without the laser, which varies, the battery of a simulated robot that has waited
+        script(driver, "document.getAnimations().forEach((each) => each.finish())")
+        with Image.open(io.BytesIO(driver.get_screenshot_as_png())) as screen:
+            seen = screen.convert("RGB").resize((width // _SHRINK, height // _SHRINK))
+    path = _PICTURES / f"{name}.png"
+    if _DOCS:
+        seen.save(path, optimize=True)
+    with Image.open(path) as stored:
+        difference = ImageChops.difference(seen, stored.convert("RGB"))
+    for x in range(0, seen.width, _TILE):
+        for y in range(0, seen.height, _TILE):
+            tile = difference.crop((x, y, min(x + _TILE, seen.width), min(y + _TILE, seen.height)))
+            worst = max(ImageStat.Stat(tile).mean)
+            if worst > _TOLERANCE:
+                seen.save(tmp_path / f"{name}.png")
+            assert worst <= _TOLERANCE, (x * _SHRINK, y * _SHRINK, tmp_path)
+
+
+@pytest.mark.skipif(not _DOCS, reason="makes the pictures of the documentation")
+def test_pictures_of_the_documentation(robot: SimulatedPage, shared_browser: SharedBrowser) -> None:
+    docs = Path(_DOCS or "")
+    with opened(shared_browser, robot.url, 1280, 800) as driver:
+        frames = [_frame(driver)]
+        goal = script(driver, "store.map.value.marks.find(({number}) => number === 'A2')")
+        click_at(driver, goal["x"], goal["y"])
+        eventually(lambda: " m" in text(driver, "#now .way"), "the way")
+        frames += [_frame(driver)] * 8
+        press(driver, "#go")
+        show(driver, "tasks")
+        at = "[store.pose.value.x, store.pose.value.y]"
+        while math.dist((goal["x"], goal["y"]), script(driver, at)) > 0.2:
+            frames.append(_frame(driver))
+            if len(frames) == 40:
+                driver.save_screenshot(str(docs / "dashboard.png"))
+        eventually(lambda: "Completed" in text(driver, "#ended"), "the end")
+        frames += [_frame(driver)] * 10
+        frames[0].save(
+            docs / "dashboard.webp",
+            save_all=True,
+            append_images=frames[1:],
+            duration=130,
+            loop=0,
+            quality=60,
+            method=6,
+        )
+    with opened(shared_browser, robot.url, 390, 844, scheme="dark") as driver:
+        press(driver, "#tab-go")
+        press(driver, "#marks li:nth-child(3) button")
+        press(driver, "#tab-go")
+        press(driver, "#fit")
+        eventually(lambda: is_enabled(driver, "#go"), "the way")
+        driver.save_screenshot(str(docs / "dashboard_phone.png"))
+
+
+def _frame(driver: Any) -> Image.Image:
+    with Image.open(io.BytesIO(driver.get_screenshot_as_png())) as screen:
+        return screen.convert("RGB").resize((960, 600))

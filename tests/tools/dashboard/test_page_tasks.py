@@ -1,0 +1,113 @@
+"""What the page tells of tasks: those that it gave, and all others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.quick_chassis import quick_config
+from tests.tools.dashboard.pages import Page, dashboard, page
+from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.link import ChassisClient, LinkConfig
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.simulator import SimulatorThread
+
+
+@pytest.fixture
+def real_chassis() -> Iterator[SimulatorThread]:
+    """A chassis that reports the end of a task for a few milliseconds, as a real one does."""
+    with SimulatorThread(quick_config(port=0, tcp_port=0, profile="tr200", speed=5)) as running:
+        yield running
+
+
+async def newest(viewer: Page, **wanted: Any) -> dict[str, Any]:
+    """Wait until the newest task has these values; return it."""
+
+    def has(parts: dict[str, Any]) -> Any:
+        found = parts["tasks"][0]
+        return all(found[name] == value for name, value in wanted.items()) and found
+
+    found: dict[str, Any] = await viewer.until(has)
+    return found
+
+
+async def ready(viewer: Page) -> None:
+    await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+
+
+@aio
+async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThread) -> None:
+    async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert viewer.parts["tasks"] == []
+        assert (await viewer.command("goMark", mark="A2", type="carry", direction="feeding"))[0]
+        begun = await newest(viewer, to="A2", state="executing", running=True)
+        assert (begun["type"], begun["by"]) == ("carry", viewer.parts["hello"]["you"])
+        wanted = {"mark": "A2", "type": "carry", "direction": "feeding"}
+        assert begun["command"] == {"name": "goMark", "args": wanted}
+        done = await newest(viewer, id=begun["id"], state="completed", running=False)
+        assert 0 < begun["begun"] == done["begun"] < done["changed"] <= time.time() * 1000
+        assert (await viewer.command("go", x=500.0, y=500.0, theta=0.0))[0]
+        failed = await newest(viewer, state="failed")
+        await viewer.until(
+            lambda parts: "navigation did not succeed" in parts["tasks"][0]["code"]["meaning"]
+        )
+        real_chassis.set_emergency_stop(True)
+        await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+        assert not (await viewer.command("goMark", mark="A2"))[0]
+        assert viewer.parts["tasks"][0]["id"] == failed["id"]  # a refused one is no task
+        async with page(running) as later:
+            assert (await newest(later))["changed"] == failed["changed"]
+
+
+@aio
+async def test_what_became_of_a_task_while_the_link_was_lost(
+    real_chassis: SimulatorThread,
+) -> None:
+    async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        await newest(viewer, state="executing")
+        real_chassis.stop_listening()
+        await viewer.until(lambda parts: not parts["link"]["good"])
+        await eventually(
+            lambda: real_chassis.call(lambda simulator: simulator.chassis.tasks.history)
+        )
+        real_chassis.listen()
+        await newest(viewer, to="A2", state="completed")
+
+
+@aio
+async def test_a_task_whose_end_was_not_seen(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        known = await newest(viewer, state="executing")
+        chassis.push(TaskProc(robot_task_id=17, state=task.kExecuting))
+        await viewer.until(
+            lambda parts: (
+                next(each for each in parts["tasks"] if each["id"] == known["id"])["state"]
+                == "unseen"
+            )
+        )
+
+
+@aio
+async def test_tasks_of_others_and_of_earlier_are_in_the_list(
+    real_chassis: SimulatorThread,
+) -> None:
+    config = LinkConfig("127.0.0.1", real_chassis.port)
+    async with ChassisClient(config=config) as client:
+        await client.request(ExecTask(task_id=7, type=task.kPick, mark_no="A2"))
+        await eventually(
+            lambda: real_chassis.call(lambda simulator: simulator.chassis.tasks.history)
+        )
+        async with dashboard(real_chassis) as running, page(running) as viewer:
+            await newest(viewer, id="7", to="A2", state="completed", by="", command={})
+            await client.request(ExecTask(task_id=8, type=task.kParking, mark_no="P1"))
+            await newest(viewer, id="8", type="parking", running=True, by="another client")

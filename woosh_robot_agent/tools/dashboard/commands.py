@@ -1,0 +1,227 @@
+"""The commands that a page can give a robot, and the requests that they stand for."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from google.protobuf.message import Message
+
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    LED,
+    ActionOrder,
+    BuildMap,
+    Deployment,
+    ExecTask,
+    InitRobot,
+    SetRobotPose,
+    Speak,
+    SwitchControlMode,
+    SwitchMap,
+    SwitchWorkMode,
+    kDepCollect,
+    kMark,
+)
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.tools.dashboard.texts import Text
+
+Args = Mapping[str, Any]
+"""Arguments of a command, as the page sends them."""
+_MAX_TEXT = 200
+"""Maximum length of a text."""
+_MAX_COORDINATE = 1e5
+"""Greatest coordinate, in metres."""
+_MAX_NUMBER = 1000
+"""Greatest number of a kind of tasks, and of a light's setting."""
+
+
+class CommandError(ValueError):
+    """A command is refused.
+
+    Args:
+        text: the reason.
+    """
+
+    def __init__(self, text: Text) -> None:
+        super().__init__(text)
+        self.text = text
+
+
+def number(args: Args, name: str, limit: float, least: float | None = None) -> float:
+    """Return an argument that is a number.
+
+    Raises:
+        CommandError: it is not a number within `least`, by default -`limit`, to `limit`.
+    """
+    value, least = args.get(name), -limit if least is None else least
+    valid = isinstance(value, int | float) and not isinstance(value, bool)
+    if not valid or not least <= value <= limit:  # type: ignore[operator]
+        raise _invalid(f"{name} is not a number within {least:g} to {limit:g}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _invalid(text: str) -> CommandError:
+    return CommandError(Text("reason.invalid", text=text))
+
+
+def _whole(args: Args, name: str, limit: int) -> int:
+    value = args.get(name, 0)
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= limit:
+        raise _invalid(f"{name} is not a whole number within 0 to {limit}")
+    return value
+
+
+def _text(args: Args, name: str) -> str:
+    text = args.get(name)
+    if not isinstance(text, str) or len(text) > _MAX_TEXT or not text.isprintable():
+        raise _invalid(f"{name} is not a text of at most {_MAX_TEXT} characters")
+    return text
+
+
+def _truth(args: Args, name: str) -> bool:
+    value = args.get(name)
+    if not isinstance(value, bool):
+        raise _invalid(f"{name} is not true or false")
+    return value
+
+
+def _choice(args: Args, name: str, choices: Mapping[str, int], default: str | None = None) -> int:
+    value = args.get(name, default)
+    if not isinstance(value, str) or value not in choices:
+        raise _invalid(f"{name} is not one of {', '.join(choices)}")
+    return choices[value]
+
+
+def set_pose(pose: Any, args: Args) -> None:
+    """Set a pose from arguments.
+
+    Raises:
+        CommandError: they are not valid.
+    """
+    pose.x = number(args, "x", _MAX_COORDINATE)
+    pose.y = number(args, "y", _MAX_COORDINATE)
+    pose.theta = number(args, "theta", math.tau)
+
+
+_TYPES = {
+    "pick": task.kPick,
+    "parking": task.kParking,
+    "charge": task.kCharge,
+    "carry": task.kCarry,
+}
+_DIRECTIONS = {
+    "unknown": task.kDirectionUndefined,
+    "feeding": task.kFeeding,
+    "cutting": task.kCutting,
+}
+
+
+def _task(args: Args, default: str) -> ExecTask:
+    return ExecTask(
+        task_id=int(time.time() * 1000),  # the robot repeats it in its reports
+        type=task.Type.Name(_choice(args, "type", _TYPES, default)),
+        task_type_no=_whole(args, "number", _MAX_NUMBER),
+        direction=task.Direction.Name(_choice(args, "direction", _DIRECTIONS, "unknown")),
+    )
+
+
+def _go(args: Args, _info: RobotInfo) -> Message:
+    request = _task(args, "pick")
+    set_pose(request.pose, args)
+    return request
+
+
+def _go_to_mark(args: Args, _info: RobotInfo) -> Message:
+    request = _task(args, "pick")
+    request.mark_no = _text(args, "mark")
+    return request
+
+
+def _charge(args: Args, _info: RobotInfo) -> Message:
+    return _task(args, "charge")  # the robot chooses where
+
+
+def _tell_pose(args: Args, info: RobotInfo) -> Message:
+    """Return the request that tells the robot its pose; before the initialisation, another one."""
+    request = InitRobot() if info.state == robot.kUninit else SetRobotPose()
+    set_pose(request.pose, args)
+    return request
+
+
+def _control_mode(args: Args, _info: RobotInfo) -> Message:
+    modes = {"auto": robot.kAuto, "manual": robot.kManual, "maintain": robot.kMaintain}
+    return SwitchControlMode(mode=robot.ControlMode.Name(_choice(args, "mode", modes)))
+
+
+def _work_mode(args: Args, _info: RobotInfo) -> Message:
+    modes = {
+        "deploy": robot.kDeployMode,
+        "task": robot.kTaskMode,
+        "schedule": robot.kScheduleMode,
+    }
+    return SwitchWorkMode(mode=robot.WorkMode.Name(_choice(args, "mode", modes)))
+
+
+def _sound(args: Args, _info: RobotInfo) -> Message:
+    return Sound(mute=_truth(args, "mute"), volume=_whole(args, "volume", 100))
+
+
+def _light(args: Args, _info: RobotInfo) -> Message:
+    effect, color = _whole(args, "effect", _MAX_NUMBER), _whole(args, "color", 0xFFFFFF)
+    return LED(normal=effect, color=color)
+
+
+def _switch_map(args: Args, _info: RobotInfo) -> Message:
+    return SwitchMap(scene_name=_text(args, "scene"), map_name=_text(args, "map"))
+
+
+def _build_map(args: Args, _info: RobotInfo) -> Message:
+    kinds = {"add": BuildMap.kAdd, "update": BuildMap.kUpdate}
+    kind = BuildMap.BuildType.Name(_choice(args, "type", kinds))
+    return BuildMap(type=kind, scene_name=_text(args, "scene"), map_name=_text(args, "map"))
+
+
+class Command(NamedTuple):
+    """A command that the page can give.
+
+    Attributes:
+        request: makes the request from the arguments and the state of the robot; it raises a
+            `CommandError` if the arguments are not valid.
+        interrupts: it only ends or interrupts a motion, so it is never too old to be sent.
+    """
+
+    request: Callable[[Args, RobotInfo], Message]
+    interrupts: bool = False
+
+
+COMMANDS: Mapping[str, Command] = MappingProxyType(
+    {
+        "go": Command(_go),
+        "goMark": Command(_go_to_mark),
+        "charge": Command(_charge),
+        "setPose": Command(_tell_pose),
+        "keepPose": Command(lambda *_: InitRobot(is_record=True)),
+        "pause": Command(lambda *_: ActionOrder(order=action.kPause), interrupts=True),
+        "continue": Command(lambda *_: ActionOrder(order=action.kContinue)),
+        "endWait": Command(lambda *_: ActionOrder(order=action.kWaitBreak)),
+        "cancel": Command(lambda *_: ActionOrder(order=action.kCancel), interrupts=True),
+        "controlMode": Command(_control_mode),
+        "workMode": Command(_work_mode),
+        "speak": Command(lambda args, _: Speak(text=_text(args, "text"))),
+        "sound": Command(_sound),
+        "light": Command(_light),
+        "switchMap": Command(_switch_map),
+        "buildMap": Command(_build_map),
+        "saveMap": Command(lambda *_: BuildMap(type=BuildMap.kSave)),
+        "discardMap": Command(lambda *_: BuildMap(type=BuildMap.kCanel)),
+        "collectMark": Command(lambda *_: Deployment(type=kMark, mode=kDepCollect)),
+    }
+)
+"""All commands that stand for one request to the robot, by name."""

@@ -1,0 +1,211 @@
+"""The map of a robot as the page shows it: picture, keep-out areas, marks and zones."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from woosh_robot_agent.link import Body, ChassisClient, FrameError, LinkError, LinkState
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
+from woosh_robot_agent.pb.robot.robot_pb2 import Scene
+from woosh_robot_agent.robot.maps import (
+    MapError,
+    check_place,
+    find_map,
+    grey_png,
+    scene_data,
+)
+from woosh_robot_agent.tools.dashboard import part_data
+
+_RETRY_DELAY = 5.0
+"""Delay before a failed request is retried, in seconds."""
+_LIST_PERIOD = 20.0
+"""Time between two requests for the list of scenes, in seconds."""
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """A map that the page shows.
+
+    Attributes:
+        png: the picture.
+        keepout_png: picture of the same size, whose dark pixels the robot keeps out of; or empty.
+        problem: why the keep-out areas are not shown; empty if they are, or if there are none.
+        data: resolution, origin, marks and zones, for the page.
+    """
+
+    png: bytes
+    keepout_png: bytes
+    problem: str
+    data: dict[str, Any]
+
+
+class MapSource:
+    """Requests the map that the robot uses, and receives the one that it is making.
+
+    Call `update` repeatedly while somebody watches.
+
+    Args:
+        chassis: the link.
+        on_change: called when there is another picture.
+
+    Attributes:
+        picture: the picture; None if there is no map.
+        number: number of the picture, which changes with each picture.
+        error: reason why there is no picture; empty if there is one.
+    """
+
+    def __init__(self, chassis: ChassisClient, on_change: Callable[[], None]) -> None:
+        self._chassis = chassis
+        self._on_change = on_change
+        self.picture: MapPicture | None = None
+        self.number = 0
+        self.error = ""
+        self._shown: object = None
+        """Scene, id, name and version of the map in the picture; None for another picture."""
+        self._task: asyncio.Task[None] | None = None
+        self._not_before = -math.inf
+        """Loop time before which a map is not requested again."""
+        self._unsubscribe: Callable[[], None] | None = None
+        """Ends the subscription to the map that the robot is making."""
+        self._scenes: list[SceneList.Scene] = []
+        """The scenes on the robot."""
+        self._listing: asyncio.Task[None] | None = None
+        self._list_at = -math.inf
+        """Loop time from which the list of scenes is requested again."""
+
+    def data(self) -> dict[str, Any]:
+        """Return the part of the map for the page."""
+        if self.picture is None:
+            return {"number": self.number, "error": self.error}
+        error = self.error or self.picture.problem
+        return {"number": self.number, "error": error, **self.picture.data}
+
+    def scenes_data(self) -> list[dict[str, Any]]:
+        """Return the part of the scenes on the robot, for the page."""
+        return [{"name": each.name, "maps": list(each.maps)} for each in self._scenes]
+
+    def close(self) -> None:
+        """Stop requesting and receiving."""
+        for task in (self._task, self._listing):
+            if task is not None:
+                task.cancel()
+        self._task = self._listing = None
+        self._end_growing()
+
+    def update(self, scene: Scene, mapping: bool) -> None:
+        """Request the map if it is another one than that of the picture.
+
+        Args:
+            scene: scene and map that the robot uses.
+            mapping: True while the robot is making a map.
+        """
+        if self._chassis.state is not LinkState.READY:
+            return
+        self._update_list()
+        if mapping:
+            self._shown = None
+            if self._unsubscribe is None:
+                self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._growing)
+            return
+        self._end_growing()
+        wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
+        loop = asyncio.get_running_loop()
+        busy = self._task is not None and not self._task.done()
+        if not scene.scene_name or wanted == self._shown or busy or loop.time() < self._not_before:
+            return
+        self._not_before = loop.time() + _RETRY_DELAY
+        self._start(self._request(wanted))
+
+    def _update_list(self) -> None:
+        loop = asyncio.get_running_loop()
+        if loop.time() < self._list_at or (self._listing and not self._listing.done()):
+            return
+        self._list_at = loop.time() + _LIST_PERIOD
+        self._listing = loop.create_task(self._list(), name="scenes")
+
+    async def _list(self) -> None:
+        try:
+            answer = await self._chassis.request(SceneList())
+        except LinkError:
+            return  # the page shows the state of the link
+        if answer.ok and isinstance(answer.body, SceneList):
+            self._scenes = list(answer.body.scenes)
+            self._on_change()
+
+    async def _request(self, wanted: tuple[str, int, str, int]) -> None:
+        try:
+            scene = await scene_data(self._chassis, wanted[0])
+            area = find_map(scene, *wanted[1:3])
+            origin = area.origin.x, area.origin.y, area.origin.theta
+            more = {
+                "marks": part_data.marks_data(area),
+                "zones": part_data.zones_data(area),
+                "lanes": part_data.lanes_data(area),
+                "taskTypes": part_data.task_types_data(scene),
+            }
+            pictures = area.map_png, area.keepout_png
+            self._set(await _picture(*pictures, area.resolution, origin, more))
+        except (LinkError, MapError) as error:
+            if self.error != str(error):
+                self.error = str(error)
+                self._on_change()
+            return
+        self._shown = wanted
+        self._not_before = self._list_at = -math.inf
+
+    def _growing(self, body: Body) -> None:
+        if self._task is None or self._task.done():  # a slow picture skips the next ones
+            self._start(self._show_growing(body))
+
+    async def _show_growing(self, body: Body) -> None:
+        try:
+            report: BuildMapData = body.message()
+            origin = report.origin_x, report.origin_y, 0.0
+            self._set(await _picture(report.map_data, b"", report.resolution, origin, {}))
+        except (FrameError, MapError):  # the next one comes within a second
+            return
+
+    def _end_growing(self) -> None:
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = None
+
+    def _start(self, work: Any) -> None:
+        self._task = asyncio.get_running_loop().create_task(work, name="map picture")
+
+    def _set(self, picture: MapPicture) -> None:
+        self.picture = picture
+        self.number += 1
+        self.error = ""
+        self._on_change()
+
+
+async def _picture(
+    png: bytes,
+    keepout_png: bytes,
+    resolution: float,
+    origin: tuple[float, float, float],
+    more: dict[str, Any],
+) -> MapPicture:
+    """Return the picture of a map.
+
+    Raises:
+        MapError: the map has no valid resolution, origin or image.
+    """
+    check_place(resolution, *origin)
+    # decoding a large image would block the link
+    data = await asyncio.to_thread(grey_png, png)
+    keepout, problem = b"", ""
+    if keepout_png:
+        try:
+            keepout = await asyncio.to_thread(grey_png, keepout_png)
+        except MapError as error:
+            problem = f"the keep-out areas are not shown: {error}"
+    place = dict(zip(("x", "y", "theta"), origin, strict=True))
+    known = {"resolution": resolution, "origin": place, "keepout": bool(keepout)}
+    return MapPicture(data, keepout, problem, {**known, **more})

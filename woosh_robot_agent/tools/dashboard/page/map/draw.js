@@ -1,0 +1,395 @@
+// Drawing of the map. It knows neither the page nor its state: all that it draws is given to it.
+
+/** @typedef {import("./view.js").View} View */
+/** @typedef {import("../store.js").Point} Point */
+/** @typedef {import("../store.js").Pose} Pose */
+/** @typedef {Record<string, string>} Colours  by the names of the custom properties, without `--` */
+/**
+ * @typedef {object} Picture what is drawn; absent things are not
+ * @property {{image: CanvasImageSource, width: number, height: number, resolution: number,
+ *   origin: Pose}} [area]
+ * @property {CanvasImageSource} [keepout] picture of the same size as that of the area
+ * @property {import("../store.js").Zone[]} zones
+ * @property {number[][][]} lanes
+ * @property {import("../store.js").Mark[]} marks
+ * @property {string} [chosenMark]
+ * @property {number[][]} trail
+ * @property {number[][]} path
+ * @property {number[][]} planned
+ * @property {Pose} [target]
+ * @property {{pose: Pose, points: Float32Array}} [scan]
+ * @property {import("../store.js").Fault[]} obstacles
+ * @property {import("../store.js").Place[]} others
+ * @property {Pose} [pose]
+ * @property {Pose} [draft]
+ * @property {number[][]} outline
+ * @property {[Point, Point]} [measured]
+ * @property {{from: Point, to: Point}} [arrow] in pixels
+ */
+
+const BOX = [
+  [0.3, 0.25],
+  [-0.3, 0.25],
+  [-0.3, -0.25],
+  [0.3, -0.25],
+]; // outline of a robot that has not reported its own, in metres
+const SMALLEST = 16; // pixels from the middle of a robot to its farthest corner, at least
+const MANY_MARKS = 150; // number of marks on the screen from which only their places are drawn
+const SPEED_ZONES = ["speed_limit_fields"];
+
+/**
+ * Draw everything.
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {Picture} picture
+ * @param {Colours} colours
+ */
+export function draw(context, view, picture, colours) {
+  context.clearRect(0, 0, view.width, view.height);
+  const { area } = picture;
+  if (area) {
+    drawImage(context, view, area, area.image);
+    if (picture.keepout) drawImage(context, view, area, picture.keepout);
+  }
+  for (const zone of picture.zones) drawZone(context, view, zone, colours);
+  for (const lane of picture.lanes) line(context, view, lane, colours.edge, 1, [2, 4]);
+  line(context, view, picture.trail, colours.faint, 1.5, [3, 5]);
+  line(context, view, picture.path, colours.accent, 3);
+  line(context, view, picture.planned, colours.accent, 3, [8, 6]);
+  for (const obstacle of picture.obstacles) drawObstacle(context, view, obstacle, colours);
+  if (picture.scan) drawScan(context, view, picture.scan, colours.laser);
+  drawMarks(context, view, picture, colours);
+  for (const each of picture.others) {
+    drawRobot(context, view, each, each.outline, colours.edge, colours["map-floor"]);
+    label(context, view, each, each.name, colours);
+  }
+  const { pose, draft, target, outline } = picture;
+  if (pose && !draft) drawRobot(context, view, pose, outline, colours.accent, colours["on-accent"]);
+  if (draft) drawRobot(context, view, draft, outline, colours.warning, colours["map-floor"]);
+  if (target) drawTarget(context, view, target, colours.accent);
+  if (picture.measured) drawMeasured(context, view, picture.measured, colours);
+  if (picture.arrow) drawArrow(context, picture.arrow, colours.accent);
+  drawScale(context, view, colours);
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {NonNullable<Picture["area"]>} area
+ * @param {CanvasImageSource} image
+ */
+function drawImage(context, view, area, image) {
+  const { origin, resolution, width, height } = area;
+  const corner = view.toScreen(origin.x, origin.y);
+  const pixel = resolution * view.scale;
+  context.save();
+  context.translate(corner.x, corner.y);
+  context.rotate(-origin.theta - view.angle);
+  context.imageSmoothingEnabled = pixel < 1;
+  context.drawImage(image, 0, -height * pixel, width * pixel, height * pixel);
+  context.restore();
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {number[][]} points
+ */
+function trace(context, view, points) {
+  context.beginPath();
+  for (const [x, y] of points) {
+    const at = view.toScreen(x, y);
+    context.lineTo(at.x, at.y);
+  }
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {number[][]} points
+ * @param {string} colour
+ * @param {number} width
+ * @param {number[]} dashes
+ */
+function line(context, view, points, colour, width, dashes = []) {
+  if (points.length < 2) return;
+  trace(context, view, points);
+  context.setLineDash(dashes);
+  context.lineJoin = "round";
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.stroke();
+  context.setLineDash([]);
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {import("../store.js").Zone} zone
+ * @param {Colours} colours
+ */
+function drawZone(context, view, zone, colours) {
+  trace(context, view, zone.outline);
+  context.closePath();
+  context.fillStyle = context.strokeStyle = colours.warning;
+  context.globalAlpha = 0.1;
+  context.fill();
+  context.globalAlpha = 0.8;
+  context.lineWidth = 1;
+  context.stroke();
+  context.globalAlpha = 1;
+  if (SPEED_ZONES.includes(zone.kind) || zone.speed) {
+    const middle = (/** @type {number} */ axis) =>
+      zone.outline.reduce((sum, corner) => sum + corner[axis], 0) / zone.outline.length;
+    const at = view.toScreen(middle(0), middle(1));
+    text(context, `${zone.speed} m/s`, at.x, at.y, colours, "center");
+  }
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {{pose: Pose, points: Float32Array}} scan
+ * @param {string} colour
+ */
+function drawScan(context, view, { pose, points }, colour) {
+  const at = view.toScreen(pose.x, pose.y);
+  const turn = pose.theta + view.angle;
+  const cos = Math.cos(turn) * view.scale;
+  const sin = Math.sin(turn) * view.scale;
+  context.fillStyle = colour;
+  for (let index = 0; index < points.length; index += 2) {
+    const forward = points[index];
+    const left = points[index + 1];
+    const x = at.x + forward * cos - left * sin;
+    const y = at.y - forward * sin - left * cos;
+    context.fillRect(x - 1, y - 1, 2, 2);
+  }
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {Picture} picture
+ * @param {Colours} colours
+ */
+function drawMarks(context, view, { marks, chosenMark }, colours) {
+  const shown = marks
+    .map((mark) => ({ mark, at: view.toScreen(mark.x, mark.y) }))
+    .filter(
+      ({ at }) => at.x > -20 && at.y > -20 && at.x < view.width + 20 && at.y < view.height + 20,
+    );
+  const many = shown.length > MANY_MARKS;
+  for (const { mark, at } of shown) {
+    const chosen = mark.number === chosenMark;
+    context.save();
+    context.translate(at.x, at.y);
+    context.rotate(-mark.theta - view.angle);
+    context.beginPath();
+    context.arc(0, 0, many ? 3 : 8, 0, 2 * Math.PI);
+    context.fillStyle = chosen ? colours.accent : colours["map-floor"];
+    context.fill();
+    context.strokeStyle = colours.accent;
+    context.lineWidth = 1.5;
+    context.stroke();
+    context.fillStyle = chosen ? colours["on-accent"] : colours.accent;
+    triangle(context, 5.5, -3, 4);
+    context.restore();
+    if (!many || chosen) text(context, mark.number, at.x + 11, at.y - 6, colours);
+  }
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {number} front
+ * @param {number} back
+ * @param {number} side
+ */
+function triangle(context, front, back, side) {
+  context.beginPath();
+  context.moveTo(front, 0);
+  context.lineTo(back, side);
+  context.lineTo(back, -side);
+  context.fill();
+}
+
+/**
+ * Write a text that can be read on any ground.
+ * @param {CanvasRenderingContext2D} context
+ * @param {string} content
+ * @param {number} x
+ * @param {number} y
+ * @param {Colours} colours
+ * @param {CanvasTextAlign} align
+ */
+function text(context, content, x, y, colours, align = "left") {
+  context.font = "600 12px system-ui, sans-serif";
+  context.textAlign = align;
+  context.lineJoin = "round";
+  context.lineWidth = 3;
+  context.strokeStyle = colours["map-floor"];
+  context.strokeText(content, x, y);
+  context.fillStyle = colours.ink;
+  context.fillText(content, x, y);
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {Pose} pose
+ * @param {string} name
+ * @param {Colours} colours
+ */
+function label(context, view, pose, name, colours) {
+  const at = view.toScreen(pose.x, pose.y);
+  text(context, name, at.x + 14, at.y - 12, colours);
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {import("../store.js").Fault} obstacle
+ * @param {Colours} colours
+ */
+function drawObstacle(context, view, { x = 0, y = 0, radius = 0 }, colours) {
+  const at = view.toScreen(x, y);
+  context.beginPath();
+  context.arc(at.x, at.y, Math.max(4, radius * view.scale), 0, 2 * Math.PI);
+  context.fillStyle = colours.warning;
+  context.fill();
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {Pose} pose
+ * @param {number[][]} outline
+ * @param {string} colour
+ * @param {string} light
+ */
+function drawRobot(context, view, pose, outline, colour, light) {
+  const corners = outline.length > 2 ? outline : BOX;
+  const at = view.toScreen(pose.x, pose.y);
+  const reach = Math.max(...corners.map(([a, b]) => Math.hypot(a, b)));
+  const size = Math.max(view.scale, SMALLEST / reach);
+  context.save();
+  context.translate(at.x, at.y);
+  context.rotate(-pose.theta - view.angle);
+  context.beginPath();
+  for (const [forward, left] of corners) context.lineTo(forward * size, -left * size);
+  context.closePath();
+  context.lineJoin = "round";
+  context.lineWidth = 2;
+  context.strokeStyle = light;
+  context.stroke();
+  context.fillStyle = colour;
+  context.fill();
+  const front = Math.max(...corners.map(([forward]) => forward)) * size;
+  context.fillStyle = light;
+  triangle(context, front * 0.8, front * 0.15, front * 0.42);
+  context.restore();
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {Pose} pose
+ * @param {string} colour
+ */
+function drawTarget(context, view, pose, colour) {
+  const at = view.toScreen(pose.x, pose.y);
+  const turn = pose.theta + view.angle;
+  const to = { x: at.x + 34 * Math.cos(turn), y: at.y - 34 * Math.sin(turn) };
+  drawArrow(context, { from: at, to }, colour);
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {{from: Point, to: Point}} arrow in pixels
+ * @param {string} colour
+ */
+function drawArrow(context, { from, to }, colour) {
+  const angle = Math.atan2(to.y - from.y, to.x - from.x);
+  context.strokeStyle = colour;
+  context.lineWidth = 3;
+  context.beginPath();
+  context.arc(from.x, from.y, 7, 0, 2 * Math.PI);
+  context.moveTo(from.x, from.y);
+  context.lineTo(to.x, to.y);
+  for (const side of [2.6, -2.6]) {
+    context.moveTo(to.x, to.y);
+    context.lineTo(to.x + 12 * Math.cos(angle + side), to.y + 12 * Math.sin(angle + side));
+  }
+  context.stroke();
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {[Point, Point]} measured
+ * @param {Colours} colours
+ */
+function drawMeasured(context, view, [from, to], colours) {
+  const begin = view.toScreen(from.x, from.y);
+  const end = view.toScreen(to.x, to.y);
+  line(
+    context,
+    view,
+    [from, to].map(({ x, y }) => [x, y]),
+    colours.ink,
+    2,
+  );
+  for (const { x, y } of [begin, end]) {
+    context.beginPath();
+    context.arc(x, y, 4, 0, 2 * Math.PI);
+    context.fillStyle = colours.ink;
+    context.fill();
+  }
+  const length = Math.hypot(to.x - from.x, to.y - from.y).toFixed(2);
+  text(context, `${length} m`, (begin.x + end.x) / 2, (begin.y + end.y) / 2 - 8, colours, "center");
+}
+
+/**
+ * Draw a bar that shows how long a metre is.
+ * @param {CanvasRenderingContext2D} context
+ * @param {View} view
+ * @param {Colours} colours
+ */
+function drawScale(context, view, colours) {
+  const most = 120 / view.scale; // metres
+  const power = 10 ** Math.floor(Math.log10(most));
+  const length = [5, 2, 1].map((factor) => factor * power).find((each) => each <= most) ?? power;
+  const x = 14 + view.inset.left;
+  const y = view.height - 14 - view.inset.bottom;
+  context.beginPath();
+  context.moveTo(x, y - 5);
+  context.lineTo(x, y);
+  context.lineTo(x + length * view.scale, y);
+  context.lineTo(x + length * view.scale, y - 5);
+  context.lineWidth = 2;
+  context.strokeStyle = colours.ink;
+  context.stroke();
+  const shown = length < 1 ? `${Math.round(length * 100)} cm` : `${length} m`;
+  text(context, shown, x + (length * view.scale) / 2, y - 7, colours, "center");
+}
+
+/**
+ * Give a grey picture the colours of the page.
+ * @param {HTMLImageElement} image
+ * @param {(shade: number) => [number, number, number, number]} colourOf red, green, blue, opacity
+ * @returns {OffscreenCanvas}
+ */
+export function recoloured(image, colourOf) {
+  const canvas = new OffscreenCanvas(image.width, image.height);
+  const context = /** @type {OffscreenCanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  context.drawImage(image, 0, 0);
+  const pixels = context.getImageData(0, 0, image.width, image.height);
+  const words = new Uint32Array(pixels.data.buffer);
+  const table = Uint32Array.from({ length: 256 }, (_, shade) => {
+    const [red, green, blue, opacity] = colourOf(shade);
+    return new Uint32Array(Uint8ClampedArray.of(red, green, blue, opacity).buffer)[0];
+  });
+  for (let index = 0; index < words.length; index++) words[index] = table[pixels.data[4 * index]];
+  context.putImageData(pixels, 0, 0);
+  return canvas;
+}

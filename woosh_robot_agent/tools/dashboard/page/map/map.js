@@ -1,0 +1,506 @@
+// The map on its canvas: what is drawn when, and what pointers, keys and tools do.
+
+import { effect } from "../vendor/preact.js";
+import * as commands from "../commands.js";
+import * as store from "../store.js";
+import { draw, recoloured } from "./draw.js";
+import { View } from "./view.js";
+
+/** @typedef {import("../store.js").Point} Point */
+
+const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
+const OCCUPIED = 0.65; // darkness above which a pixel is a wall, as in nav2's map_server
+const FREE = 0.196; // darkness below which it is floor
+const TRAIL_STEP = 0.05; // metres between two points of the trail
+const TRAIL_LENGTH = 4000; // points
+const DRAG = 8; // pixels from which a press is a drag
+const DIRECTION = 24; // pixels from which a drag gives a direction
+const HIT = 22; // pixels within which a press hits a mark or an obstacle
+const KEY_STEP = 60; // pixels by which an arrow key moves the map
+const ZOOM_STEP = 1.4;
+const COLOURS = [
+  ...["accent", "edge", "faint", "ink", "laser", "map-floor", "map-unknown", "map-wall"],
+  ...["on-accent", "warning", "fault"],
+];
+
+export class MapCanvas {
+  /** @param {HTMLCanvasElement} canvas */
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+    this.view = new View();
+    this.fitted = false; // the map was shown as a whole since there is one
+    this.whole = false; // it still is, because nobody has moved it since
+    /** @type {{map: store.Area, image: HTMLImageElement, drawn: CanvasImageSource} | null} */
+    this.area = null;
+    /** @type {HTMLImageElement | null} */
+    this.keepoutImage = null;
+    /** @type {CanvasImageSource | null} */
+    this.keepout = null;
+    /** @type {number[][]} */
+    this.trail = [];
+    /** @type {Map<number, Point>} where the pointers are that are down, in pixels */
+    this.pointers = new Map();
+    /** @type {{start: Point, acts: boolean, dragged: boolean}} */
+    this.press = { start: { x: 0, y: 0 }, acts: false, dragged: false };
+    /** @type {{from: Point, to: Point} | null} */
+    this.arrow = null;
+    this.pending = 0; // request of the next frame
+    this.shown = ""; // address of the map's picture
+    this.colours = this.readColours();
+    this.bind();
+  }
+
+  bind() {
+    const { canvas } = this;
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    this.watchRatio();
+    for (const query of ["(prefers-color-scheme: dark)", "(forced-colors: active)"]) {
+      matchMedia(query).addEventListener("change", () => this.recolour());
+    }
+    addEventListener("themechange", () => this.recolour());
+    canvas.addEventListener("pointerdown", (event) => this.pressed(event));
+    canvas.addEventListener("pointermove", (event) => this.moved(event));
+    canvas.addEventListener("pointerup", (event) => this.released(event));
+    canvas.addEventListener("pointercancel", (event) => this.dropped(event));
+    canvas.addEventListener("pointerleave", () => (store.pointed.value = null));
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("keydown", (event) => this.keyDown(event));
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.zoom(Math.exp(-event.deltaY * 0.0015), { x: event.offsetX, y: event.offsetY });
+      },
+      { passive: false },
+    );
+    effect(() => this.loadMap(store.map.value, store.chosen.value));
+    effect(() => this.addToTrail(store.pose.value));
+    effect(() => this.followRobot());
+    effect(() => {
+      const signals = [store.scan, store.path, store.outline, store.layers, store.target];
+      for (const each of [...signals, store.draft, store.measured, store.places]) each.value;
+      for (const each of [store.simulator, store.tool]) each.value;
+      this.redraw();
+    });
+  }
+
+  // View
+
+  /** Show the whole map, or without one the surroundings of the robot. */
+  fit() {
+    store.follow.value = false;
+    const pose = store.pose.value;
+    if (this.area) this.view.fit(this.corners(this.area));
+    else if (pose) this.view.fit([-5, 5].map((side) => ({ x: pose.x + side, y: pose.y + side })));
+    this.fitted = this.area !== null;
+    this.whole = true;
+    this.redraw();
+  }
+
+  /**
+   * @param {number} factor
+   * @param {Point} pixel
+   */
+  zoom(factor, pixel = this.view.middle) {
+    this.whole = false;
+    this.view.zoom(factor, store.follow.value ? this.view.middle : pixel);
+    this.redraw();
+  }
+
+  zoomIn() {
+    this.zoom(ZOOM_STEP);
+  }
+
+  zoomOut() {
+    this.zoom(1 / ZOOM_STEP);
+  }
+
+  /** Say what lies over the canvas, so that `fit` leaves it free. @param {import("./view.js").Inset} inset */
+  setInset(inset) {
+    this.view.inset = inset;
+    this.redraw();
+  }
+
+  followRobot() {
+    const pose = store.pose.value;
+    const turned = store.robotUp.value && pose ? Math.PI / 2 - pose.theta : 0;
+    if (turned !== this.view.angle) this.view.turn(turned);
+    if (store.follow.value && pose) {
+      this.whole = false;
+      this.view.put(pose, this.view.middle);
+    }
+    this.redraw();
+  }
+
+  /** @param {{map: store.Area, image: HTMLImageElement}} area */
+  corners({ map, image }) {
+    const { x, y, theta } = /** @type {store.Pose} */ (map.origin);
+    const size = /** @type {number} */ (map.resolution);
+    return [0, 1].flatMap((right) =>
+      [0, 1].map((up) => {
+        const [a, b] = [right * image.width * size, up * image.height * size];
+        return {
+          x: x + a * Math.cos(theta) - b * Math.sin(theta),
+          y: y + a * Math.sin(theta) + b * Math.cos(theta),
+        };
+      }),
+    );
+  }
+
+  // Pointers: one pans or acts, two pan and zoom
+
+  /** @param {PointerEvent} event */
+  pressed(event) {
+    const at = { x: event.offsetX, y: event.offsetY };
+    this.canvas.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, at);
+    const acts = this.pointers.size === 1 && event.button === 0;
+    this.press = { start: at, acts, dragged: false };
+    this.arrow = null;
+    if (acts && store.tool.value === "measure") this.measureFrom(at);
+  }
+
+  /** @param {PointerEvent} event */
+  moved(event) {
+    const now = { x: event.offsetX, y: event.offsetY };
+    store.pointed.value = this.view.toWorld(now.x, now.y);
+    const before = this.pointers.get(event.pointerId);
+    if (!before) return;
+    const { press } = this;
+    const length = distance(now, press.start);
+    if (length > DRAG) press.dragged = true;
+    if (this.pointers.size === 2) {
+      press.acts = false;
+      this.arrow = null;
+      const [other] = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, p]) => p);
+      this.pan(between(before, other), between(now, other));
+      const spread = Math.max(1, distance(now, other)) / Math.max(1, distance(before, other));
+      this.zoom(spread, between(now, other));
+    } else if (!press.acts || store.tool.value === "move" || store.tool.value === "obstacle") {
+      if (press.dragged) this.pan(before, now);
+    } else if (store.tool.value === "measure") {
+      if (press.dragged) this.measureTo(now);
+    } else {
+      this.arrow = length < DIRECTION ? null : { from: press.start, to: now };
+    }
+    this.pointers.set(event.pointerId, now);
+    this.redraw();
+  }
+
+  /** @param {PointerEvent} event */
+  released(event) {
+    const { press, arrow } = this;
+    const acts = press.acts && this.pointers.size === 1 && this.pointers.has(event.pointerId);
+    this.dropped(event);
+    if (acts) this.act(press, arrow);
+  }
+
+  /** @param {PointerEvent} event */
+  dropped(event) {
+    this.pointers.delete(event.pointerId);
+    this.press.acts = false;
+    this.arrow = null;
+    this.redraw();
+  }
+
+  /**
+   * Do what the tool does with a press.
+   * @param {{start: Point, dragged: boolean}} press
+   * @param {{from: Point, to: Point} | null} arrow
+   */
+  act({ start, dragged }, arrow) {
+    const place = this.view.toWorld(start.x, start.y);
+    const tool = store.tool.value;
+    let direction = null;
+    if (arrow) {
+      const { from, to } = arrow;
+      direction = Math.atan2(from.y - to.y, to.x - from.x) - this.view.angle;
+    }
+    if (tool === "measure") return;
+    if (tool === "pose") {
+      if (direction !== null) store.draft.value = { ...place, theta: normal(direction) };
+      else commands.tell(false, { key: "pose.drag", values: {} });
+      return;
+    }
+    if (dragged && tool !== "go") return; // has moved the map
+    if (tool === "obstacle") {
+      const { x, y } = place;
+      const hit = this.hit(start, this.obstacles, ({ radius }) => radius ?? 0);
+      if (hit) commands.run("endFault", { id: hit.id });
+      else commands.run("fault", { text: `obstacle x=${x.toFixed(3)} y=${y.toFixed(3)}` });
+      return;
+    }
+    const mark = store.layers.value.marks && this.hit(start, store.map.value?.marks ?? []);
+    if (mark && direction === null) commands.setTargetMark(mark);
+    else if (tool === "go") commands.setTargetPlace(place, direction && normal(direction));
+    else commands.forgetTarget();
+  }
+
+  /**
+   * @param {Point} from
+   * @param {Point} to
+   */
+  pan(from, to) {
+    store.follow.value = this.whole = false;
+    this.view.put(this.view.toWorld(from.x, from.y), to);
+    this.redraw();
+  }
+
+  /** @param {Point} pixel */
+  measureFrom(pixel) {
+    const place = this.view.toWorld(pixel.x, pixel.y);
+    const former = store.measured.value;
+    // a press begins a line, the next one ends it
+    const begins = !former || distance(former[0], former[1]) > 0;
+    store.measured.value = begins ? [place, place] : [former[0], place];
+  }
+
+  /** @param {Point} pixel */
+  measureTo(pixel) {
+    const former = store.measured.value;
+    if (former) store.measured.value = [former[0], this.view.toWorld(pixel.x, pixel.y)];
+  }
+
+  /** @param {KeyboardEvent} event */
+  keyDown(event) {
+    const moves = /** @type {Record<string, Point>} */ ({
+      ArrowLeft: { x: KEY_STEP, y: 0 },
+      ArrowRight: { x: -KEY_STEP, y: 0 },
+      ArrowUp: { x: 0, y: KEY_STEP },
+      ArrowDown: { x: 0, y: -KEY_STEP },
+    });
+    if (event.key in moves) this.pan({ x: 0, y: 0 }, moves[event.key]);
+    else if (event.key === "+") this.zoomIn();
+    else if (event.key === "-") this.zoomOut();
+    else if (event.key === "0") this.fit();
+    else return;
+    event.preventDefault();
+  }
+
+  /**
+   * Return what is at a pixel.
+   * @template {{x?: number, y?: number}} T
+   * @param {Point} pixel
+   * @param {T[]} items
+   * @param {(item: T) => number} radius in metres
+   * @returns {T | undefined}
+   */
+  hit(pixel, items, radius = () => 0) {
+    const near = items
+      .map((item) => ({
+        item,
+        away: distance(this.view.toScreen(item.x ?? 0, item.y ?? 0), pixel),
+      }))
+      .filter(({ item, away }) => away < Math.max(HIT, radius(item) * this.view.scale));
+    return near.sort((one, other) => one.away - other.away)[0]?.item;
+  }
+
+  get obstacles() {
+    return (store.simulator.value?.faults ?? []).filter((fault) => fault.x !== undefined);
+  }
+
+  // What is drawn
+
+  /**
+   * @param {store.Area | null} map
+   * @param {number} robot
+   */
+  loadMap(map, robot) {
+    const url = map?.resolution ? `${robot}/${map.number}.png` : "";
+    if (url === this.shown) return;
+    this.shown = url;
+    if (!map || !url) {
+      this.area = this.keepout = this.keepoutImage = null;
+      this.fitted = false;
+      this.trail = [];
+      this.redraw();
+      return;
+    }
+    this.loadPicture(url, `map/${url}`, (image) => {
+      this.area = { map, image, drawn: image };
+      this.keepout = this.keepoutImage = null;
+      this.recolour();
+      if (!this.fitted) this.fit();
+      if (!map.keepout) return;
+      this.loadPicture(url, `keepout/${url}`, (keepout) => {
+        this.keepoutImage = keepout;
+        this.recolour();
+      });
+    });
+  }
+
+  /**
+   * @param {string} wanted value of `shown` for which it counts
+   * @param {string} url
+   * @param {(image: HTMLImageElement) => void} use
+   */
+  loadPicture(wanted, url, use) {
+    const image = new Image();
+    image.onload = () => {
+      if (this.shown === wanted) use(image);
+    };
+    image.src = url;
+  }
+
+  /** @param {store.Pose | null} pose */
+  addToTrail(pose) {
+    if (!pose) return;
+    const last = this.trail.at(-1);
+    if (last && Math.hypot(pose.x - last[0], pose.y - last[1]) < TRAIL_STEP) return;
+    this.trail.push([pose.x, pose.y]);
+    if (this.trail.length > TRAIL_LENGTH) this.trail.shift();
+  }
+
+  readColours() {
+    const style = getComputedStyle(document.documentElement);
+    return Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`)]));
+  }
+
+  /** Give everything the colours of the page. */
+  recolour() {
+    this.colours = this.readColours();
+    const { area, colours } = this;
+    if (area && area.image.width * area.image.height <= MAX_RECOLOURED) {
+      const [wall, floor, unknown] = ["wall", "floor", "unknown"].map((name) =>
+        components(colours[`map-${name}`]),
+      );
+      area.drawn = recoloured(area.image, (shade) => {
+        const darkness = (255 - shade) / 255;
+        return darkness > OCCUPIED ? wall : darkness < FREE ? floor : unknown;
+      });
+    }
+    if (this.keepoutImage) {
+      const [red, green, blue] = components(colours.fault);
+      this.keepout = recoloured(this.keepoutImage, (shade) => [
+        red,
+        green,
+        blue,
+        shade < 100 ? 70 : 0,
+      ]);
+    }
+    this.redraw();
+  }
+
+  resize() {
+    this.view.width = this.canvas.clientWidth;
+    this.view.height = this.canvas.clientHeight;
+    if (!this.fitted || this.whole) this.fit();
+    this.draw();
+  }
+
+  /** Draw anew when the window moves to a screen with other pixels, or is zoomed. */
+  watchRatio() {
+    const query = matchMedia(`(resolution: ${devicePixelRatio}dppx)`);
+    query.addEventListener(
+      "change",
+      () => {
+        this.redraw();
+        this.watchRatio();
+      },
+      { once: true },
+    );
+  }
+
+  redraw() {
+    this.pending ||= requestAnimationFrame(() => this.draw());
+  }
+
+  draw() {
+    cancelAnimationFrame(this.pending);
+    this.pending = 0;
+    const { canvas, view } = this;
+    const ratio = devicePixelRatio;
+    const [width, height] = [view.width, view.height].map((size) => Math.round(size * ratio));
+    if (canvas.width !== width) canvas.width = width;
+    if (canvas.height !== height) canvas.height = height;
+    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    draw(this.context, view, this.picture(), this.colours);
+  }
+
+  /** @returns {import("./draw.js").Picture} */
+  picture() {
+    const layers = store.layers.peek();
+    const map = store.map.peek();
+    const target = store.target.peek();
+    const scan = store.scan.peek();
+    const draft = store.draft.peek();
+    const robot = store.robot.peek();
+    const { area } = this;
+    const others = store.places
+      .peek()
+      .filter(
+        ({ index, scene, map: name }) =>
+          index !== store.chosen.peek() && scene === robot?.scene && name === robot?.map,
+      );
+    const plan = target?.plan && "path" in target.plan ? target.plan.path : [];
+    return {
+      area: area
+        ? {
+            image: area.drawn,
+            width: area.image.width,
+            height: area.image.height,
+            resolution: /** @type {number} */ (area.map.resolution),
+            origin: /** @type {store.Pose} */ (area.map.origin),
+          }
+        : undefined,
+      keepout: (layers.keepout && this.keepout) || undefined,
+      zones: (layers.zones && map?.zones) || [],
+      lanes: (layers.zones && map?.lanes) || [],
+      marks: (layers.marks && map?.marks) || [],
+      chosenMark: target?.mark,
+      trail: layers.trail ? this.trail : [],
+      path: layers.path ? store.path.peek() : [],
+      planned: plan,
+      target: target?.pose,
+      scan: scan && layers.laser ? { points: scan.points, pose: draft ?? scan.pose } : undefined,
+      obstacles: this.obstacles,
+      others: layers.others ? others : [],
+      pose: store.pose.peek() ?? undefined,
+      draft: draft ?? undefined,
+      outline: layers.footprint ? store.outline.peek() : [],
+      measured: store.measured.peek() ?? undefined,
+      arrow: this.arrow ?? undefined,
+    };
+  }
+}
+
+/**
+ * @param {Point} one
+ * @param {Point} other
+ */
+function distance(one, other) {
+  return Math.hypot(one.x - other.x, one.y - other.y);
+}
+
+/**
+ * @param {Point} one
+ * @param {Point} other
+ * @returns {Point}
+ */
+function between(one, other) {
+  return { x: (one.x + other.x) / 2, y: (one.y + other.y) / 2 };
+}
+
+/**
+ * Return an angle within -π to π.
+ * @param {number} angle
+ */
+function normal(angle) {
+  return Math.atan2(Math.sin(angle), Math.cos(angle));
+}
+
+/**
+ * Return red, green, blue and opacity of a colour.
+ * @param {string} colour
+ * @returns {[number, number, number, number]}
+ */
+function components(colour) {
+  const context = /** @type {OffscreenCanvasRenderingContext2D} */ (
+    new OffscreenCanvas(1, 1).getContext("2d")
+  );
+  context.fillStyle = colour;
+  context.fillRect(0, 0, 1, 1);
+  const [red, green, blue, opacity] = context.getImageData(0, 0, 1, 1).data;
+  return [red, green, blue, opacity];
+}

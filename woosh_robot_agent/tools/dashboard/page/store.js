@@ -1,0 +1,254 @@
+// The state of the page: what the dashboard has sent, and what the viewer has chosen.
+
+import { batch, computed, signal } from "./vendor/preact.js";
+
+/** @typedef {{x: number, y: number}} Point  a place on the map, in metres */
+/** @typedef {{x: number, y: number, theta: number}} Pose  in metres and radians */
+/** @typedef {Pose & {linear: number, angular: number, doubt: Objection | null}} Motion */
+/** @typedef {{name: string, reason: string, remedy: string}} Objection */
+/** @typedef {{code: string, level: string, text: string, meaning: string}} Code */
+/** @typedef {Pose & {number: string, text: string, type: string}} Mark */
+/** @typedef {{kind: string, outline: number[][], speed: number}} Zone */
+/**
+ * @typedef {object} Robot
+ * @property {boolean} known the robot has reported its state
+ * @property {number} id
+ * @property {string} name
+ * @property {string} model
+ * @property {string} scene
+ * @property {string} map
+ * @property {string} state
+ * @property {string | null} control
+ * @property {string | null} work
+ * @property {boolean} emergencyStop
+ * @property {boolean | null} taskable
+ * @property {Objection[]} objections
+ * @property {Battery | null} battery
+ * @property {RunningTask | null} task
+ * @property {{name: string, state: string, text: string}[]} actions
+ * @property {Code[]} problems
+ * @property {{mute: boolean, volume: number} | null} sound
+ * @property {boolean} light
+ */
+/**
+ * @typedef {{power: number, charging: boolean, kind: string, temperature: number, cycles: number,
+ *   low: number}} Battery
+ */
+/**
+ * @typedef {{id: string, type: string, to: string, state: string, running: boolean, text: string,
+ *   action: string, actionState: string}} RunningTask
+ */
+/**
+ * @typedef {object} Task
+ * @property {string} id
+ * @property {string} type
+ * @property {string} to
+ * @property {string} state
+ * @property {boolean} running
+ * @property {string} text
+ * @property {Code | null} code
+ * @property {number} begun Unix time in milliseconds; 0 if that was not seen
+ * @property {number} changed
+ * @property {string} by
+ * @property {{name?: string, args?: Record<string, any>}} command
+ */
+/**
+ * @typedef {object} Area what is known of the map
+ * @property {number} number
+ * @property {string} error
+ * @property {number} [resolution]
+ * @property {Pose} [origin]
+ * @property {boolean} [keepout]
+ * @property {Mark[]} [marks]
+ * @property {Zone[]} [zones]
+ * @property {number[][][]} [lanes]
+ * @property {{type: string, number: number, name: string}[]} [taskTypes]
+ */
+/**
+ * @typedef {object} Control
+ * @property {string | null} owner
+ * @property {{linear: number, angular: number}} limits of the stick
+ * @property {number} maximum of the stick without a speed limit
+ * @property {number | null} speedLimit
+ * @property {string} speedRefusal
+ * @property {{name: string, detail: string}} driver
+ * @property {string} standstill
+ */
+/**
+ * @typedef {{good: boolean, state: string, since: number, silence: number, error: string,
+ *   advice: string, delay: number | null}} Link
+ */
+/**
+ * @typedef {object} Card
+ * @property {string} address
+ * @property {boolean} connected
+ * @property {number} silence
+ * @property {boolean} known
+ * @property {number} id
+ * @property {string} name
+ * @property {string} state
+ * @property {boolean} emergencyStop
+ * @property {number} problems
+ * @property {string} level
+ * @property {Battery | null} battery
+ * @property {string | null} task
+ * @property {Order | null} order
+ */
+/**
+ * @typedef {{id: string, node: string, nodesLeft: number, paused: boolean, errors: {type: string,
+ *   level: string, text: string}[]}} Order
+ */
+/** @typedef {Pose & {index: number, name: string, scene: string, map: string, outline: number[][]}} Place */
+/** @typedef {{id: string, name: string, text: string, x?: number, y?: number, radius?: number}} Fault */
+/** @typedef {{known: {name: string, description: string, arguments: string}[], faults: Fault[]}} Simulator */
+/** @typedef {{pose: Pose, points: Float32Array}} Scan  x, y of each point in the frame of the robot */
+/**
+ * @typedef {object} Target where the robot may be sent
+ * @property {"go" | "goMark" | "charge"} command
+ * @property {string} [mark]
+ * @property {Pose} [pose]
+ * @property {{path: number[][], length: number} | {error: string} | null} plan null while it is asked
+ */
+/** @typedef {{ok: boolean, text: import("./texts.js").Text, time: number, robot: number}} Answer */
+
+/**
+ * @template T
+ * @param {T} value
+ * @returns {import("@preact/signals").Signal<T>}
+ */
+const state = (value) => signal(value);
+
+// Of the dashboard
+
+export const you = state("");
+export const mayControl = state(false);
+/** Addresses of the robots. */
+export const robots = state(/** @type {string[]} */ ([]));
+export const fleet = state(/** @type {Card[]} */ ([]));
+export const places = state(/** @type {Place[]} */ ([]));
+export const simulator = state(/** @type {Simulator | null} */ (null));
+/** Why nothing comes from the dashboard; empty if it does. */
+export const problem = state("link.connecting");
+
+// Of the robot that is watched
+
+const OF_ROBOT = {
+  link: state(/** @type {Link | null} */ (null)),
+  robot: state(/** @type {Robot | null} */ (null)),
+  pose: state(/** @type {Motion | null} */ (null)),
+  outline: state(/** @type {number[][]} */ ([])),
+  path: state(/** @type {number[][]} */ ([])),
+  codes: state(/** @type {(Code & {time: number})[]} */ ([])),
+  map: state(/** @type {Area | null} */ (null)),
+  scenes: state(/** @type {{name: string, maps: string[]}[]} */ ([])),
+  control: state(/** @type {Control | null} */ (null)),
+  tasks: state(/** @type {Task[]} */ ([])),
+  details: state(/** @type {Record<string, any> | null} */ (null)),
+  sample: state(/** @type {number[] | null} */ (null)),
+};
+export const { link, robot, pose, outline, path, codes, map, scenes, control, tasks, details } =
+  OF_ROBOT;
+export const { sample } = OF_ROBOT;
+export const scan = state(/** @type {Scan | null} */ (null));
+
+// Of the viewer
+
+/** Index of the robot that the viewer has chosen. */
+export const chosen = state(0);
+/** Index of the robot whose parts arrive. */
+export const watching = state(0);
+export const tab = state("go");
+/** Size of the sheet that holds the panel on a small screen. */
+export const sheet = state(/** @type {"closed" | "half" | "full"} */ ("closed"));
+/** What a press on the map means. */
+export const tool = state(/** @type {"move" | "go" | "measure" | "pose" | "obstacle"} */ ("move"));
+export const target = state(/** @type {Target | null} */ (null));
+/** Pose that the viewer is about to tell the robot. */
+export const draft = state(/** @type {Pose | null} */ (null));
+/** Both ends of the measured line. */
+export const measured = state(/** @type {[Point, Point] | null} */ (null));
+/** Place under the pointer. */
+export const pointed = state(/** @type {Point | null} */ (null));
+export const follow = state(false);
+/** The robot's front is at the top, instead of north. */
+export const robotUp = state(false);
+export const layers = state({
+  laser: true,
+  path: true,
+  footprint: true,
+  trail: true,
+  marks: true,
+  keepout: true,
+  zones: true,
+  others: true,
+});
+export const answer = state(/** @type {Answer | null} */ (null));
+/** Why stops have failed, by the index of the robot. */
+export const alarms = state(
+  /** @type {ReadonlyMap<number, import("./texts.js").Value>} */ (new Map()),
+);
+/** The arrow keys drive. */
+export const keyboard = state(false);
+/** Velocity that the stick or the keys ask for; null while nothing is held. */
+export const held = state(/** @type {{linear: number, angular: number} | null} */ (null));
+
+export const outdated = computed(() => problem.value !== "" || !link.value?.good);
+export const mine = computed(() => control.value !== null && control.value.owner === you.value);
+
+/** Known parts of all robots. */
+const SHARED = { fleet, places, simulator };
+
+/**
+ * Take a part of the dashboard's data.
+ * @param {string} name
+ * @param {any} data
+ */
+export function receive(name, data) {
+  if (name === "hello") {
+    batch(() => {
+      you.value = data.you;
+      mayControl.value = data.control;
+      robots.value = data.robots;
+      if (map.value) map.value = null; // another process may use its number for another map
+    });
+  } else if (name === "watching") {
+    watching.value = data;
+  } else if (Object.hasOwn(SHARED, name)) {
+    SHARED[/** @type {keyof typeof SHARED} */ (name)].value = data;
+  } else if (Object.hasOwn(OF_ROBOT, name) && watching.value === chosen.value) {
+    OF_ROBOT[/** @type {keyof typeof OF_ROBOT} */ (name)].value = data;
+  }
+}
+
+/**
+ * Take a laser scan; `part_data.py` describes its format.
+ * @param {ArrayBuffer} buffer
+ */
+export function receiveScan(buffer) {
+  if (watching.value !== chosen.value) return;
+  const view = new DataView(buffer);
+  const [x, y, theta, forward, left, first, step] = [0, 1, 2, 3, 4, 5, 6].map((index) =>
+    view.getFloat32(4 + 4 * index, true),
+  );
+  const points = new Float32Array(buffer.byteLength - 32);
+  let count = 0;
+  for (let index = 0, at = 32; at + 1 < buffer.byteLength; index++, at += 2) {
+    const range = view.getUint16(at, true) / 1000;
+    if (!range) continue;
+    const angle = first + index * step;
+    points[count++] = forward + range * Math.cos(angle);
+    points[count++] = left + range * Math.sin(angle);
+  }
+  scan.value = { pose: { x, y, theta }, points: points.subarray(0, count) };
+}
+
+/** Forget everything about the former robot, because the viewer has chosen another one. */
+export function forget() {
+  batch(() => {
+    for (const each of Object.values(OF_ROBOT)) each.value = Array.isArray(each.value) ? [] : null;
+    scan.value = null;
+    target.value = draft.value = measured.value = null;
+    answer.value = null;
+    if (tool.value === "pose") tool.value = "move";
+  });
+}

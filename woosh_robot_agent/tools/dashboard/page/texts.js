@@ -1,0 +1,120 @@
+// The texts of the page, in the language of its reader.
+
+import { batch, signal } from "./vendor/preact.js";
+
+/** @typedef {{key: string, values: Record<string, Value>}} Text  a text of the dashboard */
+/** @typedef {string | number | Text} Value  what can be put into a text */
+
+export const LANGUAGES = { en: "English", zh: "中文" };
+const KEY = "woosh.language"; // in the storage of the browser
+
+export const language = signal("en");
+/** @type {import("@preact/signals").Signal<Record<string, string>>} */
+const texts = signal({});
+/** @type {import("@preact/signals").Signal<Record<string, string>>} */
+const codes = signal({}); // meaning of status codes; empty for English, which the dashboard has
+
+/**
+ * Show the page in a language, and remember it.
+ * @param {string} wanted
+ */
+export async function setLanguage(wanted) {
+  localStorage.setItem(KEY, wanted);
+  await loadLanguage(wanted);
+}
+
+/** Show the page in the language that was chosen, or in that of the browser. */
+export async function startLanguage() {
+  const known = Object.keys(LANGUAGES);
+  const chosen = localStorage.getItem(KEY) ?? "";
+  const preferred = navigator.languages.map((each) => each.split("-")[0]);
+  const wanted = [chosen, ...preferred].find((each) => known.includes(each));
+  await loadLanguage(wanted ?? "en");
+}
+
+/** @param {string} wanted */
+async function loadLanguage(wanted) {
+  const [found, meanings] = await Promise.all([
+    load(`texts/${wanted}.json`),
+    wanted === "en" ? {} : load(`texts/codes.${wanted}.json`),
+  ]);
+  batch(() => {
+    texts.value = found;
+    codes.value = meanings;
+    language.value = wanted;
+  });
+  document.documentElement.lang = wanted;
+}
+
+/** @param {string} url */
+async function load(url) {
+  const response = await fetch(url);
+  if (!response.ok) throw new Error(`${url}: ${response.status}`);
+  return response.json();
+}
+
+/**
+ * Return a text, with values put into it.
+ * @param {string} key
+ * @param {Record<string, Value>} values by the names in braces
+ * @returns {string}
+ */
+export function t(key, values = {}) {
+  return (texts.value[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => say(values[name] ?? ""));
+}
+
+/**
+ * Return how many alarms there are.
+ * @param {number} count
+ */
+export function alarmCount(count) {
+  return t(count === 1 ? "alarms.one" : "alarms.count", { count });
+}
+
+/**
+ * Return a text if there is one with this key, otherwise `other`.
+ * @param {string} key
+ * @param {string} other
+ */
+export function tOr(key, other) {
+  return texts.value[key] ?? other;
+}
+
+/**
+ * Return what the dashboard says.
+ * @param {Value} value
+ * @returns {string}
+ */
+export function say(value) {
+  return typeof value === "object" ? t(value.key, value.values) : String(value);
+}
+
+/**
+ * Return what a status code means; empty if that is not known.
+ * @param {{code: string, meaning: string}} code
+ */
+export function meaningOf({ code, meaning }) {
+  const known = codes.value;
+  if (!meaning || code in known) return known[code] ?? meaning;
+  // robots report some codes with another level, which is the last digit
+  const other = Object.keys(known).find((each) => each.slice(0, -1) === code.slice(0, -1));
+  return other ? known[other] : meaning;
+}
+
+/**
+ * Return a time of the day.
+ * @param {number} time Unix time, in milliseconds
+ */
+export function clock(time) {
+  return new Date(time).toLocaleTimeString("en-GB");
+}
+
+/**
+ * Return a time of the day, with the date if it is not today.
+ * @param {number} time Unix time, in milliseconds
+ */
+export function moment(time) {
+  const date = new Date(time);
+  const today = new Date().toDateString() === date.toDateString();
+  return today ? clock(time) : `${date.toLocaleDateString(language.value)} ${clock(time)}`;
+}

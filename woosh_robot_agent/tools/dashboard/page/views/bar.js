@@ -1,0 +1,140 @@
+// The bar at the top: robot, link, battery, mode, alarms, and STOP, which never moves.
+
+import { html, useRef } from "../vendor/preact.js";
+import { chooseRobot, stop } from "../commands.js";
+import * as store from "../store.js";
+import { alarmCount, LANGUAGES, language, setLanguage, t, tOr } from "../texts.js";
+import { openTab } from "./panel.js";
+import { Icon, robotName } from "./parts.js";
+
+export function Bar() {
+  return html`<header class="bar">
+    <${Name} />
+    <div class="chips">
+      <${LinkChip} />
+      <${BatteryChip} />
+      <${ModeChip} />
+      <${AlarmChip} />
+    </div>
+    <${Language} />
+    ${store.mayControl.value && html`<${Stop} />`}
+  </header>`;
+}
+
+function Name() {
+  const robot = store.robot.value;
+  const cards = store.fleet.value;
+  const name = robot?.known ? robotName(robot) : (store.robots.value[store.chosen.value] ?? "");
+  if (store.robots.value.length < 2) return html`<h1 class="name">${name}</h1>`;
+  return html`<h1 class="name">
+    <select
+      id="robots"
+      aria-label=${t("robot.choose")}
+      value=${String(store.chosen.value)}
+      onChange=${(/** @type {any} */ event) => chooseRobot(Number(event.currentTarget.value))}
+    >
+      ${store.robots.value.map((address, index) => {
+        const card = cards[index];
+        const shown = card?.known ? robotName(card) : address;
+        return html`<option key=${index} value=${String(index)}>${shown}</option>`;
+      })}
+    </select>
+  </h1>`;
+}
+
+/** Return the state of the connection in few words, and why it is so. */
+export function linkText() {
+  const link = store.link.value;
+  if (store.problem.value) return { short: t(store.problem.value), long: "" };
+  if (!link) return { short: t("link.connecting"), long: "" };
+  if (link.silence) {
+    return { short: t("link.noData", { seconds: link.silence }), long: t("link.noDataReason") };
+  }
+  const long = [link.error, link.advice && t("link.doctor", { options: link.advice })];
+  return { short: t(`link.${link.state}`), long: long.filter(Boolean).join(". ") };
+}
+
+function LinkChip() {
+  const good = !store.outdated.value;
+  const { short, long } = linkText();
+  const delay = store.link.value?.delay;
+  return html`<div class="chip ${good ? "" : "bad"}" id="link" role="status" title=${long}>
+    <span class="dot ${good ? "ok" : "bad"}"></span>
+    <span class=${good ? "wide" : ""}>${short}</span>
+    ${good && delay !== null && html`<small class="wide">${delay} ms</small>`}
+  </div>`;
+}
+
+function BatteryChip() {
+  const battery = store.robot.value?.battery;
+  const low = battery && battery.power <= (battery.low || 20) && !battery.charging;
+  return html`<div class="chip battery ${low ? "warn" : ""}" title=${t("robot.battery")}>
+    <${Icon} name=${battery?.charging ? "charge" : "battery"} />
+    <span>${battery ? `${battery.power} %` : "–"}</span>
+  </div>`;
+}
+
+function ModeChip() {
+  const robot = store.robot.value;
+  const control = robot?.control ?? "unknown";
+  return html`<div class="chip mode ${control === "auto" ? "" : "warn"}" title=${t("robot.mode")}>
+    <${Icon} name="auto" />
+    <span>${tOr(`control.${control}`, control)}</span>
+    <small class="wide">${robot?.work && tOr(`work.${robot.work}`, robot.work)}</small>
+  </div>`;
+}
+
+function AlarmChip() {
+  const problems = store.robot.value?.problems ?? [];
+  const faults = problems.some(({ level }) => level === "fault");
+  const tone = !problems.length ? "" : faults ? "bad" : "warn";
+  return html`<button
+    type="button"
+    class="chip ${tone}"
+    aria-label=${alarmCount(problems.length)}
+    title=${alarmCount(problems.length)}
+    onClick=${() => openTab("state")}
+  >
+    <${Icon} name="alarm" />
+    <span class="narrow">${problems.length}</span>
+    <span class="wide">${alarmCount(problems.length)}</span>
+  </button>`;
+}
+
+function Language() {
+  const known = Object.entries(LANGUAGES);
+  const [other, name] = known.find(([code]) => code !== language.value) ?? known[0];
+  return html`<button
+    type="button"
+    class="quiet"
+    id="language"
+    lang=${other}
+    onClick=${() => setLanguage(other)}
+  >
+    <${Icon} name="language" />
+    <span class="wide">${name}</span>
+    <span class="hidden">${name}</span>
+  </button>`;
+}
+
+function Stop() {
+  const pointer = useRef(/** @type {number | null} */ (null)); // that went down on it
+  return html`<button
+    type="button"
+    id="stop"
+    title=${t("stop.title")}
+    aria-keyshortcuts="Escape"
+    onPointerDown=${(/** @type {PointerEvent} */ event) => {
+      // at once, and also while another finger holds the stick: that makes no click
+      pointer.current = event.pointerId;
+      stop();
+    }}
+    onClick=${(/** @type {PointerEvent} */ event) => {
+      // of the keyboard or of an assistive technology
+      if (event.pointerId !== pointer.current) stop();
+      pointer.current = null;
+    }}
+  >
+    ${t("stop.name")}<kbd>Esc</kbd>
+  </button>`;
+}

@@ -1,0 +1,248 @@
+// What the robot does now, and the stick. Nothing that appears here moves the stick.
+
+import { html, useEffect, useRef } from "../vendor/preact.js";
+import * as commands from "../commands.js";
+import { hold, letGo, stickVelocity } from "../drive.js";
+import * as store from "../store.js";
+import { t, tOr } from "../texts.js";
+import { degrees, destination, Icon, placeText } from "./parts.js";
+import { TaskOptions } from "./go.js";
+import { taskButtons, taskState } from "./tasks.js";
+
+const TURN = Math.PI / 180; // radians by which a button turns the pose
+
+export function Dock() {
+  return html`<section class="dock" aria-label=${t("dock.name")}>
+    <div class="doing">
+      <${Owner} />
+      <${Doing} />
+    </div>
+    <${Stick} />
+  </section>`;
+}
+
+function Owner() {
+  const owner = store.control.value?.owner ?? null;
+  const isMine = store.mine.value;
+  const text = !owner
+    ? t("owner.nobody")
+    : isMine
+      ? t("owner.you")
+      : t("owner.other", { name: owner });
+  return html`<div class="owner">
+    <p id="owner" role="status">${text}</p>
+    <button
+      type="button"
+      class="quiet"
+      id="keyboard"
+      aria-pressed=${store.keyboard.value}
+      title=${t("keyboard.title")}
+      aria-label=${t("keyboard.title")}
+      onClick=${() => (store.keyboard.value = !store.keyboard.value)}
+    >
+      <${Icon} name="keys" />
+    </button>
+    ${
+      isMine &&
+      html`<button type="button" class="quiet" id="release" onClick=${commands.release}>
+        ${t("owner.release")}
+      </button>`
+    }
+  </div>`;
+}
+
+/** What the viewer is about to do, or what the robot does. */
+function Doing() {
+  if (store.tool.value === "pose") return html`<${PoseDraft} />`;
+  if (store.target.value) return html`<${Preview} />`;
+  const task = store.robot.value?.task;
+  if (task?.running) return html`<${Running} />`;
+  const pose = store.pose.value;
+  const moves = pose && (pose.linear || pose.angular);
+  return html`<div class="now" id="now">
+    <b>${moves ? speedText(pose) : stateText()}</b>
+    <p>${t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove")}</p>
+  </div>`;
+}
+
+/** @param {import("../store.js").Motion} pose */
+function speedText({ linear, angular }) {
+  return `${linear.toFixed(2)} m/s · ${degrees(angular)}/s`;
+}
+
+function stateText() {
+  const robot = store.robot.value;
+  return robot?.known ? tOr(`state.${robot.state}`, robot.state) : t("link.connecting");
+}
+
+function PoseDraft() {
+  const draft = store.draft.value;
+  /** @param {number} angle */
+  const turn = (angle) => {
+    if (draft) store.draft.value = { ...draft, theta: draft.theta + angle };
+  };
+  return html`<div class="now" id="now">
+      <b>${draft ? t("pose.question") : t("pose.set")}</b>
+      <p>
+        ${draft ? `${placeText(draft)} · ${degrees(draft.theta)}. ${t("pose.laser")}` : t("pose.drag")}
+      </p>
+    </div>
+    <div class="act">
+      <button
+        type="button"
+        aria-label=${t("pose.left")}
+        disabled=${!draft}
+        onClick=${() => turn(TURN)}
+      >
+        <${Icon} name="left" />
+      </button>
+      <button
+        type="button"
+        aria-label=${t("pose.right")}
+        disabled=${!draft}
+        onClick=${() => turn(-TURN)}
+      >
+        <${Icon} name="right" />
+      </button>
+      <button
+        type="button"
+        class="primary"
+        id="confirm"
+        disabled=${!draft}
+        onClick=${commands.confirmPose}
+      >
+        ${t("pose.confirm")}
+      </button>
+      <button
+        type="button"
+        id="dismiss"
+        aria-label=${t("target.cancel")}
+        onClick=${commands.forgetTarget}
+      >
+        <${Icon} name="close" />
+      </button>
+    </div>`;
+}
+
+/** The way to the target, and the choice to go there. */
+function Preview() {
+  const target = /** @type {import("../store.js").Target} */ (store.target.value);
+  const { plan, mark, pose, command } = target;
+  const may = store.mayControl.value;
+  const to = mark ?? (pose ? placeText(pose) : t("type.charge"));
+  let way = "";
+  if (may && pose) {
+    if (!plan) way = t("target.planning");
+    else if ("error" in plan) way = t("target.noPath", { reason: plan.error });
+    else way = t("target.length", { length: plan.length.toFixed(1) });
+  }
+  const known = store.map.value?.marks?.find(({ number }) => number === mark);
+  const about = known
+    ? [tOr(`mark.${known.type}`, known.type), known.text, placeText(known), degrees(known.theta)]
+    : pose
+      ? [degrees(pose.theta)]
+      : [];
+  return html`<div class="now" id="now">
+      <b>${to}${way && html` <span class="way">${way}</span>`}</b>
+      <p>${about.filter(Boolean).join(" · ")}</p>
+    </div>
+    <div class="act">
+      ${may && html`<${TaskOptions} key=${to} target=${target} command=${command} />`}
+      <button
+        type="button"
+        id="dismiss"
+        aria-label=${t("target.cancel")}
+        onClick=${commands.forgetTarget}
+      >
+        <${Icon} name="close" />
+      </button>
+    </div>`;
+}
+
+function Running() {
+  const running = store.tasks.value.find((each) => each.running);
+  const task = store.robot.value?.task;
+  if (!task) return null;
+  const to = running ? destination(running) : task.to;
+  return html`<div class="now" id="now">
+      <b>${t("dock.to", { place: to || task.id })}</b>
+      <p>${[taskState(task), task.text].filter(Boolean).join(" · ")}</p>
+    </div>
+    <div class="act">${taskButtons()}</div>`;
+}
+
+function Stick() {
+  const stick = useRef(/** @type {HTMLElement | null} */ (null));
+  const knob = useRef(/** @type {HTMLElement | null} */ (null));
+  // the pointer that holds the stick, and where it went down
+  const pointer = useRef(/** @type {{id: number, x: number, y: number} | null} */ (null));
+  const held = store.held.value;
+  useEffect(() => {
+    if (held || !stick.current || !knob.current) return;
+    const { current } = pointer;
+    pointer.current = null;
+    knob.current.style.transform = "";
+    if (current && stick.current.hasPointerCapture(current.id)) {
+      stick.current.releasePointerCapture(current.id);
+    }
+  }, [held === null]);
+
+  /** Drive by the way of the pointer since it went down, wherever the stick is. @param {PointerEvent} event */
+  const move = (event) => {
+    const { current } = pointer;
+    if (!current || event.pointerId !== current.id || !stick.current || !knob.current) return;
+    const radius = stick.current.offsetWidth / 2;
+    let right = (event.clientX - current.x) / radius;
+    let up = (current.y - event.clientY) / radius;
+    const length = Math.hypot(right, up);
+    if (length > 1) [right, up] = [right / length, up / length];
+    knob.current.style.transform = `translate(${right * radius}px, ${-up * radius}px)`;
+    hold(stickVelocity(right, up));
+  };
+  /** @param {PointerEvent} event */
+  const press = (event) => {
+    if (store.held.value || event.button !== 0) return;
+    pointer.current = { id: event.pointerId, x: event.clientX, y: event.clientY };
+    stick.current?.setPointerCapture(event.pointerId);
+    move(event);
+  };
+  /** @param {PointerEvent} event */
+  const end = (event) => {
+    if (event.pointerId === pointer.current?.id) letGo();
+  };
+  return html`<div
+    class="stick"
+    id="stick"
+    ref=${stick}
+    role="img"
+    aria-label=${t("stick.title")}
+    title=${t("stick.title")}
+    onPointerDown=${press}
+    onPointerMove=${move}
+    onPointerUp=${end}
+    onPointerCancel=${end}
+    onLostPointerCapture=${end}
+    onContextMenu=${(/** @type {Event} */ event) => event.preventDefault()}
+  >
+    <div class="knob" ref=${knob}></div>
+  </div>`;
+}
+
+/** For what a viewer may only look at: nothing but the state. */
+export function ReadOnly() {
+  const task = store.robot.value?.task;
+  const running = store.tasks.value.find((each) => each.running);
+  const target = store.target.value;
+  if (target)
+    return html`<section class="dock looking">
+      <div class="doing"><${Preview} /></div>
+    </section>`;
+  return html`<section class="dock looking" aria-label=${t("dock.name")}>
+    <div class="now" id="now">
+      <b
+        >${task?.running && running ? t("dock.to", { place: destination(running) }) : stateText()}</b
+      >
+      <p>${task?.running ? taskState(task) : t("dock.looking")}</p>
+    </div>
+  </section>`;
+}

@@ -1,0 +1,68 @@
+// A card for each robot.
+
+import { html } from "../vendor/preact.js";
+import { chooseRobot } from "../commands.js";
+import * as store from "../store.js";
+import { alarmCount, t, tOr } from "../texts.js";
+import { robotName } from "./parts.js";
+
+export function Fleet() {
+  return html`<section>
+    <h2>${t("fleet.name")}</h2>
+    <ul class="cards" id="fleet">
+      ${store.fleet.value.map(
+        (card, index) => html`<li key=${index}><${Card} card=${card} index=${index} /></li>`,
+      )}
+    </ul>
+  </section>`;
+}
+
+/** @param {{card: store.Card, index: number}} props */
+function Card({ card, index }) {
+  const { order, battery } = card;
+  const [tone, state] = stateOf(card);
+  return html`<button
+    type="button"
+    class="card"
+    aria-current=${store.chosen.value === index}
+    onClick=${() => chooseRobot(index)}
+  >
+    <span class="top">
+      <b>${card.known ? robotName(card) : card.address}</b>
+      <span>${battery ? `${battery.power} %` : ""}</span>
+    </span>
+    <span class="state ${tone}"><span class="dot"></span>${state}</span>
+    ${card.problems > 0 && html`<small class="bad">${alarmCount(card.problems)}</small>`}
+    ${order && html`<${OrderLines} order=${order} />`}
+    <small>${card.address}</small>
+  </button>`;
+}
+
+/**
+ * @param {store.Card} card
+ * @returns {[string, string]} class and text
+ */
+function stateOf({ connected, silence, known, emergencyStop, level, state, task }) {
+  if (!connected) return ["bad", t("link.lost")];
+  if (silence) return ["bad", t("link.noData", { seconds: silence })];
+  if (!known) return ["", t("link.connecting")];
+  if (emergencyStop) return ["bad", t("objection.emergency_stop.reason")];
+  const shown = task === null ? tOr(`state.${state}`, state) : t("dock.to", { place: task });
+  return [level === "fault" ? "bad" : level === "warn" ? "warn" : "ok", shown];
+}
+
+/** @param {{order: store.Order}} props */
+function OrderLines({ order }) {
+  const parts = [
+    order.id ? t("order.id", { id: order.id }) : t("order.none"),
+    order.node && t("order.node", { node: order.node }),
+    order.nodesLeft && t("order.left", { count: order.nodesLeft }),
+    order.paused && t("task.paused"),
+  ];
+  return html`<small class="order">${parts.filter(Boolean).join(" · ")}</small> ${order.errors.map(
+      ({ type, text, level }) =>
+        html`<small key=${type} class=${level === "WARNING" ? "warn" : "bad"}
+          >${type}: ${text}</small
+        >`,
+    )}`;
+}

@@ -1,0 +1,144 @@
+// Marks to go to, and the kinds of tasks that can be done there.
+
+import { html, useState } from "../vendor/preact.js";
+import * as commands from "../commands.js";
+import * as store from "../store.js";
+import { t, tOr } from "../texts.js";
+import { Icon, taskType } from "./parts.js";
+
+const TYPES = ["pick", "parking", "charge", "carry"];
+/** @type {Record<string, string>} what is usually done at a mark of a type */
+const USUAL = { charger: "charge", parkspot: "parking" };
+const DIRECTIONS = ["unknown", "feeding", "cutting"];
+
+export function Go() {
+  const [wanted, setWanted] = useState("");
+  const marks = store.map.value?.marks ?? [];
+  const words = wanted.toLowerCase().split(/\s+/).filter(Boolean);
+  const found = marks.filter((mark) => {
+    const about =
+      `${mark.number} ${mark.text} ${tOr(`mark.${mark.type}`, mark.type)}`.toLowerCase();
+    return words.every((word) => about.includes(word));
+  });
+  const may = store.mayControl.value;
+  return html`${
+      may &&
+      html`<section class="pair">
+        <button type="button" id="charge" onClick=${charge}>
+          <${Icon} name="charge" />${t("type.charge")}
+        </button>
+        <button
+          type="button"
+          id="park"
+          disabled=${!marks.some(({ type }) => type === "parkspot")}
+          onClick=${() => choose("parkspot")}
+        >
+          <${Icon} name="park" />${t("type.parking")}
+        </button>
+      </section>`
+    }
+    <section>
+      <h2>${t("marks.name")}</h2>
+      <input
+        type="search"
+        id="search"
+        placeholder=${t("marks.search", { count: marks.length })}
+        aria-label=${t("marks.search", { count: marks.length })}
+        value=${wanted}
+        onInput=${(/** @type {any} */ event) => setWanted(event.currentTarget.value)}
+      />
+      <ul class="rows" id="marks">
+        ${found.map((mark) => html`<${Mark} key=${mark.number} mark=${mark} />`)}
+      </ul>
+      ${!found.length && html`<p class="faint">${t(marks.length ? "marks.notFound" : "marks.none")}</p>`}
+    </section>`;
+}
+
+/** @param {{mark: import("../store.js").Mark}} props */
+function Mark({ mark }) {
+  const chosen = store.target.value?.mark === mark.number;
+  return html`<li>
+    <button
+      type="button"
+      class="row"
+      aria-pressed=${chosen}
+      onClick=${() => commands.setTargetMark(mark)}
+    >
+      <span>
+        <b>${mark.number}</b>
+        <small
+          >${[tOr(`mark.${mark.type}`, mark.type), mark.text].filter(Boolean).join(" · ")}</small
+        >
+      </span>
+      <${Icon} name="go" />
+    </button>
+  </li>`;
+}
+
+function charge() {
+  if (!choose("charger")) commands.setTarget({ command: "charge", plan: null });
+}
+
+/**
+ * Show the way to the nearest mark of a type.
+ * @param {string} type
+ * @returns {boolean} false if there is none
+ */
+function choose(type) {
+  const from = store.pose.value ?? { x: 0, y: 0 };
+  const away = (/** @type {store.Mark} */ { x, y }) => Math.hypot(x - from.x, y - from.y);
+  const marks = (store.map.value?.marks ?? []).filter((mark) => mark.type === type);
+  const [nearest] = marks.sort((one, other) => away(one) - away(other));
+  if (nearest) commands.setTargetMark(nearest);
+  return Boolean(nearest);
+}
+
+/**
+ * The choice what the robot shall do at the target, and the button that sends it there.
+ * @param {{target: store.Target, command: string}} props
+ */
+export function TaskOptions({ target, command }) {
+  const mark = store.map.value?.marks?.find(({ number }) => number === target.mark);
+  const usual = command === "charge" ? "charge" : ((mark && USUAL[mark.type]) ?? "pick");
+  const [kind, setKind] = useState(`${usual} 0`);
+  const [direction, setDirection] = useState("unknown");
+  const [type, number] = kind.split(" ");
+  const named = store.map.value?.taskTypes ?? [];
+  const kinds = TYPES.flatMap((each) => {
+    const known = named.filter((one) => one.type === each);
+    if (!known.length) return [{ value: `${each} 0`, name: taskType(each) }];
+    return known.map((one) => ({
+      value: `${each} ${one.number}`,
+      name: `${taskType(each)}: ${one.name}`,
+    }));
+  });
+  const go = async () => {
+    const args = { type, number: Number(number), direction };
+    const where = target.mark ? { mark: target.mark } : target.pose;
+    if (await commands.run(command, command === "charge" ? args : { ...where, ...args })) {
+      commands.forgetTarget();
+    }
+  };
+  return html`${
+      command === "goMark" &&
+      html`<select
+        id="kind"
+        aria-label=${t("target.kind")}
+        value=${kind}
+        onChange=${(/** @type {any} */ event) => setKind(event.currentTarget.value)}
+      >
+        ${kinds.map(({ value, name }) => html`<option key=${value} value=${value}>${name}</option>`)}
+      </select>`
+    }
+    ${
+      type === "carry" &&
+      html`<select
+        id="direction"
+        aria-label=${t("target.direction")}
+        value=${direction}
+        onChange=${(/** @type {any} */ event) => setDirection(event.currentTarget.value)}
+      >
+        ${DIRECTIONS.map((each) => html`<option key=${each} value=${each}>${t(`direction.${each}`)}</option>`)}
+      </select>`
+    } <button type="button" class="primary" id="go" onClick=${go}>${t("target.go")}</button>`;
+}

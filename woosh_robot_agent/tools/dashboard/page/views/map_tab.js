@@ -1,0 +1,197 @@
+// The robot's place and its maps: set pose, switch map, make a map.
+
+import { html, useState } from "../vendor/preact.js";
+import { run, startPose } from "../commands.js";
+import * as store from "../store.js";
+import { t } from "../texts.js";
+import { Icon } from "./parts.js";
+
+export function MapTab() {
+  const may = store.mayControl.value;
+  const robot = store.robot.value;
+  const mapping = robot?.state === "mapping";
+  return html`<section>
+      <h2>${t("place.name")}</h2>
+      ${
+        may
+          ? html`<div class="act">
+                <button type="button" id="set-pose" onClick=${startPose} disabled=${mapping}>
+                  <${Icon} name="pose" />${t("pose.set")}
+                </button>
+                <button
+                  type="button"
+                  id="keep-pose"
+                  onClick=${() => run("keepPose")}
+                  disabled=${mapping}
+                >
+                  ${t("command.keepPose")}
+                </button>
+              </div>
+              <p class="faint">${t("place.hint")}</p>`
+          : html`<p class="faint">${t("dock.looking")}</p>`
+      }
+    </section>
+    <${Scenes} />
+    ${may && html`<${Mapping} mapping=${mapping} />`}`;
+}
+
+function Scenes() {
+  const robot = store.robot.value;
+  const scenes = store.scenes.value;
+  return html`<section>
+    <h2>${t("maps.name")}</h2>
+    ${!scenes.length && html`<p class="faint">${t("maps.none")}</p>`}
+    <ul class="rows" id="maps">
+      ${scenes.flatMap(({ name: scene, maps }) =>
+        maps.map((map) => {
+          const used = robot?.scene === scene && robot.map === map;
+          return html`<li key=${`${scene} ${map}`} class=${used ? "chosen" : ""}>
+            <div>
+              <b>${map}</b>
+              <small>${t("maps.scene", { scene })}</small>
+            </div>
+            ${
+              used
+                ? html`<small>${t("maps.used")}</small>`
+                : store.mayControl.value &&
+                  html`<${Confirmed}
+                    label=${t("maps.switch")}
+                    question=${t("maps.sure")}
+                    onConfirm=${() => run("switchMap", { scene, map })}
+                  />`
+            }
+          </li>`;
+        }),
+      )}
+    </ul>
+  </section>`;
+}
+
+/** @param {{mapping: boolean}} props */
+function Mapping({ mapping }) {
+  const robot = store.robot.value;
+  const [scene, setScene] = useState(robot?.scene ?? "");
+  const [name, setName] = useState("");
+  const deploying = robot?.work === "deploy";
+  const step = mapping ? 3 : deploying ? 2 : 1;
+  /** @param {string} type */
+  const begin = (type) => run("buildMap", { type, scene, map: name });
+  return html`<section id="mapping">
+    <h2>${t("mapping.name")}</h2>
+    <ol class="steps">
+      <li aria-current=${step === 1 ? "step" : undefined}>
+        <p>${t("mapping.deploy")}</p>
+        ${
+          !deploying &&
+          html`<button
+            type="button"
+            id="deploy"
+            onClick=${() => run("workMode", { mode: "deploy" })}
+          >
+            ${t("work.setDeploy")}
+          </button>`
+        }
+      </li>
+      <li aria-current=${step === 2 ? "step" : undefined}>
+        <p>${t("mapping.begin")}</p>
+        ${
+          step === 2 &&
+          html`<label class="field">
+              ${t("mapping.scene")}
+              <input
+                id="scene"
+                maxlength="60"
+                value=${scene}
+                onInput=${(/** @type {any} */ e) => setScene(e.currentTarget.value)}
+              />
+            </label>
+            <label class="field">
+              ${t("mapping.map")}
+              <input
+                id="map-name"
+                maxlength="60"
+                value=${name}
+                onInput=${(/** @type {any} */ e) => setName(e.currentTarget.value)}
+              />
+            </label>
+            <div class="act">
+              <button
+                type="button"
+                id="add-map"
+                class="primary"
+                disabled=${!scene || !name}
+                onClick=${() => begin("add")}
+              >
+                ${t("mapping.add")}
+              </button>
+              <button
+                type="button"
+                id="update-map"
+                disabled=${!scene || !name}
+                onClick=${() => begin("update")}
+              >
+                ${t("mapping.update")}
+              </button>
+            </div>`
+        }
+      </li>
+      <li aria-current=${step === 3 ? "step" : undefined}>
+        <p>${t("mapping.drive")}</p>
+        ${
+          step === 3 &&
+          html`<div class="act">
+            <button type="button" id="save-map" class="primary" onClick=${() => run("saveMap")}>
+              ${t("command.saveMap")}
+            </button>
+            <${Confirmed}
+              label=${t("command.discardMap")}
+              question=${t("mapping.sure")}
+              onConfirm=${() => run("discardMap")}
+            />
+          </div>`
+        }
+      </li>
+      <li>
+        <p>${t("mapping.marks")}</p>
+        ${
+          step === 2 &&
+          html`<button type="button" id="collect-mark" onClick=${() => run("collectMark")}>
+            ${t("command.collectMark")}
+          </button>`
+        }
+      </li>
+      <li>
+        <p>${t("mapping.use")}</p>
+        ${
+          step === 2 &&
+          html`<button
+            type="button"
+            id="task-mode"
+            onClick=${() => run("workMode", { mode: "task" })}
+          >
+            ${t("work.setTask")}
+          </button>`
+        }
+      </li>
+    </ol>
+  </section>`;
+}
+
+/**
+ * A button that asks before it does something.
+ * @param {{label: string, question: string, onConfirm: () => void}} props
+ */
+function Confirmed({ label, question, onConfirm }) {
+  const [asks, setAsks] = useState(false);
+  if (!asks) return html`<button type="button" onClick=${() => setAsks(true)}>${label}</button>`;
+  const confirm = () => {
+    setAsks(false);
+    onConfirm();
+  };
+  return html`<span class="act">
+    <button type="button" class="primary" onClick=${confirm}>${question}</button>
+    <button type="button" aria-label=${t("target.cancel")} onClick=${() => setAsks(false)}>
+      <${Icon} name="close" />
+    </button>
+  </span>`;
+}

@@ -1,0 +1,138 @@
+// The panel: tabs, and the content of the chosen one. On a small screen it is a sheet over the map.
+
+import { batch, html, useEffect, useState } from "../vendor/preact.js";
+import * as store from "../store.js";
+import { t } from "../texts.js";
+import { Fleet } from "./fleet.js";
+import { Go } from "./go.js";
+import { MapTab } from "./map_tab.js";
+import { compact, Icon } from "./parts.js";
+import { Setup } from "./setup.js";
+import { Simulator } from "./simulator.js";
+import { State } from "./state.js";
+import { Tasks } from "./tasks.js";
+
+/** @type {Record<string, {icon: string, view: () => unknown}>} */
+const TABS = {
+  fleet: { icon: "fleet", view: Fleet },
+  go: { icon: "go", view: Go },
+  tasks: { icon: "tasks", view: Tasks },
+  state: { icon: "state", view: State },
+  map: { icon: "map", view: MapTab },
+  setup: { icon: "setup", view: Setup },
+  simulator: { icon: "simulator", view: Simulator },
+};
+
+/** Return the names of the tabs that there are. */
+function names() {
+  const cards = store.fleet.value;
+  const hasFleet = cards.length > 1 || cards.some(({ order }) => order);
+  return Object.keys(TABS).filter(
+    (name) =>
+      (name !== "fleet" || hasFleet) && (name !== "simulator" || store.simulator.value !== null),
+  );
+}
+
+/** Show a tab. @param {string} name */
+export function openTab(name) {
+  batch(() => {
+    store.tab.value = name;
+    if (store.sheet.value === "closed") store.sheet.value = "half";
+  });
+}
+
+/** @param {string} name */
+function pressTab(name) {
+  if (compact.matches && store.tab.value === name && store.sheet.value !== "closed") {
+    store.sheet.value = "closed";
+  } else {
+    openTab(name);
+  }
+}
+
+export function Tabs() {
+  const isCompact = useCompact();
+  const open = !isCompact || store.sheet.value !== "closed";
+  const known = names();
+  const problems = store.robot.value?.problems.length ?? 0;
+  /** @param {KeyboardEvent} event */
+  const move = (event) => {
+    const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    const index = known.indexOf(store.tab.value) + step;
+    const next = known[(index + known.length) % known.length];
+    openTab(next);
+    document.getElementById(`tab-${next}`)?.focus();
+  };
+  return html`<nav class="tabs" aria-label=${t("panel.name")}>
+    <div role="tablist" aria-label=${t("panel.name")} onKeyDown=${move}>
+      ${known.map((name) => {
+        const selected = open && store.tab.value === name;
+        return html`<button
+          type="button"
+          role="tab"
+          key=${name}
+          id=${`tab-${name}`}
+          aria-selected=${selected}
+          aria-controls="panel"
+          tabindex=${store.tab.value === name ? 0 : -1}
+          onClick=${() => pressTab(name)}
+        >
+          <${Icon} name=${TABS[name].icon} />
+          <span>${t(`tab.${name}`)}</span>
+          ${name === "state" && problems > 0 && html`<span class="badge">${problems}</span>`}
+        </button>`;
+      })}
+    </div>
+  </nav>`;
+}
+
+export function Panel() {
+  const isCompact = useCompact();
+  const known = names();
+  const name = known.includes(store.tab.value) ? store.tab.value : "go";
+  const size = isCompact ? store.sheet.value : "half";
+  const full = size === "full";
+  return html`<aside
+    class="panel ${isCompact ? `over ${size}` : ""}"
+    aria-label=${t("panel.name")}
+    hidden=${size === "closed"}
+  >
+    ${
+      isCompact &&
+      html`<div class="handle">
+        <button
+          type="button"
+          class="quiet"
+          aria-label=${t(full ? "panel.smaller" : "panel.larger")}
+          onClick=${() => (store.sheet.value = full ? "half" : "full")}
+        >
+          <span></span>
+        </button>
+        <button
+          type="button"
+          class="quiet"
+          aria-label=${t("panel.close")}
+          onClick=${() => (store.sheet.value = "closed")}
+        >
+          <${Icon} name="close" />
+        </button>
+      </div>`
+    }
+    <div id="panel" role="tabpanel" aria-labelledby=${`tab-${name}`} tabindex="-1">
+      <${TABS[name].view} key=${name} />
+    </div>
+  </aside>`;
+}
+
+/** Return true on small screens; the component is made anew when that changes. */
+function useCompact() {
+  const [matches, setMatches] = useState(compact.matches);
+  useEffect(() => {
+    const change = () => setMatches(compact.matches);
+    compact.addEventListener("change", change);
+    return () => compact.removeEventListener("change", change);
+  }, []);
+  return matches;
+}

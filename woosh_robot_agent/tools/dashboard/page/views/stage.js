@@ -1,0 +1,274 @@
+// The map with its tools, and what is said about it.
+
+import { html, useEffect, useRef, useState } from "../vendor/preact.js";
+import * as commands from "../commands.js";
+import { MapCanvas } from "../map/map.js";
+import * as store from "../store.js";
+import { clock, meaningOf, say, t } from "../texts.js";
+import { linkText } from "./bar.js";
+import { openTab } from "./panel.js";
+import { Icon, objectionText, placeText, robotName } from "./parts.js";
+
+/** @typedef {{tone: string, title: string, text: string, action?: [string, () => void]}} Notice */
+
+/** @type {MapCanvas | null} */
+let map = null;
+
+export function Stage() {
+  const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
+  useEffect(() => {
+    map = new MapCanvas(/** @type {HTMLCanvasElement} */ (canvas.current));
+    Object.assign(globalThis, { mapCanvas: map }); // for the console of the browser, and for tests
+  }, []);
+  return html`<main class="stage ${store.outdated.value ? "outdated" : ""}">
+    <${Tools} />
+    <div class="map">
+      <canvas
+        id="map"
+        ref=${canvas}
+        tabindex="0"
+        role="application"
+        aria-label=${t("map.label")}
+        aria-description=${t("map.keys")}
+      ></canvas>
+      <${Notices} />
+    </div>
+    <${Line} />
+  </main>`;
+}
+
+function Tools() {
+  const tools = [
+    ["move", "hand"],
+    ["measure", "ruler"],
+  ];
+  if (store.mayControl.value) tools.unshift(["go", "go"]);
+  return html`<div class="tools" role="toolbar" aria-label=${t("tools.name")}>
+    ${tools.map(
+      ([name, icon]) =>
+        html`<button
+          type="button"
+          key=${name}
+          data-tool=${name}
+          aria-pressed=${store.tool.value === name}
+          title=${t(`tool.${name}.title`)}
+          onClick=${() => {
+            commands.forgetTarget();
+            store.tool.value = /** @type {any} */ (name);
+          }}
+        >
+          <${Icon} name=${icon} /><span class="wide">${t(`tool.${name}`)}</span>
+        </button>`,
+    )}
+    <span class="space"></span>
+    <${ToolButton} id="zoom-out" icon="minus" onClick=${() => map?.zoomOut()} />
+    <${ToolButton} id="zoom-in" icon="plus" onClick=${() => map?.zoomIn()} />
+    <${ToolButton} id="fit" icon="fit" onClick=${() => map?.fit()} />
+    <${ToolButton}
+      id="follow"
+      icon="follow"
+      pressed=${store.follow.value}
+      onClick=${() => {
+        store.follow.value = !store.follow.value;
+      }}
+    />
+    <${Layers} />
+  </div>`;
+}
+
+/** @param {{id: string, icon: string, pressed?: boolean, onClick: () => void}} props */
+function ToolButton({ id, icon, pressed, onClick }) {
+  return html`<button
+    type="button"
+    id=${id}
+    aria-pressed=${pressed}
+    aria-label=${t(`tool.${id}`)}
+    title=${t(`tool.${id}`)}
+    onClick=${onClick}
+  >
+    <${Icon} name=${icon} />
+  </button>`;
+}
+
+function Layers() {
+  const [open, setOpen] = useState(false);
+  const box = useRef(/** @type {HTMLElement | null} */ (null));
+  useEffect(() => {
+    if (!open) return;
+    const close = (/** @type {Event} */ event) => {
+      if (!box.current?.contains(/** @type {Node} */ (event.target))) setOpen(false);
+    };
+    addEventListener("pointerdown", close, { capture: true });
+    return () => removeEventListener("pointerdown", close, { capture: true });
+  }, [open]);
+  const shown = store.layers.value;
+  const known = store.map.value;
+  /** @type {Record<string, boolean>} */
+  const exists = {
+    keepout: Boolean(known?.keepout),
+    zones: Boolean(known?.zones?.length || known?.lanes?.length),
+    others: store.robots.value.length > 1,
+  };
+  return html`<div class="layers" ref=${box}>
+    <button
+      type="button"
+      id="layers"
+      aria-expanded=${open}
+      onClick=${() => setOpen(!open)}
+      title=${t("tool.layers")}
+      aria-label=${t("tool.layers")}
+    >
+      <${Icon} name="layers" />
+    </button>
+    ${
+      open &&
+      html`<fieldset class="menu">
+        <legend>${t("tool.layers")}</legend>
+        <label>
+          <input
+            type="checkbox"
+            name="robotUp"
+            checked=${store.robotUp.value}
+            onChange=${() => (store.robotUp.value = !store.robotUp.value)}
+          />
+          ${t("tool.robot-up")}
+        </label>
+        ${Object.entries(shown).map(
+          ([name, on]) =>
+            html`<label key=${name} class=${exists[name] === false ? "absent" : ""}>
+              <input
+                type="checkbox"
+                name=${name}
+                checked=${on}
+                disabled=${exists[name] === false}
+                onChange=${() => (store.layers.value = { ...shown, [name]: !on })}
+              />
+              ${t(`layer.${name}`)}
+            </label>`,
+        )}
+      </fieldset>`
+    }
+  </div>`;
+}
+
+function Notices() {
+  const box = useRef(/** @type {HTMLElement | null} */ (null));
+  const [notice, ...more] = notices();
+  const alarms = [...store.alarms.value];
+  const size = store.sheet.value;
+  useEffect(() => {
+    const canvas = map?.canvas.getBoundingClientRect();
+    if (!canvas) return;
+    const sheet = document.querySelector(".panel.over")?.getBoundingClientRect();
+    const own = box.current?.getBoundingClientRect();
+    const covered = sheet && sheet.height ? sheet : { top: canvas.bottom, right: canvas.left };
+    const below = sheet && sheet.width >= canvas.width;
+    map?.setInset({
+      top: own?.height ? own.bottom - canvas.top : 0,
+      right: 0,
+      bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,
+      left: below ? 0 : Math.max(0, covered.right - canvas.left),
+    });
+  }, [notice?.title, alarms.length, size, store.tab.value]);
+  return html`<div class="notices" ref=${box}>
+    ${
+      alarms.length > 0 &&
+      html`<details class="alarm" id="alarm" role="alert">
+        <summary>
+          <span>
+            ${alarms.map(([robot, text]) => t("alarm.stop", { reason: text }) + ofRobot(robot)).join("; ")}
+          </span>
+        </summary>
+        <p>${t("alarm.advice")}</p>
+      </details>`
+    }
+    ${
+      notice &&
+      html`<section class="notice ${notice.tone}" id="notice" role="status">
+        <${Icon} name="alarm" />
+        <div>
+          <b>${notice.title}</b>
+          <p>${notice.text}</p>
+        </div>
+        <div class="actions">
+          ${
+            notice.action &&
+            html`<button type="button" onClick=${notice.action[1]}>${notice.action[0]}</button>`
+          }
+          ${
+            more.length > 0 &&
+            html`<button type="button" class="quiet" onClick=${() => openTab("state")}>
+              ${t("notice.more", { count: more.length })}
+            </button>`
+          }
+        </div>
+      </section>`
+    }
+  </div>`;
+}
+
+/** @param {number} robot index */
+function ofRobot(robot) {
+  const card = store.fleet.value[robot];
+  return card && store.robots.value.length > 1 ? ` (${robotName(card)})` : "";
+}
+
+/**
+ * Return what is wrong and what to do, the most urgent first.
+ * @returns {Notice[]}
+ */
+export function notices() {
+  const robot = store.robot.value;
+  /** @type {Notice[]} */
+  const found = [];
+  if (store.outdated.value) {
+    const { short, long } = linkText();
+    const text = robot?.known ? t("notice.outdated") : t("notice.unknown");
+    found.push({ tone: "bad", title: short, text: [long, text].filter(Boolean).join(" ") });
+  }
+  if (!robot?.known) return found;
+  const setPose = /** @type {[string, () => void]} */ ([t("pose.set"), commands.startPose]);
+  const may = store.mayControl.value;
+  /** @type {Record<string, [string, () => void]>} */
+  const actions = {
+    not_initialised: setPose,
+    lost: setPose,
+    manual: [t("control.setAuto"), () => commands.run("controlMode", { mode: "auto" })],
+    no_control_mode: [t("control.setAuto"), () => commands.run("controlMode", { mode: "auto" })],
+    maintenance: [t("control.setAuto"), () => commands.run("controlMode", { mode: "auto" })],
+    no_work_mode: [t("work.setTask"), () => commands.run("workMode", { mode: "task" })],
+    schedule: [t("work.setTask"), () => commands.run("workMode", { mode: "task" })],
+  };
+  const ordinary = ["busy", "mapping", "not_taskable", "fault", "deployment"];
+  const objections = robot.objections.filter(({ name }) => !ordinary.includes(name));
+  const doubt = store.pose.value?.doubt;
+  if (doubt) objections.push(doubt);
+  for (const each of objections) {
+    const { reason, remedy } = objectionText(each);
+    const tone = each.name === "emergency_stop" || each.name === "hardware" ? "bad" : "warn";
+    const action = may && !store.outdated.value ? actions[each.name] : undefined;
+    found.push({ tone, title: reason, text: remedy, action });
+  }
+  for (const code of robot.problems.filter(({ level }) => level === "fault")) {
+    const title = t("notice.fault", { text: meaningOf(code) || code.text || code.code });
+    found.push({ tone: "bad", title, text: t("notice.faultRemedy", { code: code.code }) });
+  }
+  const error = store.map.value?.error;
+  if (error) found.push({ tone: "warn", title: t("map.none"), text: error });
+  const standstill = store.control.value?.standstill;
+  if (standstill) found.push({ tone: "warn", title: t("notice.standstill"), text: standstill });
+  return found;
+}
+
+function Line() {
+  const answer = store.answer.value;
+  const at = store.pointed.value;
+  const other = answer && answer.robot !== store.chosen.value ? ofRobot(answer.robot) : "";
+  const said = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
+  return html`<div class="line">
+    <p id="answer" role="status" class=${answer && !answer.ok ? "bad" : ""} title=${said}>
+      ${said}
+    </p>
+    <p id="pointed" aria-hidden="true">${at && placeText(at)}</p>
+  </div>`;
+}

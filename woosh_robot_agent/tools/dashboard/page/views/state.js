@@ -1,0 +1,247 @@
+// The condition of the robot: what speaks against a task, battery, faults, plots, diagnostics.
+
+import { effect, html, signal, useEffect, useState } from "../vendor/preact.js";
+import { connection } from "../commands.js";
+import * as store from "../store.js";
+import { meaningOf, moment, t, tOr } from "../texts.js";
+import { linkText } from "./bar.js";
+import { degrees, LEVELS, objectionText, placeText } from "./parts.js";
+import { Plot } from "./plot.js";
+
+/** @typedef {[number, number | null, number | null, number | null]} Sample  Unix time in s, speed in
+ *   m/s, battery in percent, delay in ms */
+
+const MAX_SAMPLES = 900; // as many as the dashboard keeps
+const GAP = 10; // seconds between two samples from which some have not arrived
+const TREND = 300; // seconds that are needed for a trend
+
+const samples = signal(/** @type {Sample[]} */ ([]));
+
+async function loadHistory() {
+  const { ok, data } = await connection.command("history");
+  if (ok) samples.value = data.samples;
+}
+
+effect(() => {
+  const sample = /** @type {Sample | null} */ (store.sample.value);
+  const known = samples.peek();
+  const last = known.at(-1);
+  if (!sample || !last || sample[0] <= last[0]) return;
+  if (sample[0] - last[0] > GAP) loadHistory();
+  else samples.value = [...known.slice(1 - MAX_SAMPLES), sample];
+});
+
+export function State() {
+  useEffect(() => {
+    samples.value = [];
+    loadHistory();
+  }, [store.you.value, store.chosen.value]);
+  const robot = store.robot.value;
+  if (!robot?.known) return html`<section><p class="faint">${t("notice.unknown")}</p></section>`;
+  return html`<${Summary} robot=${robot} />
+    <${Problems} problems=${robot.problems} />
+    <${Plots} />
+    <${Codes} />
+    <${Details} />`;
+}
+
+/** Return the number of a task in the reader's language. @param {string} detail */
+function detailText(detail) {
+  const [, id] = /^task (\S+)$/.exec(detail) ?? [];
+  return id ? t("task.number", { id }) : detail;
+}
+
+/** @param {{robot: store.Robot}} props */
+function Summary({ robot }) {
+  const pose = store.pose.value;
+  const driver = store.control.value?.driver;
+  return html`<section>
+    <${NewTask} robot=${robot} />
+    <dl class="facts-list" id="facts">
+      <dt>${t("robot.state")}</dt>
+      <dd>${tOr(`state.${robot.state}`, robot.state)}</dd>
+      <dt>${t("robot.mode")}</dt>
+      <dd>
+        ${tOr(`control.${robot.control}`, robot.control ?? "–")} ·${" "}
+        ${tOr(`work.${robot.work}`, robot.work ?? "–")}
+      </dd>
+      <dt>${t("robot.driver")}</dt>
+      <dd>
+        ${driver && tOr(`driver.${driver.name}`, tOr(`command.${driver.name}`, driver.name))}
+        ${driver?.detail && html`<small>${detailText(driver.detail)}</small>`}
+      </dd>
+      <dt>${t("robot.battery")}</dt>
+      <dd><${BatteryLine} battery=${robot.battery} /></dd>
+      <dt>${t("robot.map")}</dt>
+      <dd>${[robot.scene, robot.map].filter(Boolean).join(" · ") || t("map.none")}</dd>
+      <dt>${t("robot.pose")}</dt>
+      <dd>${pose ? `${placeText(pose)} · ${degrees(pose.theta)}` : "–"}</dd>
+      <dt>${t("robot.speed")}</dt>
+      <dd>${pose ? `${pose.linear.toFixed(2)} m/s · ${degrees(pose.angular)}/s` : "–"}</dd>
+      ${robot.actions.map(
+        ({ name, state, text }) =>
+          html`<dt key=${name}>${name}</dt>
+            <dd>${state} ${text}</dd>`,
+      )}
+    </dl>
+  </section>`;
+}
+
+/** @param {{robot: store.Robot}} props */
+function NewTask({ robot }) {
+  if (!robot.objections.length) {
+    if (robot.taskable === null) return null;
+    return html`<p id="new-task" class="verdict ok">${t("newTask.accepted")}</p>`;
+  }
+  return html`<div id="new-task" class="verdict warn">
+    <b>${t("newTask.rejected")}</b>
+    <ul>
+      ${robot.objections.map((each) => {
+        const { reason, remedy } = objectionText(each);
+        return html`<li key=${each.name}>${reason}: ${remedy}</li>`;
+      })}
+    </ul>
+  </div>`;
+}
+
+/** @param {{battery: store.Battery | null}} props */
+function BatteryLine({ battery }) {
+  if (!battery) return "–";
+  const trend = batteryTrend();
+  const parts = [
+    `${battery.power} %`,
+    battery.charging && t("battery.charging"),
+    trend !== null && t("battery.trend", { change: trend > 0 ? `+${trend}` : String(trend) }),
+    battery.temperature > 0 && `${battery.temperature} °C`,
+    battery.cycles > 0 && t("battery.cycles", { count: battery.cycles }),
+  ];
+  return parts.filter(Boolean).join(" · ");
+}
+
+/** Return by how many percent the battery changes in an hour; null if that is not known. */
+function batteryTrend() {
+  const known = samples.value.filter(([, , power]) => power !== null);
+  const [first, last] = [known[0], known.at(-1)];
+  if (!first || !last || last[0] - first[0] < TREND) return null;
+  const change = Number(last[2]) - Number(first[2]);
+  return Math.round((change * 3600) / (last[0] - first[0]));
+}
+
+/** @param {{problems: store.Code[]}} props */
+function Problems({ problems }) {
+  if (!problems.length) return null;
+  return html`<section>
+    <h2>${t("problems.name")}</h2>
+    <ul class="rows" id="problems">
+      ${problems.map((code) => html`<${CodeLine} key=${code.code} code=${code} />`)}
+    </ul>
+  </section>`;
+}
+
+/** @param {{code: store.Code, time?: number}} props */
+function CodeLine({ code, time }) {
+  const meaning = meaningOf(code);
+  const about = [time && moment(time), code.code, meaning && code.text !== meaning && code.text];
+  return html`<li>
+    <div>
+      <p>
+        <span class=${LEVELS[code.level] ?? ""}>${tOr(`level.${code.level}`, code.level)}</span
+        >${" "} ${meaning || code.text || t("codes.unknown")}
+      </p>
+      <small>${about.filter(Boolean).join(" · ")}</small>
+    </div>
+  </li>`;
+}
+
+function Codes() {
+  const [least, setLeast] = useState("normal");
+  const [wanted, setWanted] = useState("");
+  const levels = ["normal", "tips", "warn", "fault"];
+  const shown = store.codes.value.filter((code) => {
+    const about = `${code.code} ${code.text} ${meaningOf(code)}`.toLowerCase();
+    const known = levels.indexOf(code.level);
+    return (known < 0 || known >= levels.indexOf(least)) && about.includes(wanted.toLowerCase());
+  });
+  return html`<section>
+    <h2>${t("codes.name")}</h2>
+    <div class="pair">
+      <select
+        aria-label=${t("codes.level")}
+        value=${least}
+        onChange=${(/** @type {any} */ event) => setLeast(event.currentTarget.value)}
+      >
+        ${levels.map((each) => html`<option key=${each} value=${each}>${t(`codes.from.${each}`)}</option>`)}
+      </select>
+      <input
+        type="search"
+        placeholder=${t("codes.search")}
+        aria-label=${t("codes.search")}
+        value=${wanted}
+        onInput=${(/** @type {any} */ event) => setWanted(event.currentTarget.value)}
+      />
+    </div>
+    ${
+      shown.length
+        ? html`<ul class="rows" id="codes">
+            ${shown.map((code, index) => html`<${CodeLine} key=${index} code=${code} time=${code.time} />`)}
+          </ul>`
+        : html`<p class="faint">${t("codes.none")}</p>`
+    }
+  </section>`;
+}
+
+function Plots() {
+  const known = samples.value;
+  const times = known.map(([time]) => time);
+  const plots = [
+    { name: t("plot.speed"), index: 1, unit: "m/s", least: 0.5 },
+    { name: t("plot.battery"), index: 2, unit: "%", least: 100 },
+    { name: t("plot.delay"), index: 3, unit: "ms", least: 20 },
+  ];
+  return html`<section id="plots">
+    <h2>${t("plot.title")}</h2>
+    ${plots.map(
+      ({ name, index, unit, least }) =>
+        html`<${Plot}
+          key=${index}
+          name=${name}
+          unit=${unit}
+          least=${least}
+          times=${times}
+          values=${known.map((each) => each[index])}
+        />`,
+    )}
+  </section>`;
+}
+
+function Details() {
+  const details = store.details.value;
+  const link = store.link.value;
+  if (!details || !link) return null;
+  const { short, long } = linkText();
+  const frames = ["received", "sent", "invalid", "dropped"].map((each) => [each, details[each]]);
+  const rows = [
+    [t("details.address"), details.address],
+    [t("details.link"), `${short}, ${moment(link.since)}${long ? `. ${long}` : ""}`],
+    [t("details.frames"), t("details.counts", Object.fromEntries(frames))],
+    [t("details.connects"), details.connects],
+    [t("details.clock"), details.clockOffset === null ? "–" : `${details.clockOffset} s`],
+    [t("details.wifi"), [details.wifi, details.strength || ""].join(" ")],
+    [t("details.mileage"), `${(details.mileage / 1000).toFixed(1)} km`],
+    [t("details.software"), [details.software, details.system].filter(Boolean).join(" · ")],
+    ...details.parts.map((/** @type {{part: string, state: string}} */ { part, state }) => [
+      t("details.part", { part }),
+      tOr(`level.${state}`, state),
+    ]),
+  ];
+  return html`<section>
+    <h2>${t("details.name")}</h2>
+    <dl class="facts-list" id="details">
+      ${rows.map(
+        ([name, value]) =>
+          html`<dt>${name}</dt>
+            <dd>${value || "–"}</dd>`,
+      )}
+    </dl>
+  </section>`;
+}

@@ -1,0 +1,142 @@
+// The tasks of the robot: what runs, and what has become of the others.
+
+import { html } from "../vendor/preact.js";
+import { run } from "../commands.js";
+import * as store from "../store.js";
+import { clock, meaningOf, moment, t, tOr } from "../texts.js";
+import { destination, Icon, taskType } from "./parts.js";
+
+/** @type {Record<string, string>} class of what has become of a task */
+const TONES = { completed: "ok", canceled: "warn", failed: "bad", unseen: "bad" };
+/** @type {Record<string, string>} names of what gives tasks, by those of the dashboard */
+const SOURCES = {
+  "the robot itself": "by.robot",
+  "another client": "by.other",
+  unknown: "",
+  nobody: "",
+};
+const WAITING = ["action wait", "task wait"];
+
+export function Tasks() {
+  const tasks = store.tasks.value;
+  const running = tasks.filter((each) => each.running);
+  const ended = tasks.filter((each) => !each.running);
+  return html`<section>
+      <h2>${t("tasks.running")}</h2>
+      ${
+        running.length
+          ? html`<ul class="rows" id="running">
+              ${running.map((task) => html`<${Entry} key=${task.id} task=${task} />`)}
+            </ul>`
+          : html`<p class="faint">${t("tasks.none")}</p>`
+      }
+      ${store.mayControl.value && html`<div class="act">${taskButtons()}</div>`}
+    </section>
+    <section>
+      <h2>${t("tasks.ended")}</h2>
+      ${
+        ended.length
+          ? html`<ul class="rows" id="ended">
+              ${ended.map((task) => html`<${Entry} key=${task.id} task=${task} />`)}
+            </ul>`
+          : html`<p class="faint">${t("tasks.noneEnded")}</p>`
+      }
+    </section>`;
+}
+
+/** Return the buttons for the running task; each is enabled only when it does something. */
+export function taskButtons() {
+  const task = store.robot.value?.task;
+  const state = task?.running ? task.state : "";
+  const paused = state === "paused";
+  return html`
+    ${
+      WAITING.includes(state) &&
+      html`<button type="button" id="end-wait" onClick=${() => run("endWait")}>
+        <${Icon} name="end" /><span>${t("command.endWait")}</span>
+      </button>`
+    }
+    ${
+      paused
+        ? html`<button
+            type="button"
+            id="continue"
+            disabled=${store.robot.value?.emergencyStop}
+            onClick=${() => run("continue")}
+          >
+            <${Icon} name="play" /><span>${t("command.continue")}</span>
+          </button>`
+        : html`<button type="button" id="pause" disabled=${!state} onClick=${() => run("pause")}>
+            <${Icon} name="pause" /><span>${t("command.pause")}</span>
+          </button>`
+    }
+    <button type="button" id="cancel" disabled=${!state} onClick=${() => run("cancel")}>
+      <${Icon} name="close" /><span>${t("command.cancel")}</span>
+    </button>
+  `;
+}
+
+/**
+ * Return what a running task does.
+ * @param {import("../store.js").RunningTask} task
+ */
+export function taskState({ state, action, actionState }) {
+  const names = [tOr(`task.${state}`, state)];
+  if (action) names.push(tOr(`action.${action}`, action));
+  if (["warning", "traffi ctrl"].includes(actionState)) names.push(t(`actionState.${actionState}`));
+  return names.join(" · ");
+}
+
+/** @param {{task: store.Task}} props */
+function Entry({ task }) {
+  const { begun, changed, code, by } = task;
+  const times =
+    begun && changed && !task.running
+      ? `${moment(begun)} – ${clock(changed)}`
+      : moment(begun || changed);
+  const source = Object.hasOwn(SOURCES, by) ? SOURCES[by] && t(SOURCES[by]) : byViewer(by);
+  const about = [times, task.type !== "unknown" && taskType(task.type), source];
+  const reason = code && `${meaningOf(code) || code.text} (${code.code})`;
+  return html`<li>
+    <div>
+      <p>
+        <span class=${TONES[task.state] ?? "accent"}>${tOr(`task.${task.state}`, task.state)}</span>
+        ${" · "}<b>${destination(task)}</b>
+      </p>
+      <small>${about.filter(Boolean).join(" · ")}</small>
+      ${task.text && html`<small>${task.text}</small>`}
+      ${reason && html`<small class="bad">${reason}</small>`}
+    </div>
+    <${Repeat} task=${task} />
+  </li>`;
+}
+
+/** @param {string} name */
+function byViewer(name) {
+  return name === store.you.value ? t("by.you") : name && t("by.viewer", { name });
+}
+
+/** @param {{task: store.Task}} props */
+function Repeat({ task }) {
+  if (!store.mayControl.value || task.running) return null;
+  const { name, args } = task.command;
+  const type = ["parking", "charge", "carry"].includes(task.type) ? task.type : "pick";
+  const again = name
+    ? () => run(name, args)
+    : task.to
+      ? () => run("goMark", { mark: task.to, type })
+      : null;
+  if (!again) return null;
+  const label = t("tasks.repeat", { place: destination(task) });
+  const busy = Boolean(store.robot.value?.task?.running);
+  return html`<button
+    type="button"
+    class="quiet"
+    title=${label}
+    aria-label=${label}
+    disabled=${busy}
+    onClick=${again}
+  >
+    <${Icon} name="repeat" />
+  </button>`;
+}

@@ -1,0 +1,162 @@
+"""What has become of a robot's tasks, also of those that other programs gave."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.link.protos import enum_name
+from woosh_robot_agent.link.reports import RecentDict
+from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.robot.who_drives import Driver
+from woosh_robot_agent.tools.dashboard import part_data
+from woosh_robot_agent.tools.dashboard.robot import Robot
+
+_MAX_TASKS = 50
+"""Number of tasks that are remembered, as a robot does."""
+_SAME_MOMENT = 2.0
+"""Longest time between the end of a task and its status code, in seconds."""
+
+
+@dataclass
+class _Task:
+    """A task.
+
+    Attributes:
+        command: name and arguments of the command of the page that gave it; empty if none did.
+        by: name of what gave it, as in `Driver`, or of the viewer; empty if that is not known.
+        known: the robot has accepted or reported it.
+        report: last report about it; without a state, its end was not seen.
+        begun: Unix time at which it was given or first seen, in milliseconds; 0 if it was not.
+        changed: Unix time at which it got its present state, in milliseconds.
+    """
+
+    command: Mapping[str, Any] = field(default_factory=dict)
+    by: str = ""
+    known: bool = False
+    report: TaskProc = field(default_factory=TaskProc)
+    begun: int = 0
+    changed: int = 0
+
+    @property
+    def runs(self) -> bool:
+        """True if further reports are expected."""
+        return is_running(self.report)
+
+
+class TaskLog:
+    """Follows the tasks of a robot, and adds the part `tasks`: a list, the newest first.
+
+    A real robot reports the end of a task for a few milliseconds only. What happened without a
+    link is in its history.
+
+    Args:
+        robot: the robot.
+        driver: returns what drives the robot now.
+    """
+
+    def __init__(self, robot: Robot, driver: Callable[[], Driver]) -> None:
+        self._robot = robot
+        self._driver = driver
+        self._tasks: RecentDict[int, _Task] = RecentDict(_MAX_TASKS)
+        """The tasks by id, the last one last."""
+        robot.chassis.on_snapshot(self._snapshot)
+        robot.chassis.subscribe(TaskProc, self._reported)
+        robot.parts.add("tasks", self._data)
+
+    def given(self, task_id: int, by: str, command: str, args: Mapping[str, Any]) -> None:
+        """Note a task that is being sent to the robot.
+
+        Args:
+            task_id: id of the task.
+            by: name of the viewer.
+            command: name of the command.
+            args: its arguments.
+        """
+        given = _Task({"name": command, "args": dict(args)}, by, begun=part_data.now())
+        self._tasks[task_id] = given
+
+    def answered(self, task_id: int, ok: bool) -> None:
+        """Note that the robot has accepted or refused a task."""
+        if ok:
+            self._tasks[task_id].known = True
+        else:
+            self._tasks.pop(task_id, None)
+        self._robot.parts.changed()
+
+    def _snapshot(self, info: RobotInfo) -> None:
+        offset = self._robot.chassis.stats.clock_offset or 0.0
+        for report in info.task_history.tes:
+            known = self._tasks.get(report.robot_task_id)
+            if known is None or known.report.state != report.state:
+                self._update(report, int(1000.0 * (report.time - offset)))
+        self._reported(info.task_proc)
+        for each in self._tasks.values():
+            if each.known and each.report.state == task.kStateUndefined and not each.changed:
+                each.changed = part_data.now()
+
+    def _reported(self, report: TaskProc) -> None:
+        if report.robot_task_id and report.state != task.kStateUndefined:
+            self._update(report, part_data.now())
+        for task_id, each in self._tasks.items():
+            if task_id != report.robot_task_id and each.runs:  # a robot has one task at a time
+                each.report = TaskProc(robot_task_id=task_id, dest=each.report.dest)
+                each.changed = part_data.now()
+        self._robot.parts.changed()
+
+    def _update(self, report: TaskProc, now: int) -> None:
+        known = self._tasks.get(report.robot_task_id)
+        if known is None:
+            known = self._tasks[report.robot_task_id] = _Task()
+            if is_running(report):
+                known.begun = now
+                # after the other consumers of this report, which know who drives
+                asyncio.get_running_loop().call_soon(self._ask_driver, known)
+        if known.report.state != report.state:
+            known.changed = now
+        known.known, known.report = True, report
+
+    def _ask_driver(self, known: _Task) -> None:
+        if known.runs and self._robot.chassis.state is LinkState.READY:
+            known.by = self._driver().name
+            self._robot.parts.changed()
+
+    def _data(self) -> list[dict[str, Any]]:
+        known = [each for each in self._tasks.items() if each[1].known]
+        known.sort(key=lambda each: each[1].changed or each[1].begun, reverse=True)
+        return [self._entry(task_id, each) for task_id, each in known]
+
+    def _entry(self, task_id: int, each: _Task) -> dict[str, Any]:
+        report = each.report
+        unseen = report.state == task.kStateUndefined and each.changed
+        failed = report.state == task.kFailed
+        return {
+            "id": str(task_id),
+            "type": enum_name(task.Type, report.type),
+            "to": report.dest,
+            "state": "unseen" if unseen else enum_name(task.State, report.state),
+            "running": each.runs,
+            "text": report.msg,
+            "code": self._failure(report) if failed else None,
+            "begun": each.begun,
+            "changed": each.changed,
+            "by": each.by,
+            "command": each.command,
+        }
+
+    def _failure(self, report: TaskProc) -> dict[str, Any] | None:
+        """Return the status code with which a task failed; None if none is known."""
+        for code in reversed(self._robot.view.codes):
+            of_task = code.robot_task_id == report.robot_task_id
+            at_its_end = not code.robot_task_id and (
+                abs(code.time / 1000.0 - report.time) < _SAME_MOMENT
+            )
+            if code.level in (StatusCode.kWarn, StatusCode.kFault) and (of_task or at_its_end):
+                return part_data.code_data(code)
+        return None

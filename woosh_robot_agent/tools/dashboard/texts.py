@@ -1,0 +1,47 @@
+"""Texts for viewers, which the page shows in its language."""
+
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+from typing import Any, Union
+
+PAGE = Path(__file__).with_name("page")
+"""Folder of the page."""
+Value = Union[str, int, float, "Text"]
+"""What can be put into a text."""
+
+
+class Text:
+    """A text of the files in `page/texts`, which have the same keys in each language.
+
+    As a `str`, it is in English.
+
+    Args:
+        key: key of the text.
+        **values: what is put into it, by the names in braces.
+    """
+
+    def __init__(self, key: str, **values: Value) -> None:
+        self._key = key
+        self._values = values
+
+    def __str__(self) -> str:
+        return english()[self._key].format_map({name: str(v) for name, v in self._values.items()})
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The key and the values, for JSON."""
+        values = {
+            name: value.data if isinstance(value, Text) else value
+            for name, value in self._values.items()
+        }
+        return {"key": self._key, "values": values}
+
+
+@functools.cache
+def english() -> dict[str, str]:
+    """Return the English texts, by key."""
+    texts: dict[str, str] = json.loads((PAGE / "texts" / "en.json").read_text("utf-8"))
+    return texts
