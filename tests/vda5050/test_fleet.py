@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import quick_config
+from tests.tools.dashboard.pages import page
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import Site
@@ -207,3 +209,31 @@ def at_pose(folder: Path, number: int, pose: str) -> Any:
     return quick_config(
         port=0, tcp_port=0, speed=20, robot_id=int(SERIALS[number]), scenes=(scene,)
     )
+
+
+@aio
+async def test_the_page_shows_the_order_and_its_errors(
+    robots: list[SimulatorThread], broker: Mosquitto, tmp_path: Path
+) -> None:
+    file = robots_file(tmp_path / "robots.yaml", robots)
+    arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
+    with running(*arguments, "--dashboard", "0", log=tmp_path / "log"):
+        async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
+            await one.online()
+            await two.online()
+            url = re.search(r"dashboard ready at (\S+)", (tmp_path / "log").read_text())
+            assert url is not None
+            async with page(url[1]) as viewer:
+                assert not (await viewer.command("stop"))[0]  # it only shows
+                one.order([node("a", 0, *START), node("c", 2, -9.5, -7.5)])
+                order = await viewer.until(
+                    lambda parts: (
+                        parts["fleet"][0]["order"]["node"] == "c" and parts["fleet"][0]["order"]
+                    )
+                )
+                assert order["id"] == one.state["orderId"]
+                assert (order["nodesLeft"], order["errors"]) == (0, [])
+                two.order([])
+                errors = await viewer.until(lambda parts: parts["fleet"][1]["order"]["errors"])
+                assert "the order has no node" in errors[0]["text"]
+                assert errors[0]["level"] == "WARNING"

@@ -9,7 +9,9 @@ import logging
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AsyncExitStack
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ import yaml
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
+from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 from woosh_robot_agent.tools.options import Address, add_link_options, link_config, stop_event
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import VERSIONS
@@ -165,6 +168,7 @@ class Connector:
 
     def __init__(self, vehicles: Mapping[str, VehicleConfig], broker: BrokerConfig) -> None:
         self._vehicles: list[tuple[Vehicle, contextvars.Context]] = []
+        self._links = [config.link for config in vehicles.values()]
         for name, config in vehicles.items():
             context = contextvars.copy_context()
             context.run(_VEHICLE_NAME.set, name)
@@ -174,6 +178,19 @@ class Connector:
         """Start connecting to the robots, and to the broker once each robot is known."""
         for vehicle, context in self._vehicles:
             context.run(vehicle.start)
+
+    def dashboard(self, port: int) -> Dashboard:
+        """Return a page that shows the robots with their orders and errors, on this machine.
+
+        It has links of its own, and only reads from the robots.
+
+        Args:
+            port: port of the page; 0 takes a free one.
+        """
+        made = Dashboard(self._links, DashboardConfig(port=port))
+        for robot, (vehicle, _) in zip(made.robots, self._vehicles, strict=True):
+            robot.order = partial(getattr, vehicle, "summary")
+        return made
 
     async def close(self) -> None:
         """Close all vehicles at the same time; see `Vehicle.close`."""
@@ -205,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Arguments of the program; by default those of the command line.
 
     Returns:
-        The exit status, 0.
+        The exit status: 0; 1 if the page cannot be served.
     """
     parser = _make_parser()
     options = parser.parse_args(arguments)
@@ -217,8 +234,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (RobotsFileError, ValueError) as error:
         parser.error(str(error))
     log_to_stderr(logging.INFO, "%(levelname)s: %(vehicle)s%(message)s", VehicleNameFilter())
-    asyncio.run(_run(Connector(vehicles, broker)))
-    return 0
+    return asyncio.run(_run(Connector(vehicles, broker), options.dashboard))
 
 
 def _make_parser() -> argparse.ArgumentParser:
@@ -269,6 +285,15 @@ def _make_parser() -> argparse.ArgumentParser:
         "control that does not read visualization; 0 publishes on events (default: %(default)g)",
     )
     parser.add_argument(
+        "--dashboard",
+        type=int,
+        nargs="?",
+        const=DashboardConfig.port,
+        metavar="PORT",
+        help="also serve a page that shows the robots with their orders and errors, for browsers "
+        "on this machine, on this port; 0: any free one; without a port: %(const)s",
+    )
+    parser.add_argument(
         "--no-maps-in-state",
         action="store_true",
         help="omit the field maps from the state, which a master control of version 2.0, such as "
@@ -313,10 +338,21 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
     )
 
 
-async def _run(connector: Connector) -> None:
+async def _run(connector: Connector, dashboard_port: int | None) -> int:
     stop = stop_event()
-    connector.start()
-    try:
+    async with AsyncExitStack() as stack:
+        connector.start()
+        stack.push_async_callback(connector.close)
+        if dashboard_port is not None:
+            try:
+                page = await stack.enter_async_context(connector.dashboard(dashboard_port))
+            except OSError as error:
+                reason = error.strerror or error
+                remedy = "choose another one: --dashboard PORT"
+                _LOG.error(
+                    "cannot serve the page on port %d: %s; %s", dashboard_port, reason, remedy
+                )
+                return 1
+            print(f"dashboard ready at {page.url}", flush=True)
         await stop.wait()
-    finally:
-        await connector.close()
+    return 0

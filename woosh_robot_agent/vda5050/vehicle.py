@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from woosh_robot_agent.link import LinkError, RobotIdentity
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -147,6 +148,24 @@ class Vehicle:
                     speed_is_limited=execution.speed.is_limited,
                 )
             )
+
+    @property
+    def summary(self) -> dict[str, Any] | None:
+        """The order and the errors, for the page of the dashboard; None until they are known."""
+        state = self._state()
+        if state is None:
+            return None
+        order = state.order
+        return {
+            "id": order.order_id,
+            "node": order.last_node_id,
+            "nodesLeft": len(order.nodes),
+            "paused": order.paused,
+            "errors": [
+                {"type": each.type, "level": each.level.name, "text": each.description}
+                for each in state.errors
+            ],
+        }
 
     # Events
 
