@@ -1,7 +1,10 @@
-"""Cost of the page in the browser: CPU time, traffic and delay of the link, by number of viewers.
+"""Cost of the page: of its server, by number of viewers, and in the browser, if there is one.
 
-The robot moves all the time. Its laser has 1080 beams and is requested at 10 Hz, and poses come at
-10 Hz. The exit status is 1 if a limit is exceeded.
+For the server, the robot moves all the time. Its laser has 1080 beams and is requested at 10 Hz,
+and poses come at 10 Hz. In the browser, the page loads from this machine; then the stick drives a
+simulated robot, while the processor of the browser is slowed down by a factor of 4; and then the
+page receives the messages of an hour as fast as it can. The exit status is 1 if a limit is
+exceeded.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import statistics
 import time
 from collections.abc import Sequence
 
+from benchmarks import page
 from benchmarks.figures import markdown
 from benchmarks.options import make_parser, report
 from benchmarks.processes import Program, running, running_chassis
@@ -24,13 +28,19 @@ from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 _VIEWERS = (1, 10)
 """Numbers of viewers."""
 _MAX_CPU = 10.0
-"""Maximum CPU time of the dashboard with one viewer, in percent of a core."""
+"""Maximum CPU time of the dashboard with all viewers, in percent of a core."""
 _MAX_TRAFFIC = 200.0
 """Maximum traffic per viewer, in kB/s."""
 _MAX_LOSS = 0.1
 """Maximum share of the scans that a viewer may miss because of the other viewers."""
 _MAX_SLOWDOWN = 1.5
 """Maximum factor by which the viewers may lengthen the median round trip of the link."""
+_MAX_LOAD = (300_000, 1.0)
+"""Maximum size of the first load, in bytes, and maximum time until the map is there, in seconds."""
+_MIN_FRAMES = 57.0
+"""Minimum number of frames in a second while the robot drives; the screen shows 60."""
+_MAX_GROWTH = 1000.0
+"""Maximum growth of the page's memory over an hour, in kB."""
 _TURNS = 5
 """Number of times that the link is measured without and with viewers."""
 _READY = "dashboard ready at "
@@ -118,7 +128,8 @@ def measure(seconds: float) -> dict[str, dict[str, float]]:
             url = line.removeprefix(_READY).strip()
             found = {str(each): _measure(dashboard, url, each, seconds) for each in _VIEWERS}
         found["link"] = asyncio.run(_link_latency(port, seconds, domain))
-    return found
+        chassis.interrupt()
+        return found | (page.measure(seconds, domain) if page.is_available() else {})
 
 
 def excess(found: dict[str, dict[str, float]]) -> list[str]:
@@ -126,8 +137,10 @@ def excess(found: dict[str, dict[str, float]]) -> list[str]:
     one, many = (found[str(each)] for each in (_VIEWERS[0], _VIEWERS[-1]))
     link = found["link"]
     problems = []
-    if one["cpu"] > _MAX_CPU:
-        problems.append(f"CPU with one viewer: {one['cpu']:.1f} % of a core, limit {_MAX_CPU:g} %")
+    if many["cpu"] > _MAX_CPU:
+        problems.append(
+            f"CPU with all viewers: {many['cpu']:.1f} % of a core, limit {_MAX_CPU:g} %"
+        )
     if (traffic := max(each["traffic"] for each in (one, many))) > _MAX_TRAFFIC:
         problems.append(f"traffic per viewer: {traffic:.0f} kB/s, limit {_MAX_TRAFFIC:g} kB/s")
     if many["scans"] < one["scans"] * (1.0 - _MAX_LOSS):
@@ -137,6 +150,24 @@ def excess(found: dict[str, dict[str, float]]) -> list[str]:
             f"round trip of the link: {link['watched']:.2f} ms with all viewers, "
             f"{link['alone']:.2f} ms without"
         )
+    return problems + (_excess_of_page(found) if "load" in found else [])
+
+
+def _excess_of_page(found: dict[str, dict[str, float]]) -> list[str]:
+    problems = []
+    load, frames, hour = found["load"], found["frames"], found["hour"]
+    for (name, value), limit in zip(load.items(), _MAX_LOAD, strict=True):
+        if value > limit:
+            problems.append(f"{name} of the first load: {value:g}, limit {limit:g}")
+    if frames["rate"] < _MIN_FRAMES:
+        problems.append(
+            f"frames in a second: {frames['rate']:.1f}, at least {_MIN_FRAMES:g}; end the other "
+            "programs on this machine, and measure again"
+        )
+    if (growth := hour["end"] - hour["begin"]) > _MAX_GROWTH:
+        problems.append(f"growth in an hour: {growth:.0f} kB, limit {_MAX_GROWTH:g} kB")
+    if hour["end_nodes"] > hour["begin_nodes"]:
+        problems.append(f"elements: {hour['end_nodes']:.0f} instead of {hour['begin_nodes']:.0f}")
     return problems
 
 
@@ -145,13 +176,25 @@ def table(found: dict[str, dict[str, float]]) -> str:
     rows = [
         (viewers, f"{each['cpu']:.1f} %", f"{each['traffic']:.1f} kB/s", f"{each['scans']:.1f}")
         for viewers, each in found.items()
-        if viewers != "link"
+        if viewers.isdecimal()
     ]
     header = ("viewers", "CPU of a core", "traffic per viewer", "scans per second")
-    return markdown(header, rows, "rrrr") + (
+    text = markdown(header, rows, "rrrr") + (
         "\n\nRound trip of the link: {alone:.2f} ms without viewers (99 %: {alone_p99:.2f} ms), "
         "{watched:.2f} ms with all of them (99 %: {watched_p99:.2f} ms).".format(**found["link"])
     )
+    if "load" not in found:
+        return text + "\n\nThere is no Chromium, so the page in the browser was not measured."
+    load, frames, hour = found["load"], found["frames"], found["hour"]
+    rows = [
+        ("first load", f"{load['bytes'] / 1000.0:.0f} kB"),
+        ("time until the map is there", f"{load['seconds']:.2f} s"),
+        ("frames in a second while driving, slowed down by 4", f"{frames['rate']:.1f}"),
+        ("share of the time that the page computes meanwhile", f"{frames['busy']:.0f} %"),
+        ("memory after a tenth of the messages of an hour", f"{hour['begin']:.0f} kB"),
+        ("memory after all of them", f"{hour['end']:.0f} kB"),
+    ]
+    return f"{text}\n\n{markdown(('in the browser', ''), rows, 'lr')}"
 
 
 def main(arguments: Sequence[str]) -> int:
