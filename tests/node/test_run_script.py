@@ -94,7 +94,7 @@ def test_the_address_of_the_page_comes_before_the_commands(
             assert "/woosh_robot/robot/PoseSpeed" in after
             assert ("export WOOSH_ROS=kilted; source" in after) == bool(release)
             with urllib.request.urlopen(address[1], timeout=TIMEOUT) as response:
-                assert b"<canvas" in response.read()
+                assert b"main.js" in response.read()
             process.send_signal(signal.SIGINT)
             process.communicate(timeout=TIMEOUT)
             break
@@ -109,7 +109,7 @@ def test_a_fleet_is_sent_round_and_ends_with_ctrl_c(tmp_path: Path, domain: int)
         assert address, output
         assert broker, output
         with urllib.request.urlopen(address[0].strip(), timeout=TIMEOUT) as response:
-            assert b"<canvas" in response.read()
+            assert b"main.js" in response.read()
         assert process.stdout is not None
         released = next(line for line in process.stdout if "30002: released" in line)
         assert released

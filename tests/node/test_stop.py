@@ -139,7 +139,7 @@ def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Collector):
     pose = PoseStamped()
     pose.header.frame_id = "map"
     poses.publish(pose)
-    logs.wait(lambda record: "goal_pose was not reached: not sent" in record.getMessage())
+    logs.wait(lambda record: "goal_pose is ignored: not sent" in record.getMessage())
 
     assert not [each.type for each in robot.chassis.received if may_move(each.message)]
     assert is_standing(robot.chassis)

@@ -44,7 +44,8 @@ class LoopThread:
     def held(self) -> tuple[float, float]:
         """Longest turns of the event loop in the last one or two minutes, and ever, in seconds.
 
-        For that time, the thread was held by one piece of work, and velocities waited.
+        For that time, the thread was held by one piece of work, its own or that of another thread
+        that kept the GIL, and velocities waited.
         """
         selector = self._selector
         return max(selector.longest, selector.longest_before), selector.longest_ever
@@ -92,6 +93,8 @@ class _TimedSelector(selectors.DefaultSelector):
             self.longest_ever = max(turn, self.longest_ever)
         events = super().select(timeout)
         self._began = time.monotonic()
+        if timeout is not None:  # another thread may have kept the GIL when the time was over
+            self._began = min(self._began, now + timeout)
         return events
 
 
