@@ -57,47 +57,51 @@ def running(
     script: Path, domain: int, *arguments: str
 ) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Start `scripts/run`; yield its process and the output until it is ready or ends."""
+    process, output = started(script, domain, *arguments)
+    while "address already in use" in output:  # another program took a port that was free
+        process.communicate(timeout=TIMEOUT)
+        process, output = started(script, domain, *arguments)
+    try:
+        yield process, output
+    finally:
+        process.terminate()  # stops its programs, too
+        process.communicate(timeout=TIMEOUT)
+
+
+def started(script: Path, domain: int, *arguments: str) -> tuple[subprocess.Popen[str], str]:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    with subprocess.Popen(
+    process = subprocess.Popen(
         ["bash", script, *arguments],
         env={**os.environ, **domain_variables(domain), "PATH": path},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-    ) as process:
-        try:
-            assert process.stdout is not None
-            lines = []
-            for line in process.stdout:
-                lines.append(line)
-                if "Press Ctrl-C here" in line:
-                    break
-            yield process, "".join(lines)
-        finally:
-            process.terminate()  # stops its programs, too
+    )
+    assert process.stdout is not None
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if "Press Ctrl-C here" in line:
+            break
+    return process, "".join(lines)
 
 
 @pytest.mark.parametrize("release", ["", "-kilted"])
 def test_the_address_of_the_page_comes_before_the_commands(
     tmp_path: Path, domain: int, release: str
 ) -> None:
-    script = checkout(tmp_path, release)
-    while True:
-        with running(script, domain) as (process, output):
-            if "address already in use" in output:
-                continue  # another program took a port that was free
-            address = re.search(r"in your browser: (http://127\.0\.0\.1:\d+/)\n", output)
-            assert address, output
-            before, after = output[: address.start()], output[address.end() :]
-            assert "/woosh_robot" not in before
-            assert "starting the agent" in after
-            assert "/woosh_robot/robot/PoseSpeed" in after
-            assert ("export WOOSH_ROS=kilted; source" in after) == bool(release)
-            with urllib.request.urlopen(address[1], timeout=TIMEOUT) as response:
-                assert b"main.js" in response.read()
-            process.send_signal(signal.SIGINT)
-            process.communicate(timeout=TIMEOUT)
-            break
+    with running(checkout(tmp_path, release), domain) as (process, output):
+        address = re.search(r"in your browser: (http://127\.0\.0\.1:\d+/)\n", output)
+        assert address, output
+        before, after = output[: address.start()], output[address.end() :]
+        assert "/woosh_robot" not in before
+        assert "starting the agent" in after
+        assert "/woosh_robot/robot/PoseSpeed" in after
+        assert ("export WOOSH_ROS=kilted; source" in after) == bool(release)
+        with urllib.request.urlopen(address[1], timeout=TIMEOUT) as response:
+            assert b"main.js" in response.read()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=TIMEOUT)
     assert process.returncode == 130
 
 
