@@ -120,6 +120,7 @@ async def test_sound_light_and_charge(chassis: SimulatorThread) -> None:
 
 @aio
 async def test_maps_are_made_and_switched(chassis: SimulatorThread) -> None:
+    pytest.importorskip("scipy", reason="the simulated chassis makes maps with it")
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         await ready(viewer)
         assert (await viewer.command("workMode", mode="deploy"))[0]
