@@ -49,6 +49,11 @@ class _Loader(_SafeLoader):
             )
 
 
+def _check_size(name: str, data: bytes, max_bytes: int) -> None:
+    if len(data) > max_bytes:
+        raise DataFileError(f"{name}: the file has {len(data)} bytes, more than {max_bytes}")
+
+
 def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
     """Return the content of a YAML file.
 
@@ -60,8 +65,7 @@ def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
     Raises:
         DataFileError: The file is not YAML, too large or too deeply nested.
     """
-    if len(data) > max_bytes:
-        raise DataFileError(f"{name}: the file has {len(data)} bytes, more than {max_bytes}")
+    _check_size(name, data, max_bytes)
     try:
         depth = 0
         for event in yaml.parse(data, _Loader):
@@ -89,8 +93,7 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
     Raises:
         DataFileError: The file is not JSON, too large or too deeply nested.
     """
-    if len(data) > max_bytes:
-        raise DataFileError(f"{name}: the file has {len(data)} bytes, more than {max_bytes}")
+    _check_size(name, data, max_bytes)
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as error:

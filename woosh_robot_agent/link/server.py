@@ -18,6 +18,7 @@ from woosh_robot_agent.link.frames import Codec
 from woosh_robot_agent.link.tasks import run_with_timeout, wait_then_cancel
 from woosh_robot_agent.link.transport import (
     CHUNK,
+    FrameConnection,
     TcpTransport,
     TransportClosedError,
     peer_address,
@@ -25,42 +26,8 @@ from woosh_robot_agent.link.transport import (
 )
 
 
-class ServerTransport(Protocol):
-    """A server's end of one connection that carries whole frames."""
-
-    peer: str
-    """Address of the client, for logs."""
-
-    def backlog(self) -> int:
-        """Return the number of accepted bytes that still wait in the write buffer."""
-
-    async def send(self, data: str | bytes) -> None:
-        """Hand one frame to the connection; waits while its buffer is full.
-
-        Raises:
-            TransportClosedError: the connection has ended.
-        """
-
-    async def recv(self) -> str | bytes:
-        """Wait for the next frame and return it.
-
-        Raises:
-            TransportClosedError: the connection has ended.
-            FrameError: a frame was skipped; the connection goes on.
-        """
-
-    async def ping(self) -> bool:
-        """Ping the client and wait for its pong; False if the transport has no ping.
-
-        Raises:
-            TransportClosedError: the connection has ended.
-        """
-
-    async def close(self, timeout: float = 1.0) -> None:
-        """Close in an orderly way within `timeout` seconds, otherwise abort."""
-
-    def abort(self) -> None:
-        """Drop the connection at once."""
+class ServerTransport(FrameConnection, Protocol):
+    """The server's end, which can also write what is no frame."""
 
     def header(self, size: int, *, text: bool = False) -> bytes:
         """Return the bytes that precede a frame from the server.

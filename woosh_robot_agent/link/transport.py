@@ -20,23 +20,11 @@ class TransportClosedError(Exception):
     """The connection ended; the text says how."""
 
 
-class Transport(Protocol):
-    """One open connection that carries whole frames."""
+class FrameConnection(Protocol):
+    """One end of an open connection that carries whole frames."""
 
     peer: str
     """Address of the other end, for logs."""
-
-    @property
-    def progress_at(self) -> float:
-        """Loop time at which a part of an unfinished frame last arrived; 0 before the first."""
-
-    @property
-    def received(self) -> int:
-        """Number of bytes received so far, those of an unfinished frame included."""
-
-    @property
-    def waited(self) -> bool:
-        """True if the last frame arrived after `recv` was called; False if that is not known."""
 
     def backlog(self) -> int:
         """Return the number of accepted bytes that still wait in the write buffer."""
@@ -68,6 +56,22 @@ class Transport(Protocol):
 
     def abort(self) -> None:
         """Drop the connection at once."""
+
+
+class Transport(FrameConnection, Protocol):
+    """The client's end, which also tells how the reception goes."""
+
+    @property
+    def progress_at(self) -> float:
+        """Loop time at which a part of an unfinished frame last arrived; 0 before the first."""
+
+    @property
+    def received(self) -> int:
+        """Number of bytes received so far, those of an unfinished frame included."""
+
+    @property
+    def waited(self) -> bool:
+        """True if the last frame arrived after `recv` was called; False if that is not known."""
 
 
 def peer_address(transport: Any) -> str:

@@ -45,6 +45,9 @@ class SpeedLimiter:
         start: starts a coroutine that sends a limit.
         on_refused: called with the reason if the robot does not take a limit.
         on_change: called when `is_limited` changes, before the robot gets the limit.
+
+    Attributes:
+        refusal: the robot's text if it refused the limit in this navigation; otherwise empty.
     """
 
     def __init__(
@@ -63,8 +66,7 @@ class SpeedLimiter:
         """Current limit; infinite without one, None while there is nothing to limit."""
         self._sent = math.inf
         """Limit that was sent last."""
-        self._refused: float | None = None
-        """Limit that the robot has refused in this navigation."""
+        self.refusal = ""
         self._task_id = 0
         """Id of the task that the robot executes."""
         self._task_navigates = False
@@ -94,7 +96,8 @@ class SpeedLimiter:
             limit: maximum speed, in m/s; infinite without a limit, None while there is nothing to
                 limit.
         """
-        self._limit = limit
+        if limit != self._limit:
+            self._limit, self.refusal = limit, ""
         self._send()
 
     @property
@@ -135,14 +138,12 @@ class SpeedLimiter:
 
     def _begin(self) -> None:
         """Note that a navigation begins."""
-        self._refused = None
+        self.refusal = ""
         if self._sent != math.inf:
             self._sent = _UNKNOWN
 
     def _send(self) -> None:
-        if self._limit is None or not self._navigation:
-            return
-        if self._limit in (self._sent, self._refused):
+        if self._limit in (None, self._sent) or self.refusal or not self._navigation:
             return
         was_limited, self._sent = self.is_limited, self._limit
         self._start(self._request(self._navigation, self._limit))
@@ -160,9 +161,11 @@ class SpeedLimiter:
         if answer.ok or of != self._navigation:
             return
         self._sent = _UNKNOWN
-        self._refused = limit
+        if limit != self._limit:
+            return  # the answer to the newer one counts
+        self.refusal = answer.msg or "refused"
         if math.isfinite(limit):
-            self._on_refused(f"the robot refused the speed limit of {limit} m/s: {answer.msg}")
+            self._on_refused(f"the robot refused the speed limit of {limit} m/s: {self.refusal}")
 
 
 def _request(limit: float, *, in_action: bool) -> Message:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from tests.tools.dashboard.browsers import (
-    SharedBrowser,
     SimulatedPage,
     actions,
-    check_console_and_requests,
     click_at,
     element,
     eventually,
@@ -38,23 +36,6 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 pytestmark = pytest.mark.timeout(300)
 _PLACE = (1.0, -6.0)
 """A place on the map where the robot can stand, in metres."""
-
-
-@pytest.fixture
-def robot() -> Iterator[SimulatedPage]:
-    """A simulated robot with its page."""
-    running = SimulatedPage()
-    yield running
-    running.close()
-
-
-@pytest.fixture
-def browser(robot: SimulatedPage, shared_browser: SharedBrowser) -> Iterator[Any]:
-    """A browser that shows the page; at the end, its console and its requests are checked."""
-    with shared_browser.window() as driver:
-        open_page(driver, robot.url)
-        yield driver
-        check_console_and_requests(driver, robot.url)
 
 
 def again_if_slow(driver: Any, do: Callable[[], None], done: Callable[[], Any], what: str) -> None:

@@ -45,23 +45,6 @@ from woosh_robot_agent.simulator import SimulatorThread
 pytestmark = pytest.mark.timeout(300)
 
 
-@pytest.fixture
-def robot() -> Iterator[SimulatedPage]:
-    """A simulated robot with its page."""
-    running = SimulatedPage()
-    yield running
-    running.close()
-
-
-@pytest.fixture
-def browser(robot: SimulatedPage, shared_browser: SharedBrowser) -> Iterator[Any]:
-    """A browser that shows the page; at the end, its console and its requests are checked."""
-    with shared_browser.window() as driver:
-        open_page(driver, robot.url)
-        yield driver
-        check_console_and_requests(driver, robot.url)
-
-
 @pytest.mark.parametrize("end", ["let go", "hidden"])
 def test_the_stick_drives_until_the_driver_goes_away(
     robot: SimulatedPage, browser: Any, end: str

@@ -15,14 +15,11 @@ from woosh_robot_agent.motion import (
     AnsweredCommand,
     MotionGate,
     Sender,
+    SpeedLimiter,
     VelocityDriver,
     VelocityLimits,
 )
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
-from woosh_robot_agent.pb.util import action_pb2 as action
-from woosh_robot_agent.pb.util import navigation_pb2 as navigation
-from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.standstill import Standstill
 from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
@@ -91,66 +88,6 @@ class ControlConfig:
     close_timeout: float = 0.5
 
 
-class SpeedLimit:
-    """Limits the speed of the robot while it navigates, also in tasks of other programs.
-
-    A robot takes a limit only while it navigates, and forgets it with the task.
-
-    Args:
-        robot: the robot.
-        gate: sender of the limit.
-
-    Attributes:
-        value: the limit, in m/s; None without one.
-        refusal: why the robot did not take it; empty if it did, or did not have to yet.
-    """
-
-    def __init__(self, robot: Robot, gate: MotionGate) -> None:
-        self._robot = robot
-        self._gate = gate
-        self.value: float | None = None
-        self.refusal = ""
-        self._navigating = False
-        self._sending: asyncio.Task[None] | None = None
-        robot.chassis.on_snapshot(lambda info: self._reported(info.task_proc))
-        robot.chassis.subscribe(TaskProc, self._reported)
-
-    def set(self, value: float | None) -> None:
-        """Set the limit; for a robot that navigates, at once."""
-        had, self.value, self.refusal = self.value is not None, value, ""
-        if self._navigating and (had or value is not None):
-            self._send()
-
-    def _reported(self, report: TaskProc) -> None:
-        was, self._navigating = (
-            self._navigating,
-            (
-                report.state == task.kExecuting
-                and report.action.type == action.kNav
-                and report.action.state == action.kRosExecuting
-            ),
-        )
-        if self._navigating and not was and self.value is not None:
-            self._send()
-
-    def _send(self) -> None:
-        limit = self.value or 0.0  # 0: the default of the robot
-        mode = navigation.ModeSetting(
-            type=navigation.kAccurate, mode=navigation.kAvoid, max_speed=limit
-        )
-        work = self._request(ChangeNavMode(nav_mode=mode))
-        self._sending = asyncio.get_running_loop().create_task(work, name="speed limit")
-
-    async def _request(self, request: ChangeNavMode) -> None:
-        try:
-            answer = await self._gate.request(self._robot.requests.address(request))
-        except LinkError as error:
-            self.refusal = str(error)
-        else:
-            self.refusal = "" if answer.ok else answer.msg or "refused"
-        self._robot.parts.changed()
-
-
 class Control:
     """Lets one viewer at a time command a robot.
 
@@ -183,7 +120,14 @@ class Control:
         self._limits = VelocityLimits(
             config.max_linear, config.max_angular, _STICK_RATE, config.stick_timeout
         )
-        self._speed_limit = SpeedLimit(robot, self._gate)
+        self._speed: float | None = None
+        """Limit of the speed, in m/s; None without one."""
+        self._speed_limiter = SpeedLimiter(
+            robot.chassis,
+            self._gate,
+            lambda work: asyncio.get_running_loop().create_task(work, name="speed limit"),
+            lambda reason: robot.parts.changed(),
+        )
         self._stick = _Stick(self._gate, robot, self._stick_limits, self._stick_refused)
         self._gate.on_answered(self._answered)
         self._gate.on_stop(self._stopped)
@@ -367,12 +311,13 @@ class Control:
         return number(args, "limit", _GREATEST_SPEED, _LEAST_SPEED)
 
     async def _limit_speed(self, limit: float | None) -> Outcome:
-        self._speed_limit.set(limit)
+        self._speed = limit
+        self._speed_limiter.limit(math.inf if limit is None else limit)
         self._robot.parts.changed()
         return Outcome(True, Text("reply.accepted", command=_name(SPEED_LIMIT)))
 
     def _stick_limits(self) -> VelocityLimits:
-        linear = min(self._limits.max_linear, self._speed_limit.value or math.inf)
+        linear = min(self._limits.max_linear, self._speed or math.inf)
         return replace(self._limits, max_linear=linear)
 
     def _stopped(self) -> None:
@@ -398,8 +343,8 @@ class Control:
             "owner": self.owner.name if self.owner else None,
             "limits": {"linear": limits.max_linear, "angular": limits.max_angular},
             "maximum": self._limits.max_linear,
-            "speedLimit": self._speed_limit.value,
-            "speedRefusal": self._speed_limit.refusal,
+            "speedLimit": self._speed,
+            "speedRefusal": self._speed_limiter.refusal,
             "driver": {"name": driver.name, "detail": driver.detail},
             "standstill": self._standstill.warning,
         }

@@ -113,15 +113,19 @@ function PoseDraft() {
       >
         ${t("pose.confirm")}
       </button>
-      <button
-        type="button"
-        id="dismiss"
-        aria-label=${t("target.cancel")}
-        onClick=${commands.forgetTarget}
-      >
-        <${Icon} name="close" />
-      </button>
+      <${Dismiss} />
     </div>`;
+}
+
+function Dismiss() {
+  return html`<button
+    type="button"
+    id="dismiss"
+    aria-label=${t("target.cancel")}
+    onClick=${commands.forgetTarget}
+  >
+    <${Icon} name="close" />
+  </button>`;
 }
 
 /** The way to the target, and the choice to go there. */
@@ -148,14 +152,7 @@ function Preview() {
     </div>
     <div class="act">
       ${may && html`<${TaskOptions} key=${to} target=${target} command=${command} />`}
-      <button
-        type="button"
-        id="dismiss"
-        aria-label=${t("target.cancel")}
-        onClick=${commands.forgetTarget}
-      >
-        <${Icon} name="close" />
-      </button>
+      <${Dismiss} />
     </div>`;
 }
 
