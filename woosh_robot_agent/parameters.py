@@ -13,6 +13,7 @@ import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -263,7 +264,7 @@ class StandardSettings:
         """Return True if a part of the standard layer is on: one of `PARTS`, or `tf`."""
         return self.publish_tf if part == "tf" else part not in self.disabled_parts
 
-    @property
+    @cached_property
     def velocity_limits(self) -> VelocityLimits:
         """Limits of cmd_vel; those of the speed also hold for robot/Twist."""
         return VelocityLimits(

@@ -411,7 +411,7 @@ class ChassisClient:
         timeout = self.timeout_of(full_name(message)) if how.timeout is None else how.timeout
         tap = self._queued_tap(message, how.tap)
         try:
-            return await connection.request(message, replace(how, timeout=timeout, tap=tap))
+            return await connection.request(message, how._replace(timeout=timeout, tap=tap))
         except NotConnectedError as error:  # the connection has just ended
             self._status.lost(error.__cause__)
             raise self._status.not_connected() from None

@@ -28,7 +28,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
@@ -122,8 +122,7 @@ class ZeroRefusedError(LinkError):
     """The chassis refused a zero velocity; the robot may be moving."""
 
 
-@dataclass(frozen=True)
-class Sender:
+class Sender(NamedTuple):
     """Who wants a command, and since when.
 
     Attributes:
@@ -324,7 +323,7 @@ class MotionGate:
             return await self._send_if_allowed(message, how, sender)
 
         def send(within: float) -> Coroutine[Any, Any, Answer]:
-            return self._send_if_allowed(message, replace(how, urgent=True, within=within), sender)
+            return self._send_if_allowed(message, how._replace(urgent=True, within=within), sender)
 
         now = asyncio.get_running_loop().time()
         born = now if sender.published is None else sender.published

@@ -192,8 +192,9 @@ class VelocityDriver:
             published: loop time (monotonic) at which the sender published it; by default now.
         """
         values = (linear, sideways, angular)
+        limits = self._limits()
         try:
-            limited = self._limits().apply(Twist(linear=linear, linear_y=sideways, angular=angular))
+            limited = limits.apply(Twist(linear=linear, linear_y=sideways, angular=angular))
         except UnusableVelocityError as error:  # rule 1
             self.refuse("value", str(error))
             return
@@ -213,7 +214,7 @@ class VelocityDriver:
                 f"{self._silenced}; send a zero velocity, or nothing for "
                 f"{self._gate.timing.pause:g} s",
             )
-        elif moves and not self._limits().override and (owner := self._gate.owner):  # rule 2
+        elif moves and not limits.override and (owner := self._gate.owner):  # rule 2
             self.refuse(
                 "owner",
                 f"{owner} is running: cancel it, or set the parameter cmd_vel_override",

@@ -91,9 +91,14 @@ class Watched:
         )
 
     @property
-    def may_have_more(self) -> bool:
-        """True if it may hold several messages or requests, so that `take` may be called again."""
+    def can_be_asked(self) -> bool:
+        """True if `take` may be called although it is not known to be ready."""
         return self.kind is Kind.SERVICE or self.kind is Kind.SUBSCRIPTION
+
+    @property
+    def may_have_more(self) -> bool:
+        """True if it may hold several messages or requests."""
+        return self.can_be_asked and self.entity.qos_profile.depth != 1
 
     def rank(self) -> tuple[bool, int, int]:
         """Return its place in a turn."""

@@ -17,7 +17,9 @@ in use:
    for at most one callback.
 6. `spin_once` runs one callback. An exception of the callback leaves `spin_once`. The next call
    continues the turn.
-7. A coroutine that awaits something is resumed at the end of each turn. While it keeps its
+7. After an urgent callback, the thread that spins lets other threads run: the callback has handed
+   its work to one of them, which can only begin when Python's lock is free.
+8. A coroutine that awaits something is resumed at the end of each turn. While it keeps its
    callback group busy, the group's other entities are left out.
 """
 
@@ -46,6 +48,9 @@ _MAX_IN_USE = 24
 """Maximum number of entities in use that may become idle. If there are more, half of them stay."""
 _MAX_TURN = 0.005
 """Time after which no callback runs again in the same turn, in seconds."""
+_HAND_OVER = 0.0001
+"""Time for which other threads run after an urgent callback, in seconds. One of them needs about
+half of it to wake up."""
 _NANOSECONDS = 1_000_000_000
 _FOREVER = -1
 """Timeout of a wait without a limit."""
@@ -249,7 +254,7 @@ class Executor:
                 self._update()
             if self._wait_set is None:
                 self._urgent = [
-                    each for each in self._watched.values() if each.is_urgent and each.may_have_more
+                    each for each in self._watched.values() if each.is_urgent and each.can_be_asked
                 ]
                 in_use = (
                     each
@@ -351,6 +356,8 @@ class Executor:
             self._has_run = True
             watched.last_turn = self._turn
             result = call()
+            if watched.is_urgent:
+                time.sleep(_HAND_OVER)
         finally:
             if not isinstance(result, CoroutineType):
                 entity.callback_group.ending_execution(entity)
