@@ -7,8 +7,12 @@ from typing import Any
 
 import pytest
 
-from tests.tools.dashboard.browsers import SharedBrowser, check_console_and_requests, open_page
-from tests.tools.dashboard.pages import SimulatedPage
+from tests.tools.dashboard.browsers import (
+    SharedBrowser,
+    SimulatedPage,
+    check_console_and_requests,
+    open_page,
+)
 
 
 @pytest.fixture(scope="session")
