@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from typing import Any
 
 import pytest
@@ -81,6 +82,16 @@ async def test_a_robot_that_does_not_move_is_reported_until_it_moves(
         assert "key switch" in text
         await rig.push(PoseSpeed(), MOVING)
         await eventually(lambda: not rig.watch.standstill.warning)
+
+
+@aio
+async def test_a_warning_does_not_come_from_reports_that_a_stall_has_held_up() -> None:
+    async with quick().running() as rig:
+        await rig.send(FORWARD, "cmd_vel")
+        time.sleep(3 * LIMIT)  # the stall under test: the timer is due, and nothing has been read
+        await turns()
+        assert rig.watch.standstill.warning == ""
+        assert "does not move" in await warned(rig)
 
 
 @aio

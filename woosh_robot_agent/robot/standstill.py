@@ -235,8 +235,11 @@ class Standstill:
         if demand.is_velocity and self._chassis.refusal(Twist()):
             self._demand = None  # the agent has stopped the robot, and only observes it
             return
-        demand.reported = True
         now = asyncio.get_running_loop().time()
+        if now - since > 1.5 * self.limit:  # this process stood still, so the reports are old, too
+            self._may_not_stand(demand)
+            return
+        demand.reported = True
         if now - self._logged > self.kept:
             self._log.clear()
             self._logged = now
