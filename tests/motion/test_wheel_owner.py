@@ -134,6 +134,21 @@ async def test_a_velocity_that_is_unanswered_at_the_start_of_a_task_still_needs_
 
 
 @aio
+async def test_no_zero_follows_a_velocity_that_is_refused_because_a_task_has_started() -> None:
+    async with gated(answer_nothing) as rig:
+        before = rig.drive(1)
+        await rig.wire.answer(await rig.wire.next(TWIST))
+        await soon(before)
+        refused = rig.drive(2)
+        frame = await rig.wire.next(TWIST)
+        await owned(rig)
+        assert rig.gate.driving
+        await rig.wire.answer(frame, ok=False)
+        await soon(refused)
+        assert not rig.gate.driving
+
+
+@aio
 async def test_a_velocity_between_acceptance_and_report_of_a_task_still_needs_its_zero() -> None:
     async with gated() as rig:
         await ok(rig.gate.request(EXEC_TASK))

@@ -176,6 +176,9 @@ class MotionGate:
         self._velocities = LatestWins[Answer](lambda: self.timing)
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
+        self._doubtful: Twist | None = None
+        """The last velocity, if it was unanswered when a task or an action was reported to start:
+        if it is refused, the wheels were taken before it."""
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
@@ -345,6 +348,8 @@ class MotionGate:
                 self._drives_until = time.monotonic() + self.timing.driving
         answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
+            if message is self._doubtful and message is self._last_velocity:  # rule 6
+                self._drives_until = -math.inf
             return answer
         if takes_wheels(message):  # rule 6
             self._wheels_taken = time.monotonic()
@@ -405,7 +410,11 @@ class MotionGate:
         # the velocity may have been sent after the start if it is unanswered, or if this gate
         # commanded the start, which is reported some time after it was accepted
         own_start = time.monotonic() < self._wheels_taken + self.timing.driving
-        if not self._velocities.in_flight and not own_start:  # rule 6
+        if own_start:
+            return
+        if self._velocities.in_flight:
+            self._doubtful = self._last_velocity
+        else:  # rule 6
             self._drives_until = -math.inf
 
     def _link_changed(self, state: LinkState) -> None:
