@@ -295,8 +295,9 @@ class WhoDrives:
         return Driver(OTHER_CLIENT, detail)
 
     def _is_own_id(self, number: int) -> bool:
-        """Return True if the id of the current task is one that the robot gives itself."""
+        """Return True if the robot generated this id: its start in Unix seconds * 100 + 53."""
         start, ending = divmod(number, TASKS_PER_SET)
+        # a task that was running before the link was ready may be old
         oldest = OWN_TASK_DURATION if self._began_unseen else OWN_TASK_AGE
         return ending == _OWN_TASK_ENDING and 0 <= self._task.time - start <= oldest
 

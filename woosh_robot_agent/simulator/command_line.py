@@ -255,8 +255,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--learn",
         type=Path,
         metavar="RECORDING_OR_SURVEY",
-        help="write the profile of a robot to the new file --profile, and exit: from a recording, "
-        "or from the folder of a survey",
+        help="learn a robot profile from a recording or from the folder of `doctor --survey`, "
+        "write it to the file given by --profile (must not exist), and exit",
     )
     parser.add_argument(
         "--dashboard",

@@ -132,7 +132,7 @@ def _address(text: str) -> Address:
     host, port = (match[1], int(match[2])) if match else (text, 0)
     try:
         if match and port == 0:
-            raise ValueError("no port of a robot")
+            raise ValueError  # 0 is LinkConfig's "default port"; an explicit :0 is an error
         config = LinkConfig(ip=re.sub(r"^\[(.*:.*)\]$", r"\1", host), port=port)
     except ValueError:
         raise argparse.ArgumentTypeError(

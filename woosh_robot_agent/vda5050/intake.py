@@ -218,7 +218,7 @@ class Intake:
             received = read_order(payload, self._version, identity)
             if received == self._order:
                 return False
-            here = execution.facts.position
+            here = execution.robot.position
             order = with_marks(
                 received, "" if here is None else here.map_id, execution.maps.find_mark
             )
@@ -271,7 +271,7 @@ class Intake:
         # in version 2.1, a new order removes the ended instant actions from the state
         ended = self._version.is_3 or not is_new
         check_instant_ids(order, self._execution.instant.ids_in_state(ended=ended))
-        status, info = self._execution.facts.status, self._execution.facts.info
+        status, info = self._execution.robot.status, self._execution.robot.info
         if status is not None and info is not None:
             status = replace(status, maps=self._execution.maps.listed(info))
         OrderCheck(order, self._execution.types).check(status)

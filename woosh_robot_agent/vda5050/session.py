@@ -133,10 +133,14 @@ class VehicleConfig:
         manufacturer: manufacturer in the topics.
         serial_number: serial number in the topics; empty for that of the robot.
         interface: first level of the topics.
-        limits: limits of the robot that it does not report, and options of the state.
+        version: version of VDA 5050.
+        limits: factsheet values that the robot does not report, and the intervals and content of
+            state messages.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
         state_folder: folder of the state file; None to keep nothing over a restart.
-        gone_after: time after which another connector of the vehicle counts as gone, in seconds.
+        timing: intervals and timeouts of requests to the robot.
+        gone_after: time without messages after which a second connector that uses this vehicle's
+            topics counts as gone, in seconds.
     """
 
     link: LinkConfig

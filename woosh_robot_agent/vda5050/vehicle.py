@@ -42,12 +42,12 @@ class Vehicle:
         self._link = RobotLink(config.link, config.timing, self._changed, self._moved)
         types = action_types(config.version, can_log=config.log_folder is not None)
         self._execution = Execution(self._link, config.version, types)
-        self._facts = self._execution.facts
+        self._reported = self._execution.robot
         self._reports = Reports(
             config.version,
             config.limits,
             self._state,
-            lambda: self._facts.status,
+            lambda: self._reported.status,
             self._factsheet,
         )
         self._intake = Intake(self._execution)
@@ -107,7 +107,7 @@ class Vehicle:
 
     def _restore(self, record: Record, damage: VehicleError | None) -> None:
         """Restore the order after a restart, and ask the robot for the state of its task."""
-        execution, info = self._execution, self._facts.info
+        execution, info = self._execution, self._reported.info
         if info is None:
             return
         execution.order_error = damage
@@ -181,8 +181,8 @@ class Vehicle:
         before = self._execution.order.progress
         self._execution.follow()
         has_changed = self._execution.order.progress != before
-        if has_changed or self._facts.is_driving != self._was_driving:
-            self._was_driving = self._facts.is_driving
+        if has_changed or self._reported.is_driving != self._was_driving:
+            self._was_driving = self._reported.is_driving
             self._changed()  # actions may wait for the standstill
         self._execution.speed.limit(self._execution.order.speed_limit)
         self._link.conditions.check()
@@ -212,20 +212,20 @@ class Vehicle:
     # To the master control
 
     def _factsheet(self) -> Factsheet | None:
-        info = self._facts.info
+        info = self._reported.info
         if info is None:
             return None
         return factsheet(info, self._config.limits, tuple(self._execution.types.values()))
 
     def _state(self) -> VehicleState | None:
-        robot, execution = self._facts.status, self._execution
+        robot, execution = self._reported.status, self._execution
         if robot is None:
             return None
         order = execution.order.status
         actions = order.actions + execution.instant.states
         order = replace(order, actions=actions, paused=execution.paused)
-        if self._facts.info is not None:
-            robot = replace(robot, maps=self._execution.maps.listed(self._facts.info))
+        if self._reported.info is not None:
+            robot = replace(robot, maps=self._execution.maps.listed(self._reported.info))
         if not self._link.ready:
             robot = replace(robot, velocity=None)
         errors = (

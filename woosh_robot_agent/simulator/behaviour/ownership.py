@@ -208,7 +208,8 @@ class Ownership:
         """Resume a paused task, or end the wait of a waiting one.
 
         Raises:
-            RefusedError: There is no task, the robot is not ready, or an action owns the device.
+            RefusedError: There is no task, the robot is not ready, or an action is using the device
+                that the task needs (wheels, jack, ...).
         """
         self._tasks.require_active(refusals.NO_TASK_TO_RESUME)
         if self._tasks.paused:
@@ -219,8 +220,8 @@ class Ownership:
         """Resume a paused task, or retry a failed one from the job that failed.
 
         Raises:
-            RefusedError: There is no task to recover, the robot is not ready, or an action owns the
-                device.
+            RefusedError: There is no task to recover, the robot is not ready, or an action is using
+                the device that the task needs.
         """
         if self._tasks.recoverable:
             self._take_device_for_task()

@@ -1,4 +1,4 @@
-"""The devices of the robot: what a job can own, battery, lifts and Wi-Fi; modes and conditions."""
+"""Devices of the robot, e.g. battery, lifts and Wi-Fi; its modes and conditions."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ class Battery:
 
     Args:
         level: Charge at the start, in percent.
-        profile: Rates, and values that are only reported.
+        profile: Drain and charge rates, and constants that are reported but not simulated, e.g.
+            `health`.
 
     Attributes:
         level: Charge, in percent.
-        profile: Rates, and values that are only reported.
+        profile: As above.
         charging: State of charging.
     """
 

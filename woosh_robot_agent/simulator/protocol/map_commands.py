@@ -208,19 +208,23 @@ def _sums(scene: Scene) -> map_pack_pb2.SceneFileMD5:
 
 @query(map_pack_pb2.SceneSync)
 def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
+    """Return the requested files of the scenes, each once per scene."""
     found: dict[tuple[str, str], bytes] = {}
     for wanted in request.scenes:
         scene = named_scene(chassis, wanted.scene_name)
         files = files_of(scene).all
-        sums = [*wanted.scenes_md5s, *(each for area in wanted.maps for each in area.map_md5s)]
-        for name in dict.fromkeys(each.name for each in sums):
+        requested = [*wanted.scenes_md5s]
+        for area in wanted.maps:
+            requested += area.map_md5s
+        for name in (file.name for file in requested):
             if name not in files:
                 raise RefusedError(
-                    f"unknown file {name} of scene {scene.name}: SceneMd5 lists its files"
+                    f"scene {scene.name} has no file {name}; SceneMd5 lists its files"
                 )
             found[scene.name, name] = files[name]
-    files_found = [(name, data) for (_, name), data in found.items()]
-    return map_pack_pb2.SceneSyncResponse(file_datas=_file_datas(files_found))
+    # Files of two scenes may have the same name.
+    answered = [(name, data) for (_scene, name), data in found.items()]
+    return map_pack_pb2.SceneSyncResponse(file_datas=_file_datas(answered))
 
 
 @query(storage_edit_pb2.Find)
@@ -272,7 +276,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
             chassis.deployment.cancel()
     else:
         raise RefusedError(f"unknown type {kind} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save")
-    # The answer comes when it is done.
+    # The answer comes when the map is started, saved or cancelled.
     chassis.answer_delay = duration
     return None
 

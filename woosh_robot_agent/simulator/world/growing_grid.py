@@ -1,7 +1,7 @@
 """Cells of maps, and growing occupancy grids, which are made from the scans of a laser.
 
 Each cell counts evidence: a ray that passes it says that it is free, an echo that it is occupied.
-The pose of each scan is known, so that nothing has to be matched.
+The pose of each scan is known, so that no scan matching is needed.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[\w.-]+)(:\d{1,5})?", re.ASCII | re.IGNORE
 
 
 class Role(Enum):
-    """What somebody may do who opens the page."""
+    """Permission of a visitor of the page."""
 
     LOOK = "look"
     CONTROL = "control"

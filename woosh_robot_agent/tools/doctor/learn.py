@@ -167,9 +167,9 @@ def _answers(seen: Observations) -> _Found:
 
 
 def _mapping(seen: Observations) -> _Found:
-    periods = _gaps([t for t, _ in seen.pushed(pack.BuildMapData)], longest=10.0)
+    periods = _gaps([t for t, _ in seen.pushed(pack.BuildMapData)], ignore_above=10.0)
     if len(periods) >= _MIN_SAMPLES:
-        period = Learned(_milliseconds(quantile(periods, 0.5)), len(periods))
+        period = Learned(_round_to_ms(quantile(periods, 0.5)), len(periods))
         yield ("mapping", "picture_period"), period
     kinds: dict[int, list[float]] = {}
     for each in seen.answered(pack.BuildMap):
@@ -185,13 +185,13 @@ def _mapping(seen: Observations) -> _Found:
 
 
 _MAX_GAP_MOVING = 2.0
-"""Time between two pushes of PoseSpeed from which on the robot stood, in seconds."""
+"""Longer gaps between two pushes of PoseSpeed mean that the robot stood, in seconds."""
 _SAME_PERIOD = 0.7
-"""Share of the time between two pushes from which on each scan is pushed."""
+"""Scan period divided by push period from which on every scan counts as pushed."""
 
 
 def _rates(seen: Observations) -> _Found:
-    moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], longest=_MAX_GAP_MOVING)
+    moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], ignore_above=_MAX_GAP_MOVING)
     if len(moving) >= _MIN_SAMPLES:
         yield ("rates", "pose_speed"), _median(moving)
     pushed = _gaps([each.t for each in busiest([each for each in seen.scans if each.pushed])])
@@ -221,7 +221,7 @@ def _scan_period(seen: Observations) -> Learned | None:
         if len(changes) > 1 and len(series) >= 2 * len(changes):
             time += changes[-1] - changes[0]
             count += len(changes) - 1
-    return Learned(_milliseconds(time / count), count) if count >= _MIN_SAMPLES else None
+    return Learned(_round_to_ms(time / count), count) if count >= _MIN_SAMPLES else None
 
 
 def _laser(seen: Observations) -> _Found:
@@ -308,26 +308,28 @@ def _codes(body: Any) -> Sequence[StatusCode]:
     return body.scs if isinstance(body, AbnormalCodes) else []
 
 
-def _gaps(times: Sequence[float], longest: float = math.inf) -> list[float]:
-    gaps = [after - before for before, after in pairwise(times)]
-    return [each for each in gaps if each <= longest]
+def _gaps(timestamps: Sequence[float], ignore_above: float = math.inf) -> list[float]:
+    gaps = [after - before for before, after in pairwise(timestamps)]
+    return [each for each in gaps if each <= ignore_above]  # longer gaps are pauses
 
 
-def _milliseconds(seconds: float) -> float:
+def _round_to_ms(seconds: float) -> float:
     return round(seconds, 3)
 
 
-def _median(times: Sequence[float]) -> Learned:
-    return Learned(_milliseconds(quantile(times, 0.5)), len(times))
+def _median(durations: Sequence[float]) -> Learned:
+    return Learned(_round_to_ms(quantile(durations, 0.5)), len(durations))
 
 
-def _distribution(times: Sequence[float]) -> Learned:
+def _distribution(durations: Sequence[float]) -> Learned:
+    """Return the median, the 90 % quantile and the maximum."""
     shares = (0.5, 0.9, 1.0)
-    return Learned([_milliseconds(quantile(times, each)) for each in shares], len(times))
+    return Learned([_round_to_ms(quantile(durations, each)) for each in shares], len(durations))
 
 
-def _interval(times: Sequence[float]) -> Learned:
-    return Learned([_milliseconds(min(times)), _milliseconds(max(times))], len(times))
+def _interval(durations: Sequence[float]) -> Learned:
+    """Return the minimum and the maximum."""
+    return Learned([_round_to_ms(min(durations)), _round_to_ms(max(durations))], len(durations))
 
 
 @lru_cache

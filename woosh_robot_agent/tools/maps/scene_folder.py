@@ -258,15 +258,17 @@ def _numbers(pose: dict[str, float] | None) -> list[float] | None:
 
 
 _NAV2, _MARKS_FOLDER = "nav2", "marks"
-"""Folders of this program inside the folder."""
-_SIGNS = (_MARKS_FOLDER, "scene.json")
-"""Names of which a saved scene has one."""
+"""Subfolders of a saved scene that this program writes; the robot has no such files."""
+_SCENE_MARKERS = (_MARKS_FOLDER, "scene.json")
+"""A folder that contains one of these is a saved scene."""
 _MARK_INFO = "mark_info.data"
-"""Name of a robot's file with the marks of the map whose folder it is in."""
+"""Name of the robot's file with the marks of a map, in the folder of the map."""
 
 
 def to_path(name: str) -> str:
     """Return the path of a robot's file in the folder of its scene.
+
+    If a part of the name is empty, `.` or `..`, the whole name becomes one file name.
 
     Raises:
         MapsError: The name cannot be a path.
@@ -275,13 +277,13 @@ def to_path(name: str) -> str:
     if any(part in ("", ".", "..") for part in parts):
         return to_file_name(name)
     paths = [to_file_name(part) for part in parts]
-    if paths[0] in (_NAV2, _MARKS_FOLDER):  # not a robot's
+    if paths[0] in (_NAV2, _MARKS_FOLDER):  # these are the folders of this program
         paths[0] = f"%{ord(paths[0][0]):02X}{paths[0][1:]}"
     return "/".join(paths)
 
 
 def _robot_name(path: str) -> str:
-    """Return the robot's name of a file in the folder."""
+    """Return the robot's name of a file; the inverse of `to_path`."""
     return unquote(path)
 
 
@@ -291,9 +293,8 @@ class SavedScene:
 
     Attributes:
         name: Name of the scene.
-        files: The files of the robot, by its names for them. Edited marks are in them.
-        loose_marks: YAML files of the marks that none of these files contains, by the name of the
-            map.
+        files: The files of the robot, by the robot's names, with the edited marks.
+        loose_marks: YAML files of marks for which `files` has no mark file, by the name of the map.
     """
 
     name: str
@@ -395,7 +396,7 @@ def read_scene(folder: Path) -> SavedScene:
 
 
 def _is_scene(folder: Path) -> bool:
-    return any((folder / sign).exists() for sign in _SIGNS)
+    return any((folder / marker).exists() for marker in _SCENE_MARKERS)
 
 
 def _is_own(path: str) -> bool:

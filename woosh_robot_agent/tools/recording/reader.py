@@ -134,7 +134,7 @@ def read_recording(*paths: Path) -> Recording:
     )
     damage = "; ".join(part.damage for part in parts if part.damage)
     present = {int(part.metadata["part"]) for part in parts}
-    missing = tuple(part for part in range(max(present)) if part not in present)
+    missing = tuple(number for number in range(max(present)) if number not in present)
     return Recording(
         parts[0].metadata.get("address", ""), int(started) / 1e9, records, damage, missing
     )

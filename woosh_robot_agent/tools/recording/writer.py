@@ -1,4 +1,4 @@
-"""Writing a recording."""
+"""Write a recording to one or several MCAP files."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ from woosh_robot_agent.tools.recording.views import (
 
 _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)
-"""Types whose views would be too many for an eye at the highest rates."""
+"""Types whose views are limited in rate, because an eye cannot follow them at the highest rates."""
+_VIEW_PERIOD = 20_000_000
+"""Minimum time between two views of a type in `_THINNED`, in ns."""
 _MAX_MAPS = 100
 """Maximum number of maps that every file contains, and of maps that wait to be prepared."""
-_VIEW_PERIOD = 20_000_000
-"""Minimum time between two views of such a type, in ns."""
 
 
 @dataclass
 class _Thinned:
-    """Views of one type that come too fast.
+    """State of a type in `_THINNED`.
 
     Attributes:
         shown_at: Time of the last view, in ns.
-        waiting: Message without a view since then.
+        waiting: The newest message since `shown_at`, which has no view yet.
     """
 
     shown_at: int = 0
@@ -58,10 +58,11 @@ class _Thinned:
 
 
 class RecordingWriter:
-    """Writes frames and events, the messages in the frames, and views of them.
+    """Write a recording: frames, connection events, decoded messages, and views.
 
-    A crash loses what was written since the last `flush`. A file error ends the recording but is
-    not raised, because the proxy must keep forwarding.
+    A view is a message for display in Foxglove. A crash loses what was written since the last
+    `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must keep
+    forwarding.
 
     Args:
         path: Path of the new file; it must not exist.

@@ -127,7 +127,7 @@ _PREFIX = "log_report_"
 )
 async def log_report(run: Run) -> str:
     """Store what the robot reports, in a subfolder for each robot, and return the path in it."""
-    info, folder = run.execution.facts.info, run.log_folder
+    info, folder = run.execution.robot.info, run.log_folder
     if info is None or folder is None:
         raise ActionFailedError("the robot has not reported its state yet")
     now = datetime.fromtimestamp(time.time(), timezone.utc)

@@ -201,7 +201,7 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     if any(_is_current(execution, each) for each in execution.maps.find(name, version)):
         return
     chosen = _single(execution, name, version)
-    run.require_no_leg()
+    run.require_not_driving_order()
     await run.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
     await run.wait(
         lambda: _is_current(execution, chosen),
@@ -211,7 +211,7 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     # a robot that stands does not push its pose, which now belongs to this map
     answer = await run.link.ask(PoseSpeed())
     if isinstance(answer.body, PoseSpeed):
-        execution.facts.remember_pose(answer.body)
+        execution.robot.remember_pose(answer.body)
 
 
 @vehicle_action(
@@ -242,15 +242,15 @@ async def _init_position(run: Run) -> None:
     execution, given = run.execution, run.given
 
     def is_there() -> bool:
-        place = execution.facts.position
+        place = execution.robot.position
         return place is not None and place.initialised and place.map_id == given["mapId"]
 
-    run.require_no_leg()
+    run.require_not_driving_order()
     await _switch_map(run, given["mapId"])
     await run.request(InitRobot(pose=Pose2D(x=given["x"], y=given["y"], theta=given["theta"])))
     await run.wait(is_there, _TIMEOUT, "the robot has not found its position: see its errors")
     if "lastNodeId" in given:
-        execution.order.placed(given["lastNodeId"])
+        execution.order.set_last_node(given["lastNodeId"])
 
 
 init_position, initialize_position = (
@@ -361,7 +361,7 @@ def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
 
 
 def _is_current(execution: Execution, stored: StoredMap) -> bool:
-    info = execution.facts.info
+    info = execution.robot.info
     return info is not None and (info.scene.scene_name, info.scene.map_name) == (
         stored.scene,
         stored.name,

@@ -77,7 +77,8 @@ class Run:
         """Wait until a condition of the vehicle holds.
 
         Raises:
-            ActionFailedError: it does not within `timeout` seconds; the text is `failure`.
+            ActionFailedError: the condition does not hold within `timeout` seconds; the text is
+                `failure`.
         """
         if not await self.link.conditions.wait(condition, timeout):
             raise ActionFailedError(failure)
@@ -86,9 +87,9 @@ class Run:
         """Check that the robot stands at a mark, or so near that it only has to dock.
 
         Raises:
-            ActionFailedError: it does not, or the map has no such mark.
+            ActionFailedError: the robot is too far from the mark, or the map has no such mark.
         """
-        here = self.execution.facts.position
+        here = self.execution.robot.position
         place = None if here is None else self.execution.maps.find_mark(mark, here.map_id)
         if here is None or place is None:
             raise ActionFailedError(f"the robot knows no mark {mark} on its map")
@@ -98,11 +99,11 @@ class Run:
                 f"mark {mark} is {distance:.1f} m away, more than {REACH:g} m: drive to it first"
             )
 
-    def require_no_leg(self) -> None:
+    def require_not_driving_order(self) -> None:
         """Check that the robot does not drive along an order.
 
         Raises:
-            ActionFailedError: it does.
+            ActionFailedError: the robot drives along an order.
         """
         if self.execution.order.driving:
             raise ActionFailedError(
@@ -124,7 +125,8 @@ class VehicleAction:
 
     Attributes:
         type: name, scopes and parameters, for the factsheet and for the check of orders.
-        version: first number of the only version of the standard that has it; empty for all.
+        version: major number of the only version of the standard that has the action, e.g. `3`;
+            empty if all versions have it.
     """
 
     type: ActionType

@@ -55,14 +55,14 @@ _CHARGE_TIMEOUT = 30.0
 )
 async def start_charging(run: Run) -> None:
     """Dock at a charger and charge, by a task of the robot, which goes on."""
-    facts = run.execution.facts
-    if facts.is_charging:
+    robot = run.execution.robot
+    if robot.is_charging:
         return
-    run.require_no_leg()
+    run.require_not_driving_order()
     mark = run.given.get(_STATION) or await _nearest_charger(run)
     run.require_near(mark)
     request = ExecTask(type=task.kCharge, mark_no=mark)
-    await run.execution.tasks.perform(request, run.report, lambda: facts.is_charging)
+    await run.execution.tasks.perform(request, run.report, lambda: robot.is_charging)
 
 
 async def _nearest_charger(run: Run) -> str:
@@ -71,7 +71,7 @@ async def _nearest_charger(run: Run) -> str:
     Raises:
         ActionFailedError: there is none within reach.
     """
-    here = run.execution.facts.position
+    here = run.execution.robot.position
     answer = await run.request(storage_edit_pb2.Storages())
     distances = []
     for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
@@ -94,18 +94,18 @@ async def _nearest_charger(run: Run) -> str:
 )
 async def stop_charging(run: Run) -> None:
     """Cancel the charging task, or back out of the charger if the task has ended."""
-    facts = run.execution.facts
-    info = facts.info
+    robot = run.execution.robot
+    info = robot.info
     if info is None:
         raise ActionFailedError("the robot has not reported its state yet")
     if info.task_proc.type == task.kCharge and is_running(info.task_proc):
         answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
         if not answer.ok:
             raise ActionFailedError(f"the robot refused to end its task: {answer.msg}")
-    elif facts.is_charging:
+    elif robot.is_charging:
         await run.call(ChargeControl(execute_mode=ChargeControl.kExit))
     await run.wait(
-        lambda: not facts.is_charging,
+        lambda: not robot.is_charging,
         _CHARGE_TIMEOUT,
         f"the robot still charges after {_CHARGE_TIMEOUT:g} s",
     )
@@ -156,7 +156,7 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
     mark = run.given.get(_STATION)
     if mark is None:
         return await run.call(lift)
-    run.require_no_leg()
+    run.require_not_driving_order()
     run.require_near(mark)
     request = ExecTask(type=task.kCarry, direction=direction, mark_no=mark)
     await run.execution.tasks.perform(request, run.report)

@@ -185,7 +185,7 @@ def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -
         description=edge.get(version.name("edgeDescription"), ""),
         unsupported=tuple(
             name
-            for name in version.refused
+            for name in version.unsupported_edge_fields
             if name in edge and not (name in OBEYED_ANYWAY and OBEYED_ANYWAY[name](edge))
         ),
     )

@@ -86,7 +86,8 @@ class Version:
         names: names of fields that differ from version 2.1; empty for a field that this version
             does not have.
         values: values of enumerations that differ from those of the connector.
-        refused: fields of an edge that the robot cannot obey, see also `OBEYED_ANYWAY`.
+        unsupported_edge_fields: fields of an edge that the robot cannot obey; see also
+            `OBEYED_ANYWAY`.
         error_types: errorType of errors; see `error_type` for the others.
         error_levels: errorLevel of errors, by their errorType, where the standard prescribes
             another one than `VehicleError.level`.
@@ -94,7 +95,7 @@ class Version:
 
     number: str
     received: frozenset[Topic]
-    refused: tuple[str, ...]
+    unsupported_edge_fields: tuple[str, ...]
     names: Mapping[str, str] = field(default_factory=dict)
     values: Mapping[str, str] = field(default_factory=dict)
     error_types: Mapping[str, str] = field(default_factory=dict)
@@ -128,7 +129,7 @@ class Version:
 V2_1 = Version(
     number="2.1.0",
     received=frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS}),
-    refused=(
+    unsupported_edge_fields=(
         "corridor",
         "direction",
         "maxHeight",
@@ -137,7 +138,7 @@ V2_1 = Version(
         "orientation",
         "rotationAllowed",
     ),
-    values={"PAUSED": "RUNNING"},  # the published schema of the state lacks it
+    values={"PAUSED": "RUNNING"},  # the 2.1 state schema has no PAUSED
     error_types={
         ErrorType.UNSUPPORTED_PARAMETER: "orderError",
         ErrorType.ORDER_ACTION: "orderError",
@@ -153,7 +154,7 @@ V2_1 = Version(
 V3_0 = Version(
     number="3.0.0",
     received=frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS, Topic.ZONE_SET}),
-    refused=(
+    unsupported_edge_fields=(
         "corridor",
         "direction",
         "maximumMobileRobotHeight",

@@ -209,11 +209,11 @@ class OrderMachine:
         self._order = order
         return verdict
 
-    def placed(self, node_id: str) -> None:
-        """Take a new last node: the vehicle was told that it stands there.
+    def set_last_node(self, node_id: str) -> None:
+        """Set the last node, on which the vehicle stands by its own knowledge or by a command.
 
         Args:
-            node_id: id of the node; empty if the vehicle stands on none.
+            node_id: id of the node; empty if the vehicle stands on no node.
         """
         last = self._route.last_node
         number = last.sequence_id if last and self.busy else 0
@@ -223,7 +223,7 @@ class OrderMachine:
         """Forget the last node, unless the vehicle stands on it; not during an order."""
         last = self._route.last_node
         if last is not None and not self.busy and not self._route.stands_on(last):
-            self.placed("")
+            self.set_last_node("")
 
     def moved(
         self, position: Position, *, by_itself: bool = False, confirmed: bool = False

@@ -98,6 +98,7 @@ def robot_status(info: RobotInfo) -> RobotStatus:
 def drives(info: RobotInfo) -> bool:
     """Return True if the robot moves, by its last report."""
     motion = info.pose_speed.twist
+    # `not <=`: NaN counts as moving
     return not (abs(motion.linear) <= MIN_SPEED and abs(motion.angular) <= MIN_SPEED)
 
 
@@ -121,6 +122,7 @@ def position(info: RobotInfo) -> Position | None:
         y=_rounded(place.y),
         theta=_rounded(math.remainder(place.theta, math.tau)),
         map_id=map_id(info),
+        # is_located is None if the robot does not report it, or is building a map
         initialised=info.state != robot.kUninit and readiness.is_located(info) is not False,
     )
 

@@ -29,8 +29,8 @@ export class MapCanvas {
     this.canvas = canvas;
     this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
     this.view = new View();
-    this.fitted = false; // the map was shown as a whole since there is one
-    this.whole = false; // it still is, because nobody has moved it since
+    this.fittedOnce = false; // true once this map has been fitted to the window
+    this.stillFitted = false; // true until the user pans or zooms; then a resize no longer refits
     /** @type {{map: store.Area, image: HTMLImageElement, drawn: CanvasImageSource} | null} */
     this.area = null;
     /** @type {HTMLImageElement | null} */
@@ -39,7 +39,7 @@ export class MapCanvas {
     this.keepout = null;
     /** @type {number[][]} */
     this.trail = [];
-    /** @type {Map<number, Point>} where the pointers are that are down, in pixels */
+    /** @type {Map<number, Point>} pressed pointers: their positions, in pixels */
     this.pointers = new Map();
     /** @type {{start: Point, acts: boolean, dragged: boolean}} */
     this.press = { start: { x: 0, y: 0 }, acts: false, dragged: false };
@@ -93,8 +93,8 @@ export class MapCanvas {
     const pose = store.pose.value;
     if (this.area) this.view.fit(this.corners(this.area));
     else if (pose) this.view.fit([-5, 5].map((side) => ({ x: pose.x + side, y: pose.y + side })));
-    this.fitted = this.area !== null;
-    this.whole = true;
+    this.fittedOnce = this.area !== null;
+    this.stillFitted = true;
     this.redraw();
   }
 
@@ -103,7 +103,7 @@ export class MapCanvas {
    * @param {Point} pixel
    */
   zoom(factor, pixel = this.view.middle) {
-    this.whole = false;
+    this.stillFitted = false;
     this.view.zoom(factor, store.follow.value ? this.view.middle : pixel);
     this.redraw();
   }
@@ -127,7 +127,7 @@ export class MapCanvas {
     const turned = store.robotUp.value && pose ? Math.PI / 2 - pose.theta : 0;
     if (turned !== this.view.angle) this.view.turn(turned);
     if (store.follow.value && pose) {
-      this.whole = false;
+      this.stillFitted = false;
       this.view.put(pose, this.view.middle);
     }
     this.redraw();
@@ -242,7 +242,7 @@ export class MapCanvas {
    * @param {Point} to
    */
   pan(from, to) {
-    store.follow.value = this.whole = false;
+    store.follow.value = this.stillFitted = false;
     this.view.put(this.view.toWorld(from.x, from.y), to);
     this.redraw();
   }
@@ -312,7 +312,7 @@ export class MapCanvas {
     this.shown = url;
     if (!map || !url) {
       this.area = this.keepout = this.keepoutImage = null;
-      this.fitted = false;
+      this.fittedOnce = false;
       this.trail = [];
       this.redraw();
       return;
@@ -321,7 +321,7 @@ export class MapCanvas {
       this.area = { map, image, drawn: image };
       this.keepout = this.keepoutImage = null;
       this.recolour();
-      if (!this.fitted) this.fit();
+      if (!this.fittedOnce) this.fit();
       if (!map.keepout) return;
       this.loadPicture(url, `keepout/${url}`, (keepout) => {
         this.keepoutImage = keepout;
@@ -385,7 +385,7 @@ export class MapCanvas {
   resize() {
     this.view.width = this.canvas.clientWidth;
     this.view.height = this.canvas.clientHeight;
-    if (!this.fitted || this.whole) this.fit();
+    if (!this.fittedOnce || this.stillFitted) this.fit();
     this.draw();
   }
 
