@@ -173,7 +173,7 @@ class RobotIdentity:
         return any(mine and others and mine != others for mine, others in pairs)
 
     def completed_by(self, other: RobotIdentity | None) -> RobotIdentity:
-        """Return this identity, with unknown numbers taken from an earlier one of the same robot."""
+        """Return this identity, with unknown numbers taken from `other`, if there is one."""
         if other is None:
             return self
         return RobotIdentity(

@@ -95,7 +95,7 @@ async def aside(function: Callable[..., T], *args: Any) -> T:
     The function must consist of small steps of Python: a long call into C that keeps the GIL would
     hold up all threads.
     """
-    context = contextvars.copy_context()  # the agent's logger is a context variable
+    context = contextvars.copy_context()  # it holds the logger of the robot's node
     return await asyncio.get_running_loop().run_in_executor(
         _THREAD, context.run, _run, function, *args
     )

@@ -245,8 +245,8 @@ def varint(value: int) -> bytes:
 
 
 _PROGRESS = 1024
-"""Number of bytes of an unfinished frame that count as a sign of life. Fewer do not count, because a
-frame that trickles in must not keep the link alive forever."""
+"""Number of bytes of an unfinished frame that count as a sign of life. Fewer do not count: a frame
+that trickles in must not keep the link alive forever."""
 _MESSAGE_TOO_BIG = 1009
 """Close code for a frame that is larger than the receiver accepts."""
 

@@ -29,9 +29,9 @@ from woosh_robot_agent.vda5050.orders.legs import (
 )
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.robot.calls import RobotCalls
-from woosh_robot_agent.vda5050.robot.reported_state import ReportedState
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 from woosh_robot_agent.vda5050.robot.maps import RobotMaps
+from woosh_robot_agent.vda5050.robot.reported_state import ReportedState
 from woosh_robot_agent.vda5050.robot.tasks import (
     UNSENT,
     ActionTasks,

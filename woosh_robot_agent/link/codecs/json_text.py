@@ -195,8 +195,8 @@ _SPACE = re.compile(r"[ \t\n\r]*")
 _CLOSING = {"{": "},", "[": "],"}
 """End of an item and the comma after it, by the first character of the items of a list."""
 _CUTS = 4
-"""Number of places at which a piece of a list is tried to be cut off. If none of the cuts is between
-two items, the next item is parsed alone."""
+"""Maximum number of places at which a cut between two items of a list is tried. Then the next item
+is parsed alone."""
 
 
 def _after_space(text: str, at: int) -> int:
