@@ -1,4 +1,4 @@
-"""Detect that the robot does not move although it has accepted a command, and name likely causes."""
+"""Detect that a robot does not move although it has accepted a command; name likely causes."""
 
 from __future__ import annotations
 
@@ -309,7 +309,7 @@ class Standstill:
 
 
 def _is_finite(report: PoseSpeed) -> bool:
-    """Return True if a report has only numbers that can be compared."""
+    """Return True if no number in a report is NaN or infinite."""
     pose, twist = report.pose, report.twist
     numbers = (pose.x, pose.y, pose.theta, twist.linear, twist.angular)
     return all(map(math.isfinite, numbers))
@@ -325,10 +325,10 @@ def _has_moved(before: PoseSpeed, now: PoseSpeed) -> bool:
 
 
 def _may_stand(message: Any) -> bool:
-    """Return True if the robot may stand although a request gives it the wheels.
+    """Return True if the robot may stand still although it executes a request that drives it.
 
-    So it may with following, with charging, if it stands at the charger already, and with steps
-    that are too small to show in the reports.
+    These are requests to follow somebody, to charge (it may stand at the charger already), and
+    steps that are too small to show in the reports.
     """
     if not isinstance(message, CallAction):
         return isinstance(message, Follow)
