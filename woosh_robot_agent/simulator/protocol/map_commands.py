@@ -66,9 +66,9 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
-    """Return the name of the scene of a map that is named without one.
+    """Return the name of the scene of a map that a request names without its scene.
 
-    That is the current scene, unless only one other scene has the map.
+    That is the current scene, unless exactly one other scene has the map.
     """
     if not map_name or chassis.scene.map(map_name):
         return chassis.scene.name
@@ -152,10 +152,10 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
 
 
 def _require_idle(chassis: Chassis) -> None:
-    """Check that nothing runs that a change of the current map would disturb.
+    """Check that the robot does nothing that a change of the current map would disturb.
 
     Raises:
-        RefusedError: Something runs or is paused, or a map is being made.
+        RefusedError: A task, an action or a navigation runs or is paused, or a map is being made.
     """
     require_map_change(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
@@ -271,7 +271,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         new = mapping.draft is not None
         duration = mapping.cancel()
         if new:
-            chassis.deployment.end_session()  # its points went with the map
+            chassis.deployment.end_session()  # the collected points went with the map
         else:
             chassis.deployment.cancel()
     else:
@@ -302,7 +302,7 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
     found: Sequence[CollectedPoint] = []
     if mode == pack.kDepCollect:
         where = pose(request.pose)
-        # Some clients send an empty pose if they mean that of the robot.
+        # Some clients send an empty pose if they mean the pose of the robot.
         given = request.HasField("pose") and where != Pose()
         found = [chassis.deployment.collect(_KINDS[kind], where if given else None)]
     elif mode == pack.kDepCancel:

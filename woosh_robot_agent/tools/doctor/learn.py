@@ -1,6 +1,6 @@
-"""A profile of the simulator from what a robot has shown.
+"""Learn a profile of the simulator from the frames of a robot.
 
-Each value comes with the number of samples behind it. What the robot has not shown is as in the
+Each learned value has its number of samples. Values that the frames do not show are those of the
 profile `tr200`.
 """
 
@@ -36,7 +36,7 @@ from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
 from woosh_robot_agent.tools.doctor.observations import Observations, Seen, busiest
 
 REFERENCE = "tr200"
-"""Profile that has all values which a robot has not shown."""
+"""Profile from which values are taken that cannot be learned."""
 
 Keys = tuple[str, ...]
 """Keys of a value in a profile, e.g. `("rates", "scan")`."""
@@ -47,7 +47,7 @@ class Learned(NamedTuple):
 
     Attributes:
         value: The value, as in the file of a profile.
-        samples: Number of samples behind it.
+        samples: Number of samples from which the value was learned.
     """
 
     value: Any
@@ -67,7 +67,7 @@ def quantile(values: Sequence[float], share: float) -> float:
 
 
 def learn(seen: Observations) -> Values:
-    """Return what a robot has shown of its profile."""
+    """Return all values of a profile that can be learned from the observations."""
     parts = (_model, _tasks, _answers, _mapping, _rates, _laser, _driving, _battery, _refusals)
     return {path: found for part in parts for path, found in part(seen)}
 
@@ -75,11 +75,11 @@ def learn(seen: Observations) -> Values:
 _Found = Iterator[tuple[Keys, Learned]]
 
 _MIN_SAMPLES = 3
-"""Number of samples from which on a distribution is learned."""
+"""Minimum number of samples to learn a distribution."""
 
 
 _MAX_SIZE = 100_000
-"""Maximum of a size in mm, or of a weight in kg, that can be meant."""
+"""Maximum plausible size in mm, or weight in kg."""
 
 
 def _model(seen: Observations) -> _Found:
@@ -103,7 +103,7 @@ _MAX_FIRST_REPORT = 30.0
 _MAX_EFFECT = 5.0
 """Maximum time from an order to its effect, in seconds."""
 _MAX_EMPTY = 0.5
-"""Maximum time from the last report of a task to the empty one, in seconds."""
+"""Maximum time from the last report of a task to the following empty report, in seconds."""
 _FIRST_REPORTS = 8
 """Maximum number of values of `tasks.first_report`."""
 
@@ -143,7 +143,7 @@ def _tasks(seen: Observations) -> _Found:
 
 
 _SLOW = {cls.DESCRIPTOR.full_name for cls in (pack.InitRobot, pack.BuildMap)}
-"""Requests whose answers come when they are done. Other fields describe them."""
+"""Requests that are answered when they are done. Other fields of the profile describe them."""
 _FREQUENT = {cls.DESCRIPTOR.full_name for cls in (pack.Twist, ScannerData)}
 """Requests that are sent so often that they would outweigh all others."""
 
@@ -246,7 +246,7 @@ def _laser(seen: Observations) -> _Found:
 _STANDING = 0.01
 """Speed up to which a robot stands, in m/s or rad/s."""
 _MIN_MOVING = 10
-"""Number of reports of a moving robot from which on its maximum speeds are learned."""
+"""Minimum number of reports of a moving robot to learn its maximum speeds."""
 _MAX_START = 3.0
 """Maximum time from a velocity to the first motion, in seconds."""
 
@@ -343,11 +343,11 @@ def reference() -> dict[str, dict[str, Any]]:
 _TIMES = {"answers", "mapping", "rates", "tasks"}
 """Sections with times, which depend on this computer and the network, too."""
 _TOLERANCES = {True: (0.1, 0.02), False: (0.01, 0.0)}
-"""Share of a number, and difference in seconds, up to which two times or other numbers agree."""
+"""Relative and absolute difference up to which two numbers agree, for times (True) and others."""
 
 
 def known_value(path: Keys) -> Any:
-    """Return the value of `tr200` in place of a learned one."""
+    """Return the value of `tr200` for the same keys as a learned value."""
     known: Any = reference()
     for key in path:
         known = known.get(key) if isinstance(known, dict) else None
@@ -356,7 +356,7 @@ def known_value(path: Keys) -> Any:
 
 
 def differs(path: Keys, value: Any) -> bool:
-    """Return True if a learned value differs from that of `tr200`."""
+    """Return True if a learned value differs from the value of `tr200`."""
     known = known_value(path)
     if path == ("tasks", "first_report"):  # in any order
         value, known = sorted(value), sorted(known)
@@ -377,8 +377,8 @@ def profile_text(values: Mapping[Keys, Learned], source: str) -> str:
     """Return the file of a profile.
 
     Args:
-        values: What the robot has shown.
-        source: Where it comes from, for the heading.
+        values: The learned values.
+        source: Name of the source of the values, for the heading.
 
     Raises:
         DataFileError: The values do not make a profile.
@@ -423,7 +423,7 @@ class _Entry:
 
 @dataclass(frozen=True)
 class _Survey:
-    """The part of the file of a survey that is read."""
+    """The part of the survey file that this module reads."""
 
     profile: tuple[_Entry, ...]
 
@@ -431,7 +431,7 @@ class _Survey:
 SURVEY_FILE = "survey.json"
 """File with the results of a survey, in its folder."""
 _MAX_SURVEY = 16 * 1024 * 1024
-"""Maximum size of this file, in bytes."""
+"""Maximum size of the survey file, in bytes."""
 
 
 def learn_profile(source: Path, target: Path) -> str:
@@ -439,10 +439,10 @@ def learn_profile(source: Path, target: Path) -> str:
 
     Args:
         source: A recording, or the folder of a survey.
-        target: The file, which must not exist.
+        target: Path of the profile, which must not exist.
 
     Returns:
-        What was done.
+        A text that says what was written.
 
     Raises:
         DataFileError: The source cannot be used, shows nothing, or the file cannot be written.
@@ -471,12 +471,12 @@ def learn_profile(source: Path, target: Path) -> str:
 
 
 def observe_recording(path: Path) -> Observations:
-    """Return what a recording shows.
+    """Return the observations in a recording.
 
     Raises:
-        DataFileError: It cannot be read.
+        DataFileError: The recording cannot be read.
     """
-    # it needs mcap, which surveys do not
+    # imported here, because it needs mcap, and surveys do not
     from woosh_robot_agent.tools.recording.layout import Frame, RecordingError
     from woosh_robot_agent.tools.recording.reader import read_recording
 
