@@ -68,7 +68,7 @@ class FaultCommands:
         ]
 
     def data(self) -> dict[str, Any]:
-        """Return the faults that exist, and those that are active."""
+        """Return all kinds of faults, and the active faults."""
         return {"known": self._known, "faults": [_entry(each) for each in self._simulator.faults]}
 
     def _clear(self, _args: Args) -> Outcome:

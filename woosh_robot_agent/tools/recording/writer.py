@@ -94,9 +94,9 @@ class RecordingWriter:
         self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
         self._preparing: list[Future[PreparedMap | None]] = []
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
-        """The last map with each name, which every file contains."""
+        """The last map with each name, which every new file begins with."""
         self._states: dict[str, View] = {}
-        """The last view of each state, which every file begins with."""
+        """The last view of each state, which every new file begins with."""
         self._robot: dict[str, str] = {}
         self._start = time.time_ns()
         self._clock_offset = self._start - time.monotonic_ns()
@@ -144,7 +144,7 @@ class RecordingWriter:
             sender: Side that sent the frame.
             data: Payload of the frame.
             text: True for a text frame.
-            received: Time at which it passed, by `now`; None if it has just passed.
+            received: Time at which the frame passed, by `now`; None if it has just passed.
         """
         self._seen += 1
         self.answered |= sender == "chassis"
@@ -170,7 +170,7 @@ class RecordingWriter:
     def event(
         self, connection: int, kind: EventKind, by: Side, text: str = "", at: int | None = None
     ) -> None:
-        """Write an event that has happened at a time of `now`; by default at this moment."""
+        """Write an event that happened at the time `at`, by `now`; by default at this moment."""
         self.connections += kind == "open"
         if kind == "refused":
             self.refusal = text
@@ -235,7 +235,7 @@ class RecordingWriter:
         self._files.add(view.channel, now, view.message.SerializeToString())
 
     def _add_waiting(self) -> None:
-        """Write the views that were left out and were followed by none."""
+        """Write the views of the messages that wait because of `_VIEW_PERIOD`."""
         now = self.now()
         for thinned in self._thinned.values():
             message, thinned.waiting = thinned.waiting, None
@@ -272,7 +272,7 @@ class RecordingWriter:
             self._files.add_metadata(ROBOT_METADATA, robot)
 
     def _begin_file(self, file: McapFile) -> None:
-        """Write what every file begins with."""
+        """Write metadata, maps and last views to the start of a file."""
         file.add_metadata(METADATA, self._metadata | {"part": str(self._file_count)})
         self._file_count += 1
         if self._robot:
