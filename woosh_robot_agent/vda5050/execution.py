@@ -1,4 +1,4 @@
-"""The order and the instant actions of a vehicle, and what the robot does for them."""
+"""Execute the order and the instant actions of a vehicle with tasks and actions of the robot."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ from woosh_robot_agent.vda5050.robot.tasks import (
 
 _LOG = logging.getLogger(__name__)
 PAUSE = "pause"
-"""Name of the hold by which a pause stops the drive."""
+"""Name of the hold (reason for which the order must not drive) of a paused vehicle."""
 _OTHER_MOTION = (
     "something else drives the robot",
     "wait for its end, or cancel the order",
 )
-"""Text about a motion that is not of the vehicle, and what to do."""
+"""Cause and hint for a motion that this vehicle has not started."""
 _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
     task.kCharge: (
         "the robot executes a charging task that this vehicle has not started",
@@ -59,7 +59,7 @@ _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
         "control parks it",
     ),
 }
-"""The same for some types of tasks."""
+"""Cause and hint, by type of task, for a task that this vehicle has not started."""
 
 
 class Execution:
@@ -71,13 +71,14 @@ class Execution:
         maps: maps on the robot, and marks of its scene.
         order: the current order.
         instant: the instant actions.
-        drive: the task that drives the current leg.
-        speed: its speed limit.
+        drive: the task that drives the current leg (part of an order without a stop).
+        speed: the speed limit of the drive.
         calls: the robot's own actions.
         tasks: tasks of actions.
-        active: actions that run and for which others may have to wait, by id.
+        active: running actions for which other actions may have to wait, by id.
         is_alone: False while another connector uses the topics of the vehicle.
-        order_error: why the last order was rejected or dropped; None if one was accepted since.
+        order_error: why the last order was rejected or dropped; None if another order was accepted
+            since.
         pause_wanted: True if the vehicle is, or must be, paused.
     """
 
@@ -102,7 +103,7 @@ class Execution:
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
         self._is_cut = False
-        """True from a loss of the link until all actions that ran then have ended."""
+        """True from a loss of the link until all actions that ran at the loss have ended."""
         link.chassis.on_state(self._link_changed)
         link.chassis.on_snapshot(lambda info: self.order.doubt_place())
 
@@ -212,7 +213,7 @@ class Execution:
             self.order.forget_left_node()
 
     def clear_where_demanded(self) -> None:
-        """Clear the order if the robot is in a mode, or a place, in which it cannot have one."""
+        """Clear the order if the mode or the lost position of the robot forbids an order."""
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
             self._clear(f"the operating mode is {mode.value}", "send a new order in mode AUTOMATIC")
@@ -225,7 +226,7 @@ class Execution:
             )
 
     def pause(self, wanted: bool) -> None:
-        """Pause or resume everything; idempotent."""
+        """Pause or resume the order and all actions; idempotent."""
         if wanted == self.pause_wanted:
             return
         self.pause_wanted = wanted
@@ -284,9 +285,9 @@ class Execution:
     # Steps
 
     def commands(self) -> Iterator[Perform | EndAction]:
-        """Drive as far as it follows from the events so far; yield the commands about actions.
+        """Start or stop the drive as the events so far demand; yield the commands about actions.
 
-        They must be executed before the next one is taken.
+        Each command must be executed before the next one is taken.
         """
         while commands := [*self._take_instant(), *self._poll_order()]:
             for command in commands:

@@ -1,4 +1,4 @@
-"""Actions in which the robot does something: charging, loads, its lift, steps, turns, words."""
+"""Actions that move the robot or its devices: charging, loads, lift, steps, turns; and speech."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _CHARGE_TIMEOUT = 30.0
     pausable=True,
 )
 async def start_charging(run: Run) -> None:
-    """Dock at a charger and charge, by a task of the robot, which goes on."""
+    """Dock at a charger and charge, by a task of the robot that continues after this action."""
     robot = run.execution.robot
     if robot.is_charging:
         return
@@ -69,7 +69,7 @@ async def _nearest_charger(run: Run) -> str:
     """Return the number of the nearest charger.
 
     Raises:
-        ActionFailedError: there is none within reach.
+        ActionFailedError: there is no charger within reach.
     """
     here = run.execution.robot.position
     answer = await run.request(storage_edit_pb2.Storages())
@@ -164,13 +164,13 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
 
 
 _MIN_SPEED = 0.01
-"""Lowest speed, in m/s or rad/s."""
+"""Lowest permitted speed of a step or turn, in m/s or rad/s."""
 _MAX_HEIGHT = 2.0
 """Highest target of the lift, in metres. The robot does not report how high its lift goes."""
 _MAX_STEP = 10.0
-"""Longest step, in metres."""
+"""Longest permitted step, in metres."""
 _MAX_TURN = 2 * math.pi
-"""Widest turn, in radians."""
+"""Widest permitted turn, in radians."""
 _FOOTPRINTS = {
     "ORIGINAL": robot_pb2.kOriginal,
     "EXPAND": robot_pb2.kExpand,

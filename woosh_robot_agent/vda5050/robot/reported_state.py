@@ -63,7 +63,7 @@ class ReportedState:
         self._heard_at = -math.inf
         """Loop time of the last report of a pose."""
         self._silence: asyncio.TimerHandle | None = None
-        """Asks a robot that moves for its pose, if it does not report it; None while it stands."""
+        """Asks a moving robot for its pose if no report comes; None while the robot stands."""
         link.chassis.on_snapshot(lambda info: self._changed())
         link.chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
         for part in _PARTS:
@@ -131,7 +131,7 @@ class ReportedState:
         self._expect_report()
 
     def _expect_report(self) -> None:
-        """Expect the next report of a robot that moves. One that stands reports nothing."""
+        """Expect the next report of a robot that moves. A standing robot reports no pose."""
         if self._silence is None and self.is_driving and not self._link.is_closing:
             loop = asyncio.get_running_loop()
             due = max(loop.time(), self._heard_at + REPORT_GAP)
