@@ -1,4 +1,4 @@
-// The map on its canvas: what is drawn when, and what pointers, keys and tools do.
+// The map on its canvas: when it is drawn, and the effect of pointers, keys and tools.
 
 import { effect } from "../vendor/preact.js";
 import * as commands from "../commands.js";
@@ -10,7 +10,7 @@ import { View } from "./view.js";
 
 const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const OCCUPIED = 0.65; // darkness above which a pixel is a wall, as in nav2's map_server
-const FREE = 0.196; // darkness below which it is floor
+const FREE = 0.196; // darkness below which a pixel is floor
 const TRAIL_STEP = 0.05; // metres between two points of the trail
 const TRAIL_LENGTH = 4000; // points
 const DRAG = 8; // pixels from which a press is a drag
@@ -87,7 +87,7 @@ export class MapCanvas {
 
   // View
 
-  /** Show the whole map, or without one the surroundings of the robot. */
+  /** Show the whole map; without a map, show the surroundings of the robot. */
   fit() {
     store.follow.value = false;
     const pose = store.pose.value;
@@ -148,7 +148,7 @@ export class MapCanvas {
     );
   }
 
-  // Pointers: one pans or acts, two pan and zoom
+  // Pointers: one pointer pans or uses the tool, two pointers pan and zoom
 
   /** @param {PointerEvent} event */
   pressed(event) {
@@ -251,7 +251,7 @@ export class MapCanvas {
   measureFrom(pixel) {
     const place = this.view.toWorld(pixel.x, pixel.y);
     const former = store.measured.value;
-    // a press begins a line, the next one ends it
+    // a press begins a line, the next press ends it
     const begins = !former || distance(former[0], former[1]) > 0;
     store.measured.value = begins ? [place, place] : [former[0], place];
   }
@@ -279,7 +279,7 @@ export class MapCanvas {
   }
 
   /**
-   * Return what is at a pixel.
+   * Return the item at a pixel, e.g. a mark; undefined if there is none.
    * @template {{x?: number, y?: number}} T
    * @param {Point} pixel
    * @param {T[]} items
@@ -300,7 +300,7 @@ export class MapCanvas {
     return (store.simulator.value?.faults ?? []).filter((fault) => fault.x !== undefined);
   }
 
-  // What is drawn
+  // Images and the picture
 
   /**
    * @param {store.Area | null} map
@@ -331,7 +331,7 @@ export class MapCanvas {
   }
 
   /**
-   * @param {string} wanted value of `shown` for which it counts
+   * @param {string} wanted value of `shown`; if it has changed meanwhile, the image is dropped
    * @param {string} url
    * @param {(image: HTMLImageElement) => void} use
    */
