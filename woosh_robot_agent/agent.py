@@ -78,7 +78,7 @@ def main(args: list[str] | None = None) -> int:
     Further signals are ignored from then on, because the process is about to end.
 
     Args:
-        args: arguments of the command line; None for those of this process.
+        args: arguments of the command line; None for the arguments of this process.
     """
     open_standard_streams()
     if problem := too_few_descriptors():

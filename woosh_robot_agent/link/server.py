@@ -249,7 +249,7 @@ async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) ->
     Args:
         handler: serves one connection.
         host: the address to listen on.
-        port: the port to listen on; 0 takes a free one.
+        port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
     """
 
@@ -498,12 +498,12 @@ async def serve_websocket(
     Args:
         handler: serves one WebSocket.
         host: the address to listen on.
-        port: the port to listen on; 0 takes a free one.
+        port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
         open_timeout: time after which a client is dropped that has sent no request, or whose
             handshake is not complete, in seconds.
         before: awaited before a client's handshake is answered.
-        local_pages_only: refuse web pages as clients, except those of this machine.
+        local_pages_only: True to refuse web pages as clients, except pages of this machine.
         respond: answers a request that is no handshake.
     """
 

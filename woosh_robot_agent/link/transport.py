@@ -32,7 +32,7 @@ class Transport(Protocol):
 
     @property
     def received(self) -> int:
-        """Number of bytes received so far, those of an unfinished frame included."""
+        """Number of bytes received so far, including the bytes of an unfinished frame."""
 
     @property
     def waited(self) -> bool:

@@ -60,7 +60,7 @@ class SpeedLimiter:
         self._on_refused = on_refused
         self._on_change = on_change
         self._limit: float | None = None
-        """Current limit; infinite without one, None while there is nothing to limit."""
+        """Current limit; infinite without a limit, None while there is nothing to limit."""
         self._sent = math.inf
         """Limit that was sent last; infinite before the first, `_UNKNOWN` if it may not hold."""
         self._refused: float | None = None

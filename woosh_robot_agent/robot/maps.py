@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # loads slowly, and is needed only for maps
     from PIL import Image
 
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG")
-"""Formats of images that are read: that of the robots, and those of map_server.
+"""Formats of images that are read: PNG of robots, and the formats of map_server.
 
 Pillow starts other programs for some of its other formats.
 """

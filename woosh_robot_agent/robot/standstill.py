@@ -316,7 +316,7 @@ def _is_finite(report: PoseSpeed) -> bool:
 
 
 def _has_moved(before: PoseSpeed, now: PoseSpeed) -> bool:
-    """Return True if a report shows a speed, or another pose than an earlier one."""
+    """Return True if a report shows a speed, or another pose than an earlier report."""
     if max(abs(now.twist.linear), abs(now.twist.angular)) > MIN_SPEED:
         return True
     old, new = before.pose, now.pose

@@ -358,7 +358,7 @@ def running_agent(
             process, which starts faster and can be debugged.
         domain: ROS_DOMAIN_ID of the agent; by default a new one from `own_domain`.
         namespace: Namespace of the agent.
-        parameters: Parameters of the agent; by default, `ip` and `port` are those of `chassis`.
+        parameters: Parameters of the agent; by default, `ip` and `port` lead to `chassis`.
 
     Raises:
         AssertionError: The agent did not connect within 60 s.

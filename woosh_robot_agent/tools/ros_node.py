@@ -22,7 +22,7 @@ class NodeThread:
 
     Args:
         name: Name of the node.
-        namespace: Namespace of the node, unless the arguments have another one.
+        namespace: Namespace of the node, unless the arguments set another namespace.
         args: Command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
 

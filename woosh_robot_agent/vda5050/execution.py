@@ -107,7 +107,7 @@ class Execution:
         link.chassis.on_state(self._link_changed)
         link.chassis.on_snapshot(lambda info: self.order.doubt_place())
 
-    # Where the vehicle is, and what it does
+    # Motion, pause and errors
 
     @property
     def at_rest(self) -> bool:

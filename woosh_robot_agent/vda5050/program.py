@@ -185,7 +185,7 @@ class Connector:
         The page has links of its own, and only reads from the robots.
 
         Args:
-            port: port of the page; 0 takes a free one.
+            port: port of the page; 0 takes a free port.
         """
         made = Dashboard(self._links, DashboardConfig(port=port))
         for robot, (vehicle, _) in zip(made.robots, self._vehicles, strict=True):
@@ -219,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the connector until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; 1 if the page cannot be served.

@@ -24,7 +24,7 @@ _STEP = _LONG // 2
 LONG_FRAME = _STEP
 """Length from which `cut_out` looks at a frame, in characters or bytes."""
 _TOKEN = secrets.token_hex(16)
-"""Start of the short texts that replace long ones; the other end cannot know it."""
+"""Start of the short texts that replace long texts; the sender of the frame cannot know it."""
 _REPLACED = re.compile(rf"{_TOKEN}(\d+)")
 """Text that replaces a long one, with its number."""
 LONG_MESSAGE = _LONG // 4 * 3

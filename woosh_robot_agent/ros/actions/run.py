@@ -430,7 +430,7 @@ class GoalRun:
 
 
 class OpenGoals:
-    """The goals that have not ended, oldest first: those of one call action, or all tasks.
+    """The goals that have not ended, oldest first: the goals of one call action, or all tasks.
 
     The chassis executes only one of them at a time.
     """

@@ -102,7 +102,7 @@ class Goal:
         self._waiting.clear()
 
     def send_result(self, reply: Reply) -> None:
-        """Send the result to a client, as soon as there is one."""
+        """Send the result to a client, as soon as there is a result."""
         if self._result is None:
             self._waiting.append(reply)
         else:

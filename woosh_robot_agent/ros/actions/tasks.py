@@ -190,7 +190,7 @@ class TaskIds:
         """The last id that was returned."""
 
     def next(self) -> int:
-        """Return an id above all earlier ones."""
+        """Return an id above all earlier ids."""
         self._last = max(self._last + 1, int(time.time()))
         return self._last
 
@@ -305,7 +305,7 @@ class TaskGoal:
         )
 
     def _may_be_end(self, old: TaskProc) -> bool:
-        """Return True if a history entry can be this task's end, not that of an earlier one."""
+        """Return True if a history entry can be the end of this task, not of an earlier task."""
         return (
             old.robot_task_id == self._id
             and old.state in OUTCOMES

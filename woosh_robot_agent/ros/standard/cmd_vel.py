@@ -46,7 +46,7 @@ _REPORT_PERIOD = 1.0
 
 
 class CmdVel(Part):
-    """The topic cmd_vel; the rules for its velocities are those of `VelocityDriver`.
+    """The topic cmd_vel; `VelocityDriver` has the rules for its velocities.
 
     Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,
     angular.z counter-clockwise in rad/s. The other components are ignored.

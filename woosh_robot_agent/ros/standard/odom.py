@@ -77,7 +77,7 @@ class Odom(Part):
     async def _publish_due(self, now: float) -> None:
         self._note_silence(now - self._received)
         if self._context.settings().odom_prediction:
-            # 0.5: skip a message that would follow right after another one
+            # 0.5: skip a message that would follow right after another message
             if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
                 self._publish_predicted()
         elif not self._prediction.velocity.moving and self._due(now, self._sent, 0.9):

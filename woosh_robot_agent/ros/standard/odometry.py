@@ -157,7 +157,7 @@ class Prediction:
         """Return the pose and the velocity of the robot.
 
         Args:
-            time: time of the pose; must not be before that of the previous call.
+            time: time of the pose; must not be before the time of the previous call.
         """
         if self._is_new:
             self._start(time)

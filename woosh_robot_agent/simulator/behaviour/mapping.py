@@ -115,7 +115,7 @@ class Mapping:
         """Begin to make a new map; return the duration of the start, in seconds.
 
         Args:
-            scene_name: Name of a new scene or an existing one.
+            scene_name: Name of a new or an existing scene.
             map_name: Name of the map.
 
         Raises:

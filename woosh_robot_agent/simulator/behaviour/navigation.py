@@ -75,7 +75,7 @@ def plan_route(
         start: Pose at which the route starts.
         stops: Poses to pass, the goal last.
         strict: Connect the poses by straight lines.
-        obstacles: Walls to avoid in addition to those of the map.
+        obstacles: Walls to avoid in addition to the walls of the map.
 
     Raises:
         NoRouteError: There is no route, or the search takes too long.
@@ -294,7 +294,7 @@ class Navigate(Job):
 
         Args:
             robot: The robot.
-            obstacles: Walls to avoid in addition to those of the map.
+            obstacles: Walls to avoid in addition to the walls of the map.
 
         Raises:
             NoRouteError: There is no path.

@@ -175,7 +175,7 @@ class Ownership:
 
     @property
     def navigation(self) -> Navigate | None:
-        """The navigation that owns the wheels, or else a paused one."""
+        """The navigation that owns the wheels, or else a paused navigation."""
         job = self._tasks.job
         if self._tasks.paused and self._actions.owner(Device.WHEELS):
             return self._actions.navigation
@@ -193,7 +193,7 @@ class Ownership:
         self._actions.tick(dt)
 
     def start_tasks(self, orders: Sequence[TaskOrder]) -> None:
-        """Start one task or those of a set, in place of everything that drives or charges.
+        """Start one task or the tasks of a set, in place of everything that drives or charges.
 
         Raises:
             RefusedError: The robot is not ready, or the running task has precedence.
@@ -312,7 +312,7 @@ class Ownership:
         self._follower.stop()
 
     def _has_precedence(self, order: TaskOrder) -> bool:
-        """Return True if the running task has precedence over a new one."""
+        """Return True if the running task has precedence over a new task."""
         if not self._robot.profile.refusals.while_busy:
             return False
         if not self._tasks.active:

@@ -178,7 +178,7 @@ class Tasks:
         self._canceling = False
         """True from the cancellation of the task until the report that shows it."""
         self._rest_of_set: deque[TaskOrder] = deque()
-        """Tasks of the set that follow the current one."""
+        """Tasks of the set that follow the current task."""
         self._last_id = 0
         """Last id that the robot has chosen."""
 
@@ -229,7 +229,7 @@ class Tasks:
         return job is not None and not self.paused and job.device is device
 
     def new_id(self) -> int:
-        """Return a unique id for a task that came without one, based on the simulated time."""
+        """Return a unique id for a task that came without an id, based on the simulated time."""
         profile = self._profile
         wanted = int(self._robot.time) * profile.own_id_factor + profile.own_id_offset
         self._last_id = max(wanted, self._last_id + 1)

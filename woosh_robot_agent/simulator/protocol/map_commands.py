@@ -162,7 +162,7 @@ def _require_idle(chassis: Chassis) -> None:
 
 
 def _old_scene(chassis: Chassis, name: str) -> Scene | None:
-    """Return the scene that an upload changes, or None if the upload adds one."""
+    """Return the scene that an upload changes, or None if the upload adds a scene."""
     old = chassis.scenes.get(name)
     if not old and len(chassis.scenes) >= MAX_SCENES:
         raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)

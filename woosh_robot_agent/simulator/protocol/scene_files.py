@@ -165,7 +165,7 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
 def merge_files(
     old: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
 ) -> dict[str, bytes]:
-    """Return the files of a scene with those of an upload.
+    """Return the files of a scene, where the files of an upload replace or complete the old ones.
 
     Raises:
         RefusedError: A file name is invalid, or the files are too many or too large.
@@ -234,7 +234,7 @@ def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
 
 @command(storage_edit_pb2.Update)
 def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
-    """Change the mark with the given number; without one, renumber the mark with the given id."""
+    """Change the mark with the given number; if no mark has it, renumber the mark with the id."""
     area, changes = chassis.map, request.storage
     number, id_ = changes.identity.no, changes.identity.id
     by_id = next((mark for mark in area.marks.values() if id_ and mark.id == id_), None)

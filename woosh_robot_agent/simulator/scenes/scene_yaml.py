@@ -279,7 +279,7 @@ def _map(entry: MapEntry, free_ids: Iterator[int], read: Read, content: Any = No
 
     Args:
         entry: The entry.
-        free_ids: Ids for maps without one.
+        free_ids: Ids for maps without an id.
         read: Returns the content of a file.
         content: Content of the file `image`, None to read it.
     """

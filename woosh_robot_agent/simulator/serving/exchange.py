@@ -41,7 +41,7 @@ class Outgoing:
 
     Attributes:
         type: Type of the body in the frame's envelope.
-        body: Body, None for an empty one.
+        body: Body, None for an empty body.
         sn: Serial number of the answered request; 0 for a push.
         ok: True if the request was executed, False if it was refused; None for a push.
         msg: Text of an answer.

@@ -204,7 +204,7 @@ class Planner:
         Args:
             start: Start of the path, in metres. It is not among the corners.
             goal: End of the path, in metres. It is the last corner.
-            obstacles: Walls to avoid in addition to those of the map.
+            obstacles: Walls to avoid in addition to the walls of the map.
             budget: Limit of the computation. The legs of one path share it.
 
         Raises:

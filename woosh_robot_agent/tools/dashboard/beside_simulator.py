@@ -29,7 +29,7 @@ async def dashboard_beside(simulator: SimulatedChassis, port: int) -> AsyncItera
 
     Args:
         simulator: the chassis, which listens.
-        port: port of the page; 0 takes a free one.
+        port: port of the page; 0 takes a free port.
 
     Yields:
         The address of the page.

@@ -12,7 +12,7 @@ SCAN = "scan"
 
 
 class Parts:
-    """The parts of one robot, or those of all robots, and their viewers.
+    """The parts of one robot, or the parts about all robots, and their viewers.
 
     A part is one named section of the page's data, e.g. the laser scan. A viewer is a page in a
     browser. A part is sent to the viewers when its data has changed.

@@ -63,7 +63,7 @@ class DashboardConfig:
 
     Attributes:
         host: address to listen on.
-        port: port to listen on; 0 takes a free one.
+        port: port to listen on; 0 takes a free port.
         tls: certificate for HTTPS; None for HTTP.
         control: True if viewers may command the robots.
         tokens: tokens of the roles, used if other machines can connect.

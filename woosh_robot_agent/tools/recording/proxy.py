@@ -127,7 +127,7 @@ class RecordingProxy:
 
         Args:
             host: Address to listen on.
-            port: Port to listen on; 0 for any free one.
+            port: Port to listen on; 0 for any free port.
 
         Returns:
             The port in use.

@@ -90,8 +90,8 @@ class ReplayedChassis:
     Args:
         playback: The recording.
         host: Address to listen on.
-        port: Port of the WebSocket transport; 0 for any free one.
-        tcp_port: Port of the TCP transport; 0 for any free one.
+        port: Port of the WebSocket transport; 0 for any free port.
+        tcp_port: Port of the TCP transport; 0 for any free port.
         speed: Speed of the playback as a factor.
         loop: True to drop all clients and start again when the recording ends.
         wait_for_commands: True to pause also at each recorded command until a client sends a

@@ -126,8 +126,8 @@ class RobotTask:
         on_paused: called when the robot has paused or resumed the task.
 
     Attributes:
-        id: id of the current task; 0 without one.
-        other: id of the task of another client that the robot executes; 0 without one.
+        id: id of the current task; 0 without a task.
+        other: id of the task of another client that the robot executes; 0 without such a task.
         confirmed: True once the robot has reported on the current task over the current link.
     """
 
@@ -328,7 +328,7 @@ class ActionTasks:
 
     @property
     def id(self) -> int:
-        """Id of the task that the robot executes for an action; 0 without one."""
+        """Id of the task that the robot executes for an action; 0 without a task."""
         return self._task.id
 
     @property
