@@ -331,7 +331,7 @@ _SCALARS = {
     FieldDescriptor.TYPE_BYTES: "uint8[]",
 }
 _NUMBERS = {"woosh.task.TaskSetBase.rtype": "uint32"}
-"""Enum fields that are plain numbers: their enum is in a package that depends on the field's."""
+"""Enum fields that are plain numbers: their enum's package depends on the field's package."""
 
 
 def field_type(field: FieldDescriptor) -> str:

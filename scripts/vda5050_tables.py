@@ -13,7 +13,7 @@ from woosh_robot_agent.vda5050.messages.versions import OBEYED_ANYWAY, V2_1, V3_
 
 _REFUSED = [
     f"edges.{name}{'.*' if name == 'corridor' else ''}"
-    for name in dict.fromkeys((*V2_1.refused, *V3_0.refused))
+    for name in dict.fromkeys((*V2_1.unsupported_edge_fields, *V3_0.unsupported_edge_fields))
     if name not in OBEYED_ANYWAY
 ]
 _NO_VALUE = "the robot reports no such value"

@@ -57,13 +57,13 @@ _ROS_OPTION = (
 
 _MIB = 1024 * 1024
 _LARGEST_BLOCK = 32 * _MIB
-"""Minimum size of a block with its own mapping, in bytes; glibc allows no more."""
+"""Minimum size of a block with its own memory mapping, in bytes; glibc allows no larger minimum."""
 _MAX_UNUSED = 256 * _MIB
-"""Unused space at the end of the heap from which glibc returns it at once, in bytes."""
+"""Size of the unused end of the heap from which glibc returns it at once, in bytes."""
 _PERIOD = 5.0
-"""Time between two looks at the memory, in seconds."""
+"""Time between two checks of the unused memory, in seconds."""
 _GROWTH = 8 * _MIB
-"""Growth of the unused memory after which it is returned, in bytes."""
+"""Growth of the unused memory after which `Heap.trim` returns it to the system, in bytes."""
 _M_TRIM_THRESHOLD = -1
 """`M_TRIM_THRESHOLD` of <malloc.h>."""
 _M_MMAP_THRESHOLD = -3
@@ -78,7 +78,7 @@ def main(args: list[str] | None = None) -> int:
     Further signals are ignored from then on, because the process is about to end.
 
     Args:
-        args: arguments of the command line; None for those of this process.
+        args: arguments of the command line; None for the arguments of this process.
     """
     open_standard_streams()
     if problem := too_few_descriptors():
@@ -102,8 +102,8 @@ def _run(args: list[str], signals: StopSignals) -> int:
     """Run the agents until a signal arrives; return the exit status."""
     if own := _outside_ros_args(args):
         return _answer(own)
-    # Objects of the start are mostly permanent. Searching them for garbage would take an eighth of
-    # the start-up time.
+    # Objects created at the start are mostly permanent. Searching them for garbage would take an
+    # eighth of the start-up time.
     gc.disable()
     heap = Heap()  # before imports that start threads, such as numpy
     import rclpy
@@ -139,7 +139,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
         ) as error:
             print("agent:", *error_text(error).split(), file=sys.stderr)
             return _FAILED
-        except UnknownROSArgsError as error:  # its text is the list of them
+        except UnknownROSArgsError as error:  # its text is the list of the arguments
             print(f"agent: unknown arguments after --ros-args: {error}", file=sys.stderr)
             return _FAILED
         executor = Executor()
@@ -151,12 +151,12 @@ def _run(args: list[str], signals: StopSignals) -> int:
         while not signals.received and rclpy.ok():
             _spin_once(executor, _SPIN_TIMEOUT)
             heap.trim()
-        # One robot ends quickly in any case, and a normal exit is safer.
+        # The endpoints of one robot are destroyed quickly, and a normal exit is safer.
         destroy = len(fleet.agents) == 1 or not exit_withdraws_endpoints()
         fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=destroy)
         executor.shutdown()
         if not destroy:
-            signals.ignore()  # `exit_process` does not return to `main`, which does it otherwise
+            signals.ignore()  # `main` would do so, but `exit_process` does not return
             exit_process(0)
     finally:
         rclpy.try_shutdown()
@@ -278,12 +278,12 @@ class Heap:
             libc.mallopt(_M_MMAP_THRESHOLD, _LARGEST_BLOCK)
             libc.mallinfo2.restype = MallInfo
         self._due = time.monotonic() + _PERIOD
-        """Monotonic time of the next look at the memory."""
+        """Monotonic time of the next check."""
         self._usual = self._unused()
-        """Unused memory after it was returned, in bytes; glibc goes on counting it."""
+        """Unused memory after the last trim, in bytes; not zero, because glibc still counts it."""
 
     def trim(self) -> None:
-        """Return unused memory to the system, if there is more of it. Call it often."""
+        """Return unused memory to the system if it has grown. Call this often; it checks rarely."""
         now = time.monotonic()
         if now < self._due or self._libc is None:
             return
@@ -304,7 +304,7 @@ def exit_process(status: int) -> NoReturn:
     """Exit without finalizing the Python interpreter, which would destroy the endpoints one by one.
 
     Fast DDS compares each endpoint that is destroyed with all others of its process: with the
-    agents of 20 robots, that takes half a minute. Fast DDS 2 also withdraws them all at once, when
+    agents of 20 robots, that takes half a minute. Fast DDS 2 withdraws all endpoints at once when
     the process exits (`releases.exit_withdraws_endpoints`).
 
     Functions of `atexit` do not run. No callback of the middleware may need Python any more: shut

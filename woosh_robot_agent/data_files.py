@@ -1,6 +1,6 @@
-"""Data from files and messages as checked dataclasses, with errors that name place and remedy.
+"""Read YAML, JSON and other plain data into checked dataclasses; errors name place and remedy.
 
-A dataclass describes a mapping: its fields are the keys, and those without a default are required.
+A dataclass describes a mapping: its fields are the keys, and a field without a default is required.
 The types of the fields are `str`, `int`, `float`, `bool`, `Any`, `Literal`, enums (by value),
 dataclasses, named tuples (lists of numbers), `tuple[X, ...]`, `Mapping[str, X]`, `X | None`, and
 each of these as `Annotated[X, check]`. A check is called with the value, and raises ValueError.
@@ -28,7 +28,7 @@ except ImportError:
 T = TypeVar("T")
 
 _MAX_BYTES = 256 * 1024
-"""Default of the maximum size of a file, in bytes. Reading one takes some tenths of a second."""
+"""Default maximum size of a file, in bytes. Reading such a file takes some tenths of a second."""
 
 _MAX_DEPTH = 20
 """Maximum nesting depth."""
@@ -59,7 +59,7 @@ def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
 
     Args:
         name: Name of the file, for errors.
-        data: Its bytes.
+        data: Content of the file.
         max_bytes: Maximum size of the file, in bytes.
 
     Raises:
@@ -87,7 +87,7 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
 
     Args:
         name: Name of the file, for errors.
-        data: Its bytes.
+        data: Content of the file.
         max_bytes: Maximum size of the file, in bytes.
 
     Raises:
@@ -101,7 +101,7 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
 
 
 def place() -> Any:
-    """Return a field for the place of an object in its file, which is not a key there."""
+    """Return a dataclass field that is no key: it gets the place of the object in its file."""
     return field(default="", kw_only=True, compare=False, repr=False, metadata={_PLACE: True})
 
 
@@ -110,7 +110,7 @@ _PLACE = "place"
 
 @dataclass(frozen=True)
 class Between:
-    """Check of the limits of a number, or of the number of entries of a list."""
+    """Check that a number, or the number of entries of a list, is from `least` to `most`."""
 
     least: float
     most: float = math.inf
@@ -136,7 +136,7 @@ def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True)
     """Return plain data as an object of a type.
 
     Args:
-        kind: The type, as described above.
+        kind: The type; the docstring of this module lists the possible types.
         value: The data, as YAML or JSON loads them.
         where: Name of the file, and the path of the value in it, for errors.
         known_only: Refuse keys that no field has, instead of ignoring them.
@@ -148,7 +148,7 @@ def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True)
 
 
 class _Reader:
-    """See `structure`."""
+    """Implementation of `structure`."""
 
     def __init__(self, known_only: bool) -> None:
         self._known_only = known_only
@@ -223,7 +223,7 @@ def _below(where: str, key: str) -> str:
 
 
 def _checked(make: Callable[[], T], where: str) -> T:
-    """Return an object, and add the place to the error of one that is invalid."""
+    """Return what `make` returns; turn its ValueError into a DataFileError with the place."""
     try:
         return make()
     except DataFileError:

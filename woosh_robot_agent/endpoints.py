@@ -38,7 +38,7 @@ class Query:
 
 @dataclass(frozen=True)
 class Command:
-    """A service that makes the chassis do something, or requests a value that `arg` selects.
+    """A service that makes the chassis do something, or requests a value that `arg` specifies.
 
     Attributes:
         name: name of the service.
@@ -47,9 +47,9 @@ class Command:
         request: protobuf full name of the request.
         answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
         timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
-        reads: True if it only reads: it changes and moves nothing.
-        two_types: True if the chassis may also name the type of the request in its answer, although
-            the content is that of `answer`.
+        reads: True if the command only reads: it changes and moves nothing.
+        two_types: True if the chassis may name the type of the request in its answer, although the
+            content is always of the type `answer`.
         extra: True if the manufacturer's agent lacks it.
     """
 
@@ -104,7 +104,8 @@ class Action:
 
     Attributes:
         name: name of the action.
-        action: ROS type of the action; its parts have the fields `arg`, `ret` and `fb`.
+        action: ROS type of the action. Its goal has the field `arg`, its result `ret`, and its
+            feedback `fb`.
         arg: protobuf full name of the goal's `arg`.
         feedback: protobuf full name of the reports, which become `fb` and `ret`.
         member: member of the oneof of woosh.ros.CallAction that carries `arg`; empty if `arg`
@@ -128,11 +129,11 @@ _GROUPS = {
     "robot/count": ("woosh_robot_msgs/", "woosh.robot.count."),
     "task": ("woosh_task_msgs/", "woosh.task."),
 }
-"""What replaces the group of an endpoint's name in its ROS type and in its protobuf message."""
+"""Start of the ROS type and of the protobuf full name of an endpoint, by the group in its name."""
 
 
 def _types(name: str) -> tuple[str, str]:
-    """Return ROS type and protobuf message of an endpoint with a usual name."""
+    """Return ROS type and protobuf full name that follow from an endpoint's name, by `_GROUPS`."""
     group, _, short = name.rpartition("/")
     ros_prefix, prefix = _GROUPS[group]
     return f"{ros_prefix}{short}", f"{prefix}{short}"
@@ -331,7 +332,7 @@ def minimum_timeouts() -> dict[str, float]:
 
 
 OWN_READS = ("woosh.ros.Feedbacks",)
-"""Protobuf full names of requests that have no endpoint, and with which the agent only reads."""
+"""Protobuf full names of read-only requests that the agent itself sends; they have no endpoint."""
 
 
 def markdown() -> str:
@@ -368,7 +369,7 @@ def _service_row(service: Query | Command) -> tuple[str, ...]:
 def _row(
     endpoint: Query | Command | Topic | Action, ros_type: str, folder: str, message: str
 ) -> tuple[str, ...]:
-    """Return the cells of an endpoint. The manufacturer's agent lacks those with an asterisk."""
+    """Return the cells of an endpoint. An asterisk: the manufacturer's agent lacks the endpoint."""
     name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
     return (name, _full_type(ros_type, folder), message)
 

@@ -49,7 +49,7 @@ class Parameter:
 
     @property
     def holds_names(self) -> bool:
-        """True if it is an array of names."""
+        """True if the parameter is an array of names."""
         return isinstance(self.default, tuple) and isinstance(self.default[0], str)
 
     @property
@@ -152,7 +152,8 @@ PARTS = (
     "scan",
     "stop",
 )
-"""Parts of the standard layer that `disabled_parts` can switch off. /tf has `publish_tf`."""
+"""Parts of the standard layer (the standard topics and services) that `disabled_parts` can switch
+off. /tf has a parameter of its own, `publish_tf`."""
 
 
 @dataclass(frozen=True)
@@ -266,7 +267,7 @@ class StandardSettings:
 
     @cached_property
     def velocity_limits(self) -> VelocityLimits:
-        """Limits of cmd_vel; those of the speed also hold for robot/Twist."""
+        """Limits of cmd_vel; the limits of the speed also hold for robot/Twist."""
         return VelocityLimits(
             max_linear=self.cmd_vel_max_linear,
             max_angular=self.cmd_vel_max_angular,
@@ -389,8 +390,8 @@ def check_names(names: Iterable[str]) -> list[str]:
     """Check the names of parameters that a user has set.
 
     Returns:
-        A warning for each name that looks like a misspelt one. Others may belong to other nodes
-        that share the parameter file.
+        A warning for each name without effect: one of `_NO_EFFECT`, or a name that looks misspelt.
+        All other names may belong to other nodes that share the parameter file.
 
     Raises:
         ValueError: a parameter does not exist any more.
@@ -435,7 +436,7 @@ def check(values: Mapping[str, Any]) -> Settings:
 
 
 def _names(value: Sequence[str]) -> tuple[str, ...]:
-    """Return the names in an array; a parameter file writes an empty one with one empty name."""
+    """Return the names in an array; in parameter files, `[""]` stands for an empty array."""
     return () if list(value) == [""] else tuple(value)
 
 

@@ -1,4 +1,4 @@
-"""What all programs of the package share: signals, standard streams, and how they end."""
+"""Helpers for all programs of the package: signals, standard streams, exit, missing libraries."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ It opens 24, and the middleware some for each other ROS program on the computer.
 def open_standard_streams() -> None:
     """Open /dev/null in place of closed standard streams.
 
-    Otherwise the next file or socket gets their number, and C libraries write their logs to it: the
-    logs of ROS would go to the chassis. Call it before anything else is opened.
+    Otherwise the next file or socket gets the number of a closed stream, and C libraries write
+    their logs to it: ROS would log to the chassis. Call this before anything else is opened.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -75,7 +75,7 @@ def open_standard_streams() -> None:
 
 
 def too_few_descriptors(robots: int = 1) -> str:
-    """Return that the limit of file descriptors is too low, and what to do; empty if it is not.
+    """Return the problem and the remedy if the limit of file descriptors is too low, else "".
 
     Beyond the limit, libraries fail with errors that do not tell why, or silently.
 
@@ -98,9 +98,8 @@ INTERRUPTED = 130
 def exit_status(main: Callable[[], int]) -> int:
     """Run the `main` of a program, and return its exit status.
 
-    None of these ends in a traceback: Ctrl-C, a missing library, and a reader of the output that
-    has gone, as with `| head`. Import the program inside of `main`, so that this also holds while
-    its modules are loaded.
+    These end without a traceback: Ctrl-C, a missing library, and a closed pipe, as with `| head`.
+    Import the program inside of `main`, so that this also holds while its modules are loaded.
     """
     try:
         status = main()
@@ -134,11 +133,11 @@ _REQUIREMENTS = {
     **dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf"), _RECORDING),
     **dict.fromkeys(("aiomqtt", "jsonschema", "paho"), _VDA5050),
 }
-"""What pip has to install for a module, if that is not the name of the module."""
+"""Arguments of `pip install` for a module, if they differ from the name of the module."""
 
 
 def import_problem(error: ImportError) -> str:
-    """Return what is missing, and what to do; empty if the error is a defect of this package."""
+    """Return which library is missing, and what to do; empty if this package has a defect."""
     reason = str(error).partition("\n")[0]
     module, _, part = (error.name or "").partition(".")
     if re.fullmatch(_ROS, module):
@@ -159,7 +158,7 @@ def import_problem(error: ImportError) -> str:
 
 
 def outdated_libraries() -> str:
-    """Return which libraries are too old, and what to do; empty if none is.
+    """Return which libraries are too old, and what to do; empty if no library is too old.
 
     Raises:
         ModuleNotFoundError: a library is missing.

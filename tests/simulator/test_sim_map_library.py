@@ -225,7 +225,7 @@ def test_sync_returns_the_files_that_are_asked_for(client: JsonClient) -> None:
     found = {each["name"]: base64.b64decode(each["data"]) for each in answer["body"]["fileDatas"]}
     assert found == {name: files[name] for name in ("task_info.data", "yard/map.png")}
     wanted["scenesMd5s"] = [{"name": "other.data", "md5": "0"}]
-    assert "unknown file other.data of scene lab" in client.refusal(
+    assert "scene lab has no file other.data" in client.refusal(
         "woosh.map.SceneSync", {"scenes": [wanted]}
     )
 

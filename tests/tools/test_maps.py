@@ -472,7 +472,7 @@ def test_upload_of_the_folder_of_all_backups_names_the_scenes_in_it(run: Run) ->
         (lambda marks: marks[0].update(colour="red"), "unknown key 'colour'"),
         (lambda marks: marks[0].update(number=7), "put numbers into quotes"),
         (lambda marks: marks[0].update(details={"nav": {"arr": "x"}}), "does not fit"),
-        (lambda marks: marks[0].update(details={"charger": {}}), "those of a charger"),
+        (lambda marks: marks[0].update(details={"charger": {}}), "have the data of a charger"),
     ],
 )
 def test_mistakes_in_edited_marks_are_told_and_change_nothing(

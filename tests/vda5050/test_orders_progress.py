@@ -455,7 +455,7 @@ def test_the_speed_limit_holds_also_after_a_node_that_was_missed() -> None:
 def test_the_last_node_follows_from_where_the_vehicle_was_placed() -> None:
     robot = given(path("ab"))
     robot.arrive()
-    robot.machine.placed("dock")
+    robot.machine.set_last_node("dock")
     assert robot.last == "dock"
     assert robot.machine.status.last_node_sequence_id == 0
 

@@ -1,8 +1,9 @@
 """Serialization of ROS messages to CDR, the form in which DDS transports them.
 
 rclpy serializes a message in one call into C, during which no other thread of Python runs: 50 ms
-for a path of 60,000 poses. The functions here take as long, but in small steps. They are generated,
-one per class. XTypes 1.3, clause 7.4.3 (encoding version 1), has the rules.
+for a path of 60,000 poses. The functions here take as long, but in small steps, between which other
+threads run. They are generated, one per message class. XTypes 1.3, clause 7.4.3 (encoding version
+1), has the rules.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ def serialize(message: Any) -> bytes:
 
 
 def packer(codes: str) -> Callable[[int], struct.Struct]:
-    """Return a function that gives the packer of some numbers for a number of bytes before them.
+    """Return a function that maps the number of bytes before some numbers to their Struct.
+
+    The Struct differs because the padding depends on these bytes. Only their lowest 3 bits count.
 
     Args:
         codes: format characters of `struct`, one for each number. Each number is aligned to its

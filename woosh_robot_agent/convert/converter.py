@@ -21,7 +21,7 @@ class Converter:
     """Converter between a ROS message class and the protobuf message class that it mirrors.
 
     Each direction is compiled on first use: compiling all of them would take a tenth of the
-    start-up time. Nested messages that do not mirror each other are found only then.
+    start-up time. That nested messages do not mirror each other is found only by the compilation.
 
     Raises:
         TypeError: the classes do not mirror each other.
@@ -51,7 +51,7 @@ class Converter:
     def from_json(self, value: object) -> Any:
         """Return a new ROS message with the content of a JSON value.
 
-        It accepts the same notations as the link.
+        The same notations are accepted as in frames, see `json_codec.from_json`.
 
         Raises:
             FieldError: a value does not fit its field.
@@ -116,10 +116,10 @@ class RequestMaker:
         return self.address(proto_class())
 
     def address(self, message: Any) -> Message:
-        """Set the robot's id in a message that has a field for it, unless it is set; return it."""
+        """Set the robot's id in a message, if its type has the field and the id is not set yet."""
         if self.robot_id and "robot_id" in message.DESCRIPTOR.fields_by_name:
             field = message.DESCRIPTOR.fields_by_name["robot_id"]
-            # an id that the client has set wins
+            # an id that the client has set takes precedence
             if message.WhichOneof(field.containing_oneof.name) is None:
                 message.robot_id = self.robot_id
         return message  # type: ignore[no-any-return]

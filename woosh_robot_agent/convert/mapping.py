@@ -64,7 +64,7 @@ def class_of(name: str, kind: str = "msg") -> Any:
 
 @cache
 def extra_slots(ros_class: Any) -> Mapping[str, Any] | None:
-    """Return the values of the slots that a message has besides those of its fields.
+    """Return the initial values of the slots that a message has besides the slots of its fields.
 
     The classes of Jazzy and Kilted have the slot `_check_fields`, and those of Humble have none.
 
@@ -131,7 +131,7 @@ def presence_bits(ros_class: Any, proto_class: Any) -> dict[str, int] | None:
 
 
 def oneofs(proto_class: Any) -> list[Any]:
-    """Return the oneofs of a class, including those made by `optional`."""
+    """Return the oneofs of a class, including the oneof of each `optional` field."""
     return list(proto_class.DESCRIPTOR.oneofs)
 
 

@@ -1,9 +1,9 @@
 """Conversion to ROS messages, from JSON values and from protobuf messages.
 
-A message is created without its constructor. That creates all nested messages, only for the caller
-to replace them, and takes longer than the rest of a conversion. So fields are set directly in the
-slots behind the properties. The constructor and the properties are used if ROS checks fields
-(`ROS_PYTHON_CHECK_FIELDS=1`), or if a class has unexpected slots.
+A message is created without its constructor, which would create all nested messages, only for the
+caller to replace them, and would take longer than the rest of the conversion. The fields are set
+directly in the slots behind the properties. The constructor and the properties are used if ROS
+checks fields (`ROS_PYTHON_CHECK_FIELDS=1`), or if a class has unexpected slots.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from woosh_robot_agent.link.codecs.json_codec import (
 )
 
 _MAX_FLOAT32 = 3.4e38
-"""Largest value that is used unchanged: a larger one may not fit a float32, and ROS does not
-check."""
+"""Largest value that is used unchanged: a larger one may not fit a float32, and ROS does not check
+whether it fits."""
 _INTEGERS = {
     FieldDescriptor.CPPTYPE_INT32: (-(2**31), 2**31 - 1),
     FieldDescriptor.CPPTYPE_UINT32: (0, 2**32 - 1),
@@ -81,7 +81,7 @@ def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
 
 
 def list_of(blank: Any) -> Callable[[Any], list[Any]]:
-    """Return a function that checks that a value is a list, and replaces null in it by `blank`."""
+    """Return a function that checks that a value is a list, and replaces each null by `blank`."""
 
     def checked(values: Any) -> list[Any]:
         if type(values) is not list:

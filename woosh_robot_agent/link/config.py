@@ -1,4 +1,4 @@
-"""The configuration of the link, and the errors of requests, whose texts name cause and remedy."""
+"""The configuration of the link, and the errors of the link, e.g. NotConnectedError."""
 
 from __future__ import annotations
 

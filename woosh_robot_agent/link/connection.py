@@ -43,13 +43,13 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 class Expiry:
     """Calls a function when the earliest of many deadlines has passed.
 
-    It has one timer in the event loop, which most deadlines do not touch: a timer for each request
-    would be created and cancelled with each answer.
+    All deadlines share one timer, which is set again only for an earlier deadline. This is cheaper
+    than a timer per request.
 
     Args:
         loop: the event loop.
-        expire: called with the loop time; ends what has expired, and returns the next deadline, or
-            infinity if there is none.
+        expire: called with the loop time; fails the requests whose deadline has passed, and returns
+            the next deadline, or infinity if there is none.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, expire: Callable[[float], float]) -> None:
@@ -96,7 +96,7 @@ class Liveness:
         transport: the transport to watch.
         timeout: time without a sign of life after which the link counts as lost, in seconds.
         probe: asks for a sign of life and waits for it.
-        sent: returns the number of frames that the transport has taken so far.
+        sent: returns the number of frames handed to the transport so far.
     """
 
     def __init__(
@@ -187,8 +187,8 @@ _TIME_SLICE = 0.005
 them."""
 
 _MAX_ASIDE = 2
-"""Maximum number of large frames that wait to be decoded. After that, the connection is not read:
-the chassis has to wait, too."""
+"""Maximum number of large frames that wait to be decoded. Until one is decoded, no further frame is
+read, so that the chassis has to wait, too."""
 
 
 class Sending(NamedTuple):
@@ -200,8 +200,8 @@ class Sending(NamedTuple):
             in flight.
         urgent: send it even if `max_in_flight` requests are in flight, and do not count it as one
             of them.
-        within: maximum time that it may wait to be sent, in seconds.
-        always: send it even if the client may not; see `ChassisClient.permit_only`.
+        within: maximum time that the request may wait to be sent, in seconds.
+        always: send it even if `ChassisClient.permit_only` excludes it.
         tap: called with the answer as soon as it is read, in order with the pushes.
     """
 
@@ -239,7 +239,7 @@ class _Outgoing:
     """A frame that waits to be sent.
 
     Attributes:
-        data: the frame; None while it is encoded aside.
+        data: the frame; None while the thread for large messages encodes it.
         deadline: loop time until which it may be sent.
         urgent: True if it may overtake frames that are not encoded yet.
     """
@@ -250,7 +250,9 @@ class _Outgoing:
 
 
 class Connection:
-    """One connection over an open transport, until it ends or is closed; it cannot be reused.
+    """One connection over an open transport; cannot be reused after its end.
+
+    Large frames are encoded and decoded *aside*: in the thread for large messages, see `aside`.
 
     Args:
         transport: an open transport; the connection closes it.
@@ -309,7 +311,7 @@ class Connection:
         self._aside_tasks: set[asyncio.Task[None]] = set()
         """Tasks that wait for large frames to be decoded or encoded."""
         self._newer: list[set[str]] = []
-        """For each large frame that is being decoded, the types of the pushes read since then."""
+        """For each large frame that is being decoded, the types of the pushes read after it."""
         self._tasks = [
             self._loop.create_task(self._guard(work), name=f"link {work.__name__}")
             for work in (self._read, self._write, self._liveness.watch)
@@ -394,7 +396,7 @@ class Connection:
             self._transport.abort()
 
     def traffic(self) -> tuple[int, int]:
-        """Return the number of bytes received, and of those that wait to be sent."""
+        """Return the number of bytes received, and the number of bytes that wait to be sent."""
         return self._transport.received, self._transport.backlog()
 
     def debug(self) -> dict[str, int]:
@@ -472,7 +474,7 @@ class Connection:
             await self._outbox_filled.wait()
 
     def _next_to_send(self) -> int | None:
-        """Return the key of the next frame; None if there is none, or none that is encoded yet.
+        """Return the key of the next frame; None if no frame waits that is encoded.
 
         Frames keep their order, but an urgent one does not wait until a large one is encoded.
         """
@@ -571,7 +573,7 @@ class Connection:
         self._on_push(envelope, alone)
 
     async def _receive_aside(self, data: str | bytes) -> None:
-        """Begin to decode a large frame aside, as soon as few enough others are."""
+        """Begin to decode a large frame aside, once fewer than `_MAX_ASIDE` others are waiting."""
         await self._aside_slots.acquire()
         newer: set[str] = set()
         self._newer.append(newer)

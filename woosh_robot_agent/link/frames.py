@@ -1,4 +1,4 @@
-"""A frame: its envelope, its body, which is decoded on demand, and the answer to a request."""
+"""Frames: the envelope, the body, which is decoded on demand, and the answer to a request."""
 
 from __future__ import annotations
 
@@ -69,8 +69,9 @@ class Envelope:
         msg: text of the chassis, in the language of the chassis.
         sn: serial number of the request and its answer, 1..2^31-1; 0 if there is none.
         timestamp: Unix time in ms; None if the sender left it out, or if it is no time.
-        defect: why the timestamp cannot be used; empty if it can, or is left out.
-        is_large: True if handling the body may take long; see `aside`.
+        defect: why the timestamp cannot be used; empty if it is valid or left out.
+        is_large: True if the body is decoded and converted in the thread for large messages; see
+            `aside`.
         message: the decoded body of a large frame; None if it is not decoded yet.
     """
 
@@ -134,7 +135,7 @@ class Body:
 
     Attributes:
         type: protobuf full name of the body's message, as the frame gives it.
-        is_large: True if handling the body may take long; see `aside`.
+        is_large: True if the body is converted in the thread for large messages; see `aside`.
     """
 
     __slots__ = ("_codec", "_error", "_message", "_on_bad", "_value", "is_large", "type")
@@ -232,7 +233,7 @@ class Answer:
 
     @property
     def defect(self) -> str:
-        """The reason why `body` is None; empty if it is not."""
+        """The reason why `body` is None; empty if there is a body."""
         try:
             self.raw.message()
         except FrameError as error:

@@ -1,4 +1,7 @@
-"""The only owner of retries: connects, makes the handshake, reports the state, and reconnects."""
+"""Connect to the chassis, make the handshake, report the link's state, and reconnect.
+
+No other module retries to connect.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +80,7 @@ class LinkStatus:
 
     Attributes:
         state: current state.
-        since: Unix time at which the link last became ready or ceased to be, in seconds.
+        since: Unix time at which the link last became ready or was lost, in seconds.
         last_error: error that ended the last attempt or the last link; None if the link is ready,
             or if no attempt has ended since the start.
         address: address of the chassis, for error texts.
@@ -118,7 +121,7 @@ class LinkStatus:
         """Wait until the link is ready.
 
         Raises:
-            NotConnectedError: it was closed, or not ready within `timeout` seconds.
+            NotConnectedError: the link was closed, or not ready within `timeout` seconds.
         """
         if self.state is LinkState.READY:
             return
@@ -146,8 +149,8 @@ class RobotIdentity:
     """The identity of a robot.
 
     Attributes:
-        robot_id: its number; 0 if it reports none.
-        serial_number: its serial number; 0 if it reports none.
+        robot_id: id of the robot; 0 if it reports no id.
+        serial_number: serial number of the robot; 0 if it reports none.
     """
 
     robot_id: int
@@ -162,7 +165,7 @@ class RobotIdentity:
         return f"robot {self.robot_id} (serial number {self.serial_number})"
 
     def differs_from(self, other: RobotIdentity) -> bool:
-        """Return True if a number that both robots report differs."""
+        """Return True if both robots report an id, or both a serial number, and they differ."""
         pairs = (
             (self.robot_id, other.robot_id),
             (self.serial_number, other.serial_number),
@@ -170,7 +173,7 @@ class RobotIdentity:
         return any(mine and others and mine != others for mine, others in pairs)
 
     def completed_by(self, other: RobotIdentity | None) -> RobotIdentity:
-        """Return this identity with the numbers of the same robot that it lacks."""
+        """Return this identity, with unknown numbers taken from `other`, if there is one."""
         if other is None:
             return self
         return RobotIdentity(
@@ -211,10 +214,10 @@ async def handshake(
         subscriptions: the subscriptions to renew; gets the RobotInfo.
         config: timeout, and id of the robot.
         log: log for a RobotInfo that cannot be read.
-        expected: the robot of the links before; None for the first link.
+        expected: the robot of the earlier links; None for the first link.
 
     Returns:
-        What is known of the robot now.
+        The identity of the robot, as far as it is known; None if it is not known.
 
     Raises:
         LinkError: the connection ended, or no answer arrived in time.
@@ -223,7 +226,7 @@ async def handshake(
     """
 
     def put_snapshot(answer: Answer) -> None:
-        """Deliver the RobotInfo, and what was held back until it is known who sent it."""
+        """Deliver the RobotInfo, and the pushes held back until the robot's identity is known."""
         if not _is_other(_sender(answer), expected):
             subscriptions.put_snapshot(answer)
 
@@ -322,9 +325,9 @@ class ReconnectLoop:
         self._current: asyncio.Task[None] | None = None
         """The task that connects; None when stopped."""
         self._tasks: set[asyncio.Task[None]] = set()
-        """The current task, and cancelled ones that close their connection."""
+        """The current task, and cancelled tasks that are closing their connection."""
         self._robot: RobotIdentity | None = None
-        """The robot of all links; None before the first one."""
+        """The robot of all links; None before the first link."""
 
     @property
     def running(self) -> bool:

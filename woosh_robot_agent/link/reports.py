@@ -1,4 +1,4 @@
-"""What the link tells of its work: counters, and logs that say a thing once."""
+"""Counters and log helpers of the link, e.g. to log each problem once."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ _ExceptionInfo = (
     tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
 )
 _MAX_KINDS = 200
-"""Maximum number of kinds that are remembered, since the texts of errors can vary without end."""
+"""Maximum number of kinds that `LogOnce` remembers: kinds contain error texts, which may vary."""
 _LONGEST_KIND = 200
 """Maximum length of the name of a kind, in characters; the rest is cut off."""
 _LONGEST_LINE = 1000
@@ -78,8 +78,8 @@ _LONGEST_LINE = 1000
 def printable(text: str) -> str:
     """Return a text with each character escaped that could control a terminal or mislead a reader.
 
-    These are line breaks and other control characters, those that change the direction of writing,
-    and invisible ones.
+    These are line breaks and other control characters, characters that change the direction of
+    writing, and invisible characters.
     """
     if text.isprintable():
         return text
@@ -178,10 +178,10 @@ class _Series:
 
 
 class DropLog:
-    """Logs series of drops. Use it in the event loop.
+    """Logs series of drops, i.e. of dropped pushes or refused requests. Use it in the event loop.
 
     Args:
-        logger: gets the first drop of a series at WARNING, and their number at INFO.
+        logger: gets the first drop of a series at WARNING, and the number of drops at INFO.
         quiet: time without drops that ends a series, in seconds.
     """
 
@@ -231,7 +231,7 @@ class DropLog:
 
 
 class LinkRecord:
-    """What the parts of one link count and log.
+    """Counters and logs of one link.
 
     Args:
         logger: gets all logs.

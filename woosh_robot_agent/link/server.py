@@ -1,4 +1,4 @@
-"""The other end of the link, over WebSocket or TCP, for programs that stand in for a chassis."""
+"""The server side of the link, over WebSocket or TCP, for programs that stand in for a chassis."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ServerTransport(FrameConnection, Protocol):
 
         Args:
             size: size of the frame in bytes, up to 2^63 - 1.
-            text: True for a text frame, where the transport has them; otherwise a binary one.
+            text: True for a text frame, False for a binary one; TCP has only binary frames.
         """
 
     async def send_raw(self, data: bytes) -> None:
@@ -67,7 +67,7 @@ class Listener:
 
     Args:
         server: an asyncio server that is already listening.
-        http: the HTTP server behind it, if there is one.
+        http: the HTTP server that `server` belongs to; None for TCP.
 
     Attributes:
         port: actual port of the first socket, even if port 0 was requested.
@@ -216,7 +216,7 @@ async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) ->
     Args:
         handler: serves one connection.
         host: the address to listen on.
-        port: the port to listen on; 0 takes a free one.
+        port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
     """
 
@@ -229,7 +229,8 @@ async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) ->
 _LOG = logging.getLogger(__name__)
 
 _SILENT = logging.getLogger(f"{__name__}.http")
-"""Logger of aiohttp, which reports every request that cannot be parsed: port scans fill the log."""
+"""Logger of aiohttp. It is off, because aiohttp logs every request that it cannot parse, so that a
+port scan would fill the log."""
 _SILENT.disabled = True
 
 _KEEPALIVE_TIMEOUT = 60.0
@@ -245,11 +246,11 @@ _DRAIN_POLL = 0.002
 
 
 class HttpConnection(asyncio.Protocol):
-    """A connection that aiohttp serves, with the limits that aiohttp lacks.
+    """A connection that aiohttp serves, with two limits that aiohttp lacks.
 
     1. A client that does not complete a request or a handshake in time is dropped.
-    2. A WebSocket is closed once more arrives than the largest message has, and not only after all
-       of the message has been received.
+    2. A WebSocket is closed as soon as more bytes have arrived than the largest message may have.
+       aiohttp would receive all of the message first.
 
     Args:
         inner: the protocol of aiohttp.
@@ -267,7 +268,7 @@ class HttpConnection(asyncio.Protocol):
         self.lost: asyncio.Future[None] = loop.create_future()
         self._inner = inner
         self._max_unread: int | None = None
-        """Maximum of `_unread`; None if the connection is no WebSocket."""
+        """Maximum of `_unread`; None until the handshake of a WebSocket."""
         self._unread = 0
         """Number of bytes since the last message or ping of the WebSocket."""
         self._opening = loop.call_later(open_timeout, self._give_up)
@@ -319,7 +320,7 @@ class HttpConnection(asyncio.Protocol):
     def _give_up(self) -> None:
         self.transport.abort()
 
-    # What server transports over HTTP share
+    # For server transports over HTTP
 
     async def write(self, data: bytes) -> None:
         """Write bytes; waits while the buffer is full.
@@ -464,12 +465,12 @@ async def serve_websocket(
     Args:
         handler: serves one WebSocket.
         host: the address to listen on.
-        port: the port to listen on; 0 takes a free one.
+        port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
         open_timeout: time after which a client is dropped that has sent no request, or whose
             handshake is not complete, in seconds.
         before: awaited before a client's handshake is answered.
-        local_pages_only: refuse web pages as clients, except those of this machine.
+        local_pages_only: True to refuse web pages as clients, except pages of this machine.
         respond: answers a request that is no handshake.
     """
 
@@ -522,5 +523,5 @@ _LOCAL_ORIGIN = re.compile(r"https?://(localhost|127\.[0-9.]+|\[::1\])(:\d+)?")
 
 
 def _is_local(origins: list[str]) -> bool:
-    """Return True for a request without an origin, or with that of a web page of this machine."""
+    """Return True for a request without an origin, or from a web page of this machine."""
     return all(map(_LOCAL_ORIGIN.fullmatch, origins))

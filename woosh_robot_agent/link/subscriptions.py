@@ -36,13 +36,13 @@ def call(callback: Callable[[Any], None], argument: object) -> None:
 
 
 COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
-"""Types of which every push must be delivered. Of other types, only the newest values matter."""
+"""Types whose every push must be delivered. Of other types, only the newest values matter."""
 LATEST_DEPTH = 50
-"""Maximum number of queued pushes of a type of which only the newest values matter. Enough
-for 17 ms at 3000 Hz, in which another program may use the core."""
+"""Maximum number of queued pushes of a type not in COUNTED_PUSHES. Enough for 17 ms at 3000 Hz, if
+another program uses the core for so long."""
 
 Deliver = Callable[[], Awaitable[None] | None]
-"""Delivers a push; if it returns an awaitable, the pushes behind it wait for that."""
+"""Delivers a push or an answer; if it returns an awaitable, later pushes wait for its end."""
 
 
 class PushQueue:
@@ -110,9 +110,9 @@ _TIME_SLICE = 0.005
 """Time after which the delivery lets other tasks run, in seconds, so that slow consumers do not
 starve them."""
 _ANSWER = "answer"
-"""Name of answers in the queue."""
+"""Type under which answers are queued."""
 _SNAPSHOT = "snapshot"
-"""Name of the first RobotInfo of a link in the queue."""
+"""Type under which the first RobotInfo of a link is queued."""
 
 
 class Consumer(NamedTuple):
@@ -120,15 +120,15 @@ class Consumer(NamedTuple):
 
     Attributes:
         callback: called in the event loop.
-        prepare: converts the body of a push, or the RobotInfo, into the argument of `callback`. Of
-            a large one, it runs in the thread for large messages.
+        prepare: converts the body of a push, or the RobotInfo, into the argument of `callback`. A
+            large one is converted in the thread for large messages.
     """
 
     callback: Callable[[Any], None]
     prepare: Callable[[Any], Any]
 
     def take(self, value: Body | RobotInfo) -> None:
-        """Process a small push or RobotInfo."""
+        """Prepare a small push or RobotInfo, and call the callback."""
         self.callback(self.prepare(value))
 
 
@@ -152,7 +152,7 @@ class Subscriptions:
         self.set_depth(depth)
         self._queue = PushQueue(self._depths, self._stats.dropped_pushes)
         self._lanes: dict[str, deque[Body]] = {}
-        """Large pushes that wait to be prepared, and what waits behind them, by type."""
+        """By type: large pushes that wait to be prepared, and later pushes of the same type."""
         self._lane_tasks: set[asyncio.Task[None]] = set()
         self._preparing = False
         """True while a large RobotInfo is prepared; what arrives later waits in the queue."""
@@ -213,7 +213,7 @@ class Subscriptions:
             self._queue.put(name, deliver)
 
     def discard_held(self) -> None:
-        """Discard what was held back: the handshake failed."""
+        """Discard what was held back. After a successful handshake, nothing is held back."""
         self._held = None
 
     def count_bad_value(self, name: str, reason: str) -> None:
@@ -222,7 +222,7 @@ class Subscriptions:
         kind = f"bad value: {reason.partition(':')[0]}: {name}"
         self._log.warn(kind, f"skipped a bad value in {name}: {reason}")
 
-    # Called by the reader; these methods never wait
+    # Called by the reader of the connection; these methods never wait
 
     def put_push(self, codec: Codec, envelope: Envelope, alone: bool = False) -> None:
         """Deliver or queue a push if it has a consumer.
@@ -250,7 +250,7 @@ class Subscriptions:
             )
 
     def put_snapshot(self, answer: Answer) -> None:
-        """Queue the first RobotInfo of a link, after what was held back until it is known."""
+        """Queue the first RobotInfo of a link, after the pushes that were held back."""
         if answer.ok and isinstance(answer.body, RobotInfo):
             self.release()
             self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer))
@@ -308,7 +308,7 @@ class Subscriptions:
                 return
 
     async def _deliver_lane(self, name: str, lane: deque[Body]) -> None:
-        """Deliver the pushes in a lane; prepare the large ones of them aside."""
+        """Deliver the pushes in a lane; prepare large pushes in the thread for large messages."""
         while lane:
             body = lane.popleft()
             if body.is_large:

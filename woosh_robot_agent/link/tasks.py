@@ -1,4 +1,4 @@
-"""Tasks that start at once, timeouts, and work on large messages in a thread of its own."""
+"""Helpers for asyncio: tasks that start at once, timeouts, and a thread for large messages."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ T = TypeVar("T")
 def start_task(work: Coroutine[Any, Any, T], name: str | None = None) -> asyncio.Task[T]:
     """Start a coroutine in the running event loop.
 
-    It runs as far as its first wait before this returns, which saves a turn of the event loop.
-    Before Python 3.12 it starts with the loop's next turn.
+    The coroutine runs up to its first wait before this function returns, which saves a turn of the
+    event loop. Before Python 3.12 it starts with the loop's next turn.
 
     Args:
         work: the coroutine.
@@ -77,13 +77,14 @@ def _retrieve_exception(task: asyncio.Future[Any]) -> None:
 
 
 LARGE = 64 * 1024
-"""Length of a frame from which it is handled aside, in characters or bytes.
+"""Length from which a frame is handled by `aside`, in characters or bytes.
 
-A shorter one takes some milliseconds at most.
+A shorter frame takes some milliseconds at most.
 """
 _SWITCH_INTERVAL = 0.0005
-"""Time for which other threads wait for the GIL while this one works, in seconds. The link thread
-waits for it after each system call; with Python's 5 ms, a few of them would hold it for 20 ms."""
+"""Time for which other threads wait for the GIL while the thread for large messages works, in
+seconds. The link thread needs the GIL again after each system call; with Python's 5 ms, a few
+system calls would hold it up for 20 ms."""
 _THREAD = ThreadPoolExecutor(1, thread_name_prefix="large messages")
 """One thread, so that large messages keep their order, and at most one competes for the GIL."""
 
@@ -94,7 +95,7 @@ async def aside(function: Callable[..., T], *args: Any) -> T:
     The function must consist of small steps of Python: a long call into C that keeps the GIL would
     hold up all threads.
     """
-    context = contextvars.copy_context()  # of the logger
+    context = contextvars.copy_context()  # it holds the logger of the robot's node
     return await asyncio.get_running_loop().run_in_executor(
         _THREAD, context.run, _run, function, *args
     )

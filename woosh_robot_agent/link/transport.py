@@ -1,4 +1,4 @@
-"""Transports: connections that carry whole frames, over WebSocket or TCP, as a client sees them."""
+"""Client side of the transports: connections that carry whole frames, over WebSocket or TCP."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Transport(FrameConnection, Protocol):
 
     @property
     def received(self) -> int:
-        """Number of bytes received so far, those of an unfinished frame included."""
+        """Number of bytes received so far, including the bytes of an unfinished frame."""
 
     @property
     def waited(self) -> bool:
@@ -228,7 +228,7 @@ async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
     Args:
         config: address and limits.
         made: list to which the stream writer is added as soon as it exists, so that the caller can
-            abort it.
+            abort the connection.
 
     Raises:
         OSError: nothing answers at the address.
@@ -249,8 +249,8 @@ def varint(value: int) -> bytes:
 
 
 _PROGRESS = 1024
-"""Number of bytes of an unfinished frame that count as a sign of life. Fewer do not: a frame that
-trickles in must not keep the link alive forever."""
+"""Number of bytes of an unfinished frame that count as a sign of life. Fewer do not count: a frame
+that trickles in must not keep the link alive forever."""
 _MESSAGE_TOO_BIG = 1009
 """Close code for a frame that is larger than the receiver accepts."""
 
@@ -318,7 +318,7 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
     Args:
         config: address and limits.
         made: list to which the socket is added as soon as it exists, so that the caller can abort
-            it.
+            the connection.
 
     Raises:
         OSError: nothing answers at the address.
@@ -348,7 +348,7 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
 
 
 class _ClientSocket(ClientSocket):
-    """The library's client connection; it also notes how much arrives, and when."""
+    """A client connection of `websockets` that also counts the received bytes."""
 
     progress_at = 0.0
     received = 0

@@ -1,4 +1,4 @@
-"""The gate that every request that moves the robot passes through, and its rules.
+"""The motion gate: every request that moves the robot passes through it, by these rules.
 
 1. Nothing bypasses the gate. It reserves all requests that command motion, so the chassis client
    refuses them from any other caller.
@@ -10,13 +10,13 @@
    that arrive shortly after the stop, are not sent.
 5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
    robot may still be driving at a velocity from this gate.
-6. A zero velocity is not sent to a robot that a task or an action drives. Once the chassis accepts
-   one, or reports the start of one that another client commands, earlier velocities no longer
-   drive the robot. Velocities that are sent later do.
+6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
+   longer drive the robot once the chassis accepts a task or action, or reports the start of one
+   that another client commands. Velocities that are sent later do.
 7. If the agent closes the link to use other settings, or only observes the robot from now on, the
    robot gets a zero velocity if it may still be driving at a velocity from this gate.
-8. What may have been sent to the agent before the end of a stall of its process or event loop moves
-   nothing. See `StallWatch`.
+8. A command that may have been sent to the agent before the end of a stall of its process or event
+   loop moves nothing. See `StallWatch`.
 
 For a stream of velocities, use `VelocityDriver`, which adds rules for streams.
 """
@@ -53,9 +53,9 @@ from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
 
 
 def cancel_orders() -> dict[str, Message]:
-    """Return the requests that cancel the task and the actions, by the name of each.
+    """Return the requests that cancel the task and each action that can be cancelled, by name.
 
-    The actions are those members of the oneof of CallAction that can be cancelled.
+    The actions are members of the oneof of CallAction.
     """
     orders: dict[str, Message] = {"task": ActionOrder(order=CANCEL_TASK)}
     for field in CallAction.DESCRIPTOR.oneofs_by_name["action"].fields:
@@ -81,9 +81,9 @@ class StopReport:
 
     @property
     def success(self) -> bool:
-        """True if the chassis confirmed the zero and answered each cancel.
+        """True if the chassis confirmed the zero velocity and answered each cancel request.
 
-        The chassis refuses to cancel something that is not running; that is no failure.
+        The chassis refuses to cancel something that is not running, which is no failure.
         """
         return _is_ok(self.zero) and not self._lost
 
@@ -123,10 +123,10 @@ class ZeroRefusedError(LinkError):
 
 
 class Sender(NamedTuple):
-    """Who wants a command, and since when.
+    """The sender of a command, and the time at which the command was published.
 
     Attributes:
-        name: its name, for `MotionGate.on_answered`; empty for the agent itself.
+        name: name of the sender, for `MotionGate.on_answered`; empty for the agent itself.
         published: loop time (monotonic) at which a sender outside of this process published the
             command, as far as that is known; None for a command of this process.
         max_age: maximum age at which a velocity is sent, in seconds, if it is shorter than the
@@ -228,9 +228,9 @@ class MotionGate:
         return answer
 
     def announce_stop(self) -> None:
-        """Forbid all motion for `timing.hold`, until the following call of `stop` has its turn.
+        """Forbid all motion for `timing.hold`; `stop` must be called within this time.
 
-        Thread-safe. What waits for the event loop ahead of that call is not sent.
+        Thread-safe. Commands that wait for the event loop ahead of the call of `stop` are not sent.
         """
         self._stop_called = time.monotonic()
 
@@ -382,7 +382,7 @@ class MotionGate:
         """Send a zero velocity ahead of all other requests, even if commands are not permitted.
 
         Raises:
-            ZeroRefusedError: the chassis refused it.
+            ZeroRefusedError: the chassis refused the zero velocity.
             LinkError: the chassis did not answer.
         """
         answer = await self._send(Twist(), Sending(timeout, first=True, always=True))

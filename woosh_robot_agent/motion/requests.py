@@ -1,4 +1,4 @@
-"""Classification of requests: which only read, which command motion, which move the robot."""
+"""Classification of requests: do they only read, command motion, or move the robot?"""
 
 from __future__ import annotations
 

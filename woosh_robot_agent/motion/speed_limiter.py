@@ -36,8 +36,8 @@ class SpeedLimiter:
     """Limits the speed of the robot's navigation. Used in the event loop of the link.
 
     The robot takes a limit only while it navigates, in a task or in the action MoveBase, so a limit
-    is sent once it reports that. Whether it keeps the limit afterwards is not known, so each
-    navigation gets it anew.
+    is sent once the robot reports a navigation. Whether it keeps the limit for the next navigation
+    is not known, so the limit is sent again for each one.
 
     Args:
         chassis: the link.
@@ -63,9 +63,9 @@ class SpeedLimiter:
         self._on_refused = on_refused
         self._on_change = on_change
         self._limit: float | None = None
-        """Current limit; infinite without one, None while there is nothing to limit."""
+        """Current limit; infinite without a limit, None while there is nothing to limit."""
         self._sent = math.inf
-        """Limit that was sent last."""
+        """Limit that was sent last; infinite before the first, `_UNKNOWN` if it may not hold."""
         self.refusal = ""
         self._task_id = 0
         """Id of the task that the robot executes."""
@@ -78,14 +78,14 @@ class SpeedLimiter:
 
     @property
     def is_limited(self) -> bool:
-        """True if the robot has a limit from here, or may have one."""
+        """True if the robot has a limit of this limiter, or may have one."""
         return self._sent != math.inf
 
     def restore(self, is_limited: bool) -> None:
-        """Take what was remembered over a restart.
+        """Restore the state of an earlier process.
 
         Args:
-            is_limited: the robot may have a limit.
+            is_limited: the last value of `is_limited` in that process.
         """
         self._sent = _UNKNOWN if is_limited else math.inf
 
@@ -133,7 +133,7 @@ class SpeedLimiter:
     def _answered(self, command: AnsweredCommand) -> None:
         message = command.message
         if isinstance(message, CallAction) and message.move_base.action == kExecute:
-            self._begin()  # it may take the place of another one without a report on that
+            self._begin()  # it may replace another navigation, whose end is not reported then
             self._send()
 
     def _begin(self) -> None:

@@ -1,4 +1,4 @@
-"""Is a command still wanted? Ages, stalls of this process, and velocities that are out of date."""
+"""Decide whether a command is too old: its age, stalls of this process, and newer velocities."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 _WINDOW = 10.0
-"""Time for which the smallest clock difference counts at least, in seconds; at most twice as long.
+"""Time for which the smallest clock difference is remembered, in seconds: at least once, at most
+twice this time.
 
-After a clock was set forward, or for a sender whose clock is behind those of others, messages count
-as old for that time.
+For that time, messages count as old after a clock was set forward, or from a sender whose clock is
+behind the clocks of the other senders.
 """
 _PERIOD = 0.1
 """Period of the heartbeat, in seconds."""
@@ -29,8 +30,7 @@ class MotionTiming:
     """Times in the rules of motion, in seconds."""
 
     max_age: float = 0.5
-    """Maximum age at which a velocity is sent. The chassis itself keeps the last velocity that it
-    received for the same time."""
+    """Maximum age at which a velocity is sent. The chassis keeps a received velocity as long."""
     unanswered: float = 0.5
     """Time without an answer to a velocity after which further velocities are held back."""
     driving: float = 1.5
@@ -40,9 +40,9 @@ class MotionTiming:
     """Time after a stop in which nothing that moves the robot is sent. A goal that a client sent
     before the stop may arrive after it."""
     stall: float = 0.5
-    """Time without a heartbeat that counts as a stall. It contains all stalls of that length."""
+    """Time without a heartbeat that counts as a stall."""
     settle: float = 0.5
-    """Time after a stall in which commands may still come from before its end."""
+    """Time after a stall in which commands may arrive that were sent before its end."""
     pause: float = 2.0
     """Time without any velocity of a stream after which its sender counts as paused."""
 
@@ -52,24 +52,24 @@ class SenderClock:
 
     The clocks of two computers may differ by any amount, and neither is trusted. The smallest
     difference seen lately between the time of receipt and the source time is taken for the
-    difference of the clocks. What is above it is the time that a message was on its way. Before
-    anything is known, a difference of less than `_WINDOW` counts as that time, too: the first
-    message may be a late one.
+    difference of the clocks. The rest of a message's difference is its transit time. For the first
+    message, a difference of less than `_WINDOW` counts as transit time only: the message may be
+    late.
     """
 
     def __init__(self) -> None:
         self._since = -math.inf
         """Monotonic time from which `_least` counts."""
         self._least = self._former = math.inf
-        """Smallest difference since then, and in the time before, in seconds."""
+        """Smallest difference since `_since`, and in the window before, in seconds."""
 
     def published(self, source: float, received: float, taken: float) -> float:
         """Return the monotonic time at which a message was sent.
 
         Args:
-            source: Unix time at which it was sent, by the sender's clock; 0 if unknown.
-            received: Unix time at which the middleware received it; 0 if unknown.
-            taken: monotonic time at which this process took it from the middleware.
+            source: Unix time at which the message was sent, by the sender's clock; 0 if unknown.
+            received: Unix time at which the middleware received the message; 0 if unknown.
+            taken: monotonic time at which this process took the message from the middleware.
         """
         ahead = time.time() - time.monotonic()
         received = min(received or math.inf, taken + ahead)
@@ -85,7 +85,7 @@ class SenderClock:
         return source + offset - ahead
 
     def of_message(self, info: Mapping[str, Any], taken: float) -> float:
-        """Return the same for a message on a topic.
+        """Return the monotonic time at which a message on a topic was sent.
 
         Args:
             info: rclpy's information about the message.
@@ -113,7 +113,7 @@ class StallWatch:
         self.ended = -math.inf
         self.duration = 0.0
         self._last = math.inf
-        """Loop time of the last heartbeat; inf while it does not watch."""
+        """Loop time of the last heartbeat; inf before `start` and after `stop`."""
         self._timer: asyncio.TimerHandle | None = None
 
     def start(self) -> None:
@@ -136,17 +136,17 @@ class StallWatch:
             self._last = now
 
     def is_from_before(self, published: float) -> bool:
-        """Return True if something may have been sent before the end of the last stall.
+        """Return True if a command may have been sent before the end of the last stall.
 
         Args:
-            published: loop time at which it was sent, or taken from the middleware.
+            published: loop time at which the command was sent, or taken from the middleware.
         """
         return published < self.ended + self._timing().settle
 
     def _beat(self, loop: asyncio.AbstractEventLoop) -> None:
         self.check()
         self._last = now = time.monotonic()
-        # multiples of the period, so that all watches of a loop wake it together
+        # multiples of the period, so that the watches of all robots wake the loop at the same time
         self._timer = loop.call_at((now // _PERIOD + 1) * _PERIOD, self._beat, loop)
 
 
@@ -184,10 +184,10 @@ class LatestWins(Generic[T]):
 
         Args:
             velocity: the velocity.
-            send: sends it and returns its answer; called with the maximum time that it may wait to
-                be sent, in seconds.
-            published: loop time at which its sender published it.
-            max_age: maximum age at which it is sent, in seconds, if that is less than
+            send: sends the velocity and returns the answer; called with the maximum time that the
+                velocity may wait to be sent, in seconds.
+            published: loop time at which the sender published the velocity.
+            max_age: maximum age at which the velocity is sent, in seconds, if that is less than
                 `MotionTiming.max_age`.
 
         Raises:

@@ -17,7 +17,7 @@ from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 _LATE = 0.5
-"""Delay of a message that does not delay the next one, in periods of the rate."""
+"""Maximum delay of a message that does not delay the next one, in periods of the rate."""
 _EARLY = 0.1
 """Maximum earliness of a message that is sent at once, in periods of the rate."""
 
@@ -26,8 +26,8 @@ class Pace:
     """The times at which the next message of a stream may be sent.
 
     On average, no more messages are sent than the rate allows. A message that comes a little late
-    does not delay the next ones: at the maximum rate, all of them would be as late. A message that
-    comes a little early is sent at once, because the first one may have been late.
+    does not delay the next ones: at the maximum rate, all later ones would be as late. A message
+    that comes a little early is sent at once, because the message before it may have been late.
     """
 
     def __init__(self) -> None:
@@ -46,16 +46,16 @@ class Pace:
 
 _LOG = logging.getLogger(__name__)
 MAX_VELOCITY = 10.0
-"""Greatest velocity that a sender can mean, and greatest limit, in m/s and rad/s."""
+"""Largest plausible velocity, and largest value of a limit, in m/s and rad/s."""
 
 
 class UnusableVelocityError(ValueError):
-    """A velocity is not a number or cannot be meant; the text begins with its field's name."""
+    """A velocity is NaN or beyond `MAX_VELOCITY`; the text begins with the name of its field."""
 
 
 @dataclass(frozen=True)
 class VelocityLimits:
-    """Limits of velocities. Single commands obey `max_linear` and `max_angular`, streams all.
+    """Limits of velocities. Single commands obey `max_linear` and `max_angular`, streams obey all.
 
     Attributes:
         max_linear: maximum speed in the plane, in m/s.
@@ -75,7 +75,7 @@ class VelocityLimits:
     max_age: float = math.inf
 
     def apply(self, velocity: Twist) -> Twist:
-        """Return a velocity that is scaled down to the limits, and is equal if it is within them.
+        """Return a velocity scaled down to the limits; unchanged if it is within the limits.
 
         The speed in the plane keeps its direction.
 
@@ -145,11 +145,11 @@ class VelocityDriver:
         self._waiting: Twist | None = None
         """The velocity to send next."""
         self._published = -math.inf
-        """Loop time at which that velocity was published."""
+        """Loop time at which the velocity in `_waiting` was published."""
         self._heard = -math.inf
         """Loop time of the last velocity that was received."""
         self._accepted = -math.inf
-        """Loop time at which the last velocity that was accepted was published."""
+        """Loop time at which the sender published the last accepted velocity."""
         self._pace = Pace()
         """Loop times at which velocities may be sent."""
         self._silenced = ""
@@ -158,7 +158,7 @@ class VelocityDriver:
         """True if the link was lost while the stream drove the robot."""
         self._wake = asyncio.Event()
         self._alarm = -math.inf
-        """Loop time at which `run` next looks by itself what is due."""
+        """Loop time at which `run` wakes up by itself."""
         self._requests: set[asyncio.Task[None]] = set()
         gate.on_stop(partial(self._silence, "the robot was stopped"))
         chassis.on_state(self._link_changed)
@@ -264,7 +264,7 @@ class VelocityDriver:
         return math.inf
 
     def _send_or_wait(self, now: float) -> None:
-        """Send what is due at a loop time, without a turn of `run`; wake `run` if it is needed."""
+        """Send what is due at a loop time, and wake `run` if the next velocity is due earlier."""
         if self._due() <= now:
             self._send_due()
         if self._due() < self._alarm:

@@ -12,7 +12,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 
 _HELD = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
-"""States of an action that an obstacle or traffic control holds up: the robot ends the pause."""
+"""States of an action held up by an obstacle or by traffic control; the robot goes on by itself."""
 _DRIVING_ACTIONS = {
     full_name(cls): cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)
 }
@@ -53,7 +53,7 @@ class WheelOwner:
 
     @property
     def name(self) -> str:
-        """Name of the task or the actions that may drive the robot now; empty if none may."""
+        """Name of the task or the actions that may drive the robot now; empty without any."""
         if _may_drive(self._task):
             return f"task {self._task.robot_task_id}"
         return ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
@@ -83,6 +83,6 @@ class WheelOwner:
 
 
 def _may_drive(task: TaskProc) -> bool:
-    """Return True if a task drives, or may drive on without an order; a paused one may not."""
+    """Return True if a task drives, or may drive on without an order; a paused task may not."""
     paused = task.state == task_pb2.kPaused and task.action.state not in _HELD
     return is_running(task) and not paused

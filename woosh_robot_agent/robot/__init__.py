@@ -1,4 +1,4 @@
-"""What is known of a robot: its last values, what drives it, why it stands, what it would refuse.
+"""Knowledge about a robot: its last values, what drives it, why it stands, what it would refuse.
 
 Nothing here sends a command to the robot or changes what is sent.
 """

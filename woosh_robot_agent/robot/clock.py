@@ -9,7 +9,7 @@ _UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
 
 
 def difference(offset: float) -> str:
-    """Return by how much the robot's clock is off, e.g. `9.0 hours behind this computer's`.
+    """Return the deviation of the robot's clock in words, e.g. `9.0 hours behind this computer's`.
 
     Args:
         offset: time by which the robot's clock is ahead of this computer's, in seconds.

@@ -23,7 +23,7 @@ from woosh_robot_agent.robot.who_drives import command_name
 _LOG = logging.getLogger(__name__)
 
 QUIET = 60.0
-"""Time after which a code is logged again if it has not been sent meanwhile, in seconds."""
+"""A code that was not sent for this time is logged again, in seconds."""
 _MAX_CODES = 500
 """Maximum number of codes that are remembered."""
 _LEVELS = {StatusCode.kWarn: logging.WARNING, StatusCode.kFault: logging.ERROR}
@@ -31,7 +31,7 @@ _LEVELS = {StatusCode.kWarn: logging.WARNING, StatusCode.kFault: logging.ERROR}
 
 
 class CodeLog:
-    """Logs warnings and faults of the chassis, each once while it lasts.
+    """Logs warnings and faults of the chassis, each status code once while it lasts.
 
     A code lasts while AbnormalCodes contains it. Any other code lasts until it has not been sent
     for `QUIET` seconds.
@@ -86,11 +86,11 @@ _UNLOGGED_JSON = (None, StatusCode.kNormal, StatusCode.kTips, "kNormal", "kTips"
 
 
 GOAL_CANCEL = "the cancel of a goal"
-"""Source of the cancels of goals, which log their refusals themselves."""
+"""Source of the cancel requests of goals: goals log the refusals of these requests themselves."""
 
 
 class RefusalLog:
-    """Logs each refusal once, until a command of the same kind succeeds.
+    """Logs each refusal of a command with its reason, once until such a command succeeds.
 
     Args:
         chassis: the link.
@@ -127,7 +127,7 @@ class RefusalLog:
             self._logs.pop(name, None)
             return
         if name not in self._silent and (name, msg) not in self._pending:
-            # made now, because the link may turn to another robot before the task runs
+            # created now, because the link may change to another robot before the task runs
             log = self._logs.setdefault(name, LogOnce(_LOG))
             reasons = self._explainer.reasons(type_of(command.message))
             work = self._explain(name, msg, reasons, log)

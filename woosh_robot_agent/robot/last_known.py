@@ -47,9 +47,9 @@ class LastKnown:
         self._values: dict[str, Message] = {}
         """Decoded values; RobotInfo as it was received."""
         self._pushed: dict[str, Message] = {}
-        """Parts of RobotInfo that are newer than it."""
+        """Parts of RobotInfo that were pushed after it."""
         self._merged: RobotInfo | None = None
-        """RobotInfo with the newer parts; None as long as nobody has asked for it."""
+        """RobotInfo with the newer parts; None until it is requested after a change."""
         self._unread: dict[str, Message | Body] = {}
         """Values that have not been decoded yet, the last one of each type, the oldest first."""
         if chassis is None:
@@ -70,7 +70,7 @@ class LastKnown:
         return value if isinstance(value, cls) else None
 
     def remember(self, value: Message | Body) -> None:
-        """Store an answer or push of the chassis. It is decoded lazily, in `get`."""
+        """Store an answer or push of the chassis, which is decoded lazily, in `get`."""
         name = value.type if isinstance(value, Body) else full_name(value)
         if name == _INFO:  # first apply the unread values: a RobotInfo may lack these parts
             self._read()
@@ -82,7 +82,7 @@ class LastKnown:
         for value in unread.values():
             try:
                 self._apply(value.message() if isinstance(value, Body) else value)
-            except FrameError:  # `Body` has reported it
+            except FrameError:  # already counted and logged by `Body`
                 continue
 
     def _apply(self, message: Message) -> None:
@@ -100,8 +100,7 @@ class LastKnown:
     def _robot_info(self) -> RobotInfo | None:
         """Return RobotInfo with the newer parts.
 
-        After each change, it is a new message: a message keeps the memory of all values that it
-        ever had.
+        Each change creates a new message, because protobuf keeps the memory of replaced values.
         """
         received = self._values.get(_INFO)
         if self._merged is None and received is not None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # loads slowly, and is needed only for maps
     from PIL import Image
 
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG")
-"""Formats of images that are read: that of the robots, and those of map_server.
+"""Formats of images that are read: PNG of robots, and the formats of map_server.
 
 Pillow starts other programs for some of its other formats.
 """
@@ -43,7 +43,7 @@ class MapError(ValueError):
 
 
 def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
-    """Return width, height and cells of a map's image, as in nav_msgs/OccupancyGrid.
+    """Return width, height and cells of a map's image; the cells as in nav_msgs/OccupancyGrid.
 
     Raises:
         MapError: the image cannot be decoded, or is too large.
@@ -55,7 +55,7 @@ def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
 
 
 def grey_png(image_file: bytes) -> bytes:
-    """Return a map's image as a PNG with 256 shades of grey; unchanged if it is one.
+    """Return a map's image as a PNG with 256 shades of grey; unchanged if it is such a PNG.
 
     Raises:
         MapError: the image cannot be decoded, or is too large.
@@ -95,7 +95,7 @@ def grey_image(image_file: bytes) -> Image.Image:
 
 
 def check_place(resolution: float, *origin: float) -> None:
-    """Check where a map lies.
+    """Check the resolution and the origin of a map.
 
     Args:
         resolution: size of a pixel, in metres.
@@ -113,7 +113,7 @@ def check_place(resolution: float, *origin: float) -> None:
 def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
     """Return the YAML file and the PNG of a map for nav2's map_server, by name.
 
-    They have the values of the agent's topic `map`.
+    Loaded by map_server, the map equals the agent's topic `map`.
 
     Args:
         area: the map.
@@ -128,9 +128,9 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
 
 
 def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
-    """Return the same files for the mask of nav2's KeepoutFilter; none if there is no mask.
+    """Return the YAML file and the PNG of the mask for nav2's KeepoutFilter; {} without a mask.
 
-    They have the values of the agent's topic `keepout_mask`.
+    Loaded by map_server, the mask equals the agent's topic `keepout_mask`.
 
     Args:
         area: the map.
@@ -167,7 +167,7 @@ def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, byt
 async def scene_map(
     chassis: ChassisClient, scene_name: str, map_id: int, map_name: str
 ) -> SceneData.Map:
-    """Request a scene, and return one of its maps; it can have many MiB.
+    """Request a scene, and return one of its maps, which can have many MiB.
 
     The arguments and the errors are those of `scene_data` and `find_map`.
     """
@@ -202,7 +202,7 @@ def find_map(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
         map_name: name of the map.
 
     Raises:
-        MapError: it is missing, or has no image.
+        MapError: the map is missing, or has no image.
     """
     found = [each for each in data.maps if each.name == map_name] or [
         each for each in data.maps if each.id == map_id

@@ -1,6 +1,6 @@
 """Reasons for which a robot rejects tasks, for tools and diagnostics. Independent of ROS.
 
-`rejections` is the judgement whether a new task would be accepted.
+`rejections` decides whether a new task would be accepted.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ _NO_MAP = Objection(
 
 
 def rejections(info: RobotInfo) -> list[Objection]:
-    """Return every reason for which the robot rejects a new task now, its present task included.
+    """Return every reason for which the robot rejects a new task now, e.g. its present task.
 
     Args:
         info: State of the robot.
@@ -152,7 +152,7 @@ def rejections(info: RobotInfo) -> list[Objection]:
 
 
 def accepts_task(info: RobotInfo) -> bool | None:
-    """Return True if the robot would accept a new task; None if it does not report enough."""
+    """Return True if the robot would accept a new task; None if its reports do not tell."""
     return False if rejections(info) else is_taskable(info)
 
 
@@ -176,7 +176,7 @@ def objections(info: RobotInfo) -> list[Objection]:
 
 
 def busy(info: RobotInfo) -> list[Objection]:
-    """Return what the robot is doing, as the reason for which it rejects something else."""
+    """Return what the robot is doing, as the objection to another task; empty if it is idle."""
     proc = info.task_proc
     if is_running(proc):
         number = proc.robot_task_id
@@ -186,7 +186,7 @@ def busy(info: RobotInfo) -> list[Objection]:
 
 
 def is_taskable(info: RobotInfo) -> bool | None:
-    """Return True if the robot reports that it accepts tasks; None if it does not report it."""
+    """Return True if the robot reports that it accepts tasks; None without such a report."""
     if not info.HasField("operation_state"):
         return None
     return bool(info.operation_state.robot & OperationState.kTaskable)
@@ -198,10 +198,10 @@ def is_charging(battery: Battery) -> bool:
 
 
 def is_located(info: RobotInfo) -> bool | None:
-    """Return True if the robot knows its position; None if it does not report it.
+    """Return True if the robot knows its position, False if not; None if it does not report either.
 
-    A robot that builds a map may report that it does not. Then this is None, too, because there is
-    no map yet in which it could be lost.
+    A robot that builds a map may report that it does not know its position. Then this is None, too,
+    because there is no map yet in which the robot could be lost.
     """
     if not info.HasField("device_state"):
         return None
@@ -229,7 +229,7 @@ def pose_doubt(info: RobotInfo) -> Objection | None:
 
 
 def _certain(info: RobotInfo) -> Iterator[Objection]:
-    """Yield the reasons each of which is sufficient by itself."""
+    """Yield the reasons that suffice even if the robot reports that it is taskable."""
     if info.device_state.hardware & DeviceState.kEmgBtn:
         yield EMERGENCY_STOP
     if info.HasField("mode"):
@@ -241,7 +241,7 @@ def _certain(info: RobotInfo) -> Iterator[Objection]:
             yield _WORK_MODES[info.mode.work]
     if info.state == robot.kUninit:
         yield NOT_INITIALISED
-    elif is_located(info) is False:  # it never is before the initialisation
+    elif is_located(info) is False:  # an uninitialised robot is never located
         yield LOST
 
 
@@ -261,7 +261,7 @@ def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
 
 
 def _likely(info: RobotInfo) -> list[Objection]:
-    """Return probable reasons for a robot that is not taskable; used if there is no certain one."""
+    """Return probable reasons of a robot that is not taskable; used if none is certain."""
     remedy = "resolve it; it is resolved when robot/AbnormalCodes no longer has the code"
     found = [
         Objection("fault", f"the robot reports a fault ({explained(code.code, code.msg)})", remedy)

@@ -1,4 +1,4 @@
-"""Reasons why the chassis refused a request, from what it reports.
+"""Find out why the chassis refused a request, from its state and its status codes.
 
 The answer to a refused request often says no more than "Request failed". The reason is in the state
 of the robot, or in a status code that the chassis sends just after the answer.
@@ -82,7 +82,7 @@ class RefusalExplainer:
 
         Args:
             request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
-                action that of its command, e.g. `woosh.ros.action.StepControl`.
+                action the full name of its command, e.g. `woosh.ros.action.StepControl`.
         """
         return "; ".join(each.reason for each in await self.reasons(request_type))
 
@@ -96,7 +96,7 @@ class RefusalExplainer:
         return [*refusal.state, code] if code else list(refusal.state)
 
     async def _latest(self, request_type: str) -> _Refusal:
-        """Return the latest refusal of a type; wait if it is still in the queue of pushes."""
+        """Return the latest refusal of a type; wait while the refusal is in the queue of pushes."""
         while True:
             for refusal in reversed(self._refusals):
                 if refusal.type == request_type:
@@ -157,7 +157,7 @@ class _Refusal:
 
 
 def type_of(request: Message) -> str:
-    """Return the protobuf full name of a request; of a CallAction, that of its command."""
+    """Return the protobuf full name of a request; for a CallAction, the name of its command."""
     if isinstance(request, CallAction) and (member := request.WhichOneof("action")):
         return full_name(getattr(request, member))
     return full_name(request)

@@ -1,4 +1,4 @@
-"""Why a robot does not move although it has accepted a command."""
+"""Detect that a robot does not move although it has accepted a command; name likely causes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _LOST = "the robot does not know its position"
 
 
 def likely_causes(info: RobotInfo) -> str:
-    """Return the likely causes: first those that the robot reports, last those it rules out."""
+    """Return the causes in words: reported ones first, then possible ones, then unlikely ones."""
     reported: list[str] = []
     possible: list[str] = []
     excluded: list[str] = []
@@ -63,7 +63,7 @@ def likely_causes(info: RobotInfo) -> str:
 
 
 def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
-    """Yield each cause: True if the robot reports it, False if it reports the opposite."""
+    """Yield each cause: True if the robot reports it, False if the opposite, None if neither."""
     has_device_state = info.HasField("device_state")
     hardware = info.device_state.hardware
     yield _STOP, bool(hardware & DeviceState.kEmgBtn) if has_device_state else None
@@ -108,7 +108,7 @@ _TASKS = tuple(map(full_name, TASK_REQUESTS))
 
 @dataclass
 class _Demand:
-    """A command that should move the robot.
+    """The last command that should move the robot.
 
     Attributes:
         name: name of the command, for texts.
@@ -116,7 +116,7 @@ class _Demand:
         task_id: id of the task; 0 if it is not known.
         start: pose of the robot when the command was accepted.
         since: loop time since which the robot should have moved; None while it may stand.
-        last: loop time of the last velocity.
+        last: loop time of the last velocity; for other commands, of the command.
         begun: True if the chassis has reported that it executes the task.
         reported: True if the warning has been given.
     """
@@ -161,7 +161,7 @@ class Standstill:
         self._demand: _Demand | None = None
         self._log = LogOnce(_LOG)
         self._logged = -math.inf
-        """Loop time since which warnings with the same words are logged once."""
+        """Loop time of the last warning after which repeated warnings were allowed again."""
         gate.on_answered(self._answered)
         gate.on_stop(self._give_up)
         chassis.on_state(self._link_changed)
@@ -208,14 +208,14 @@ class Standstill:
             demand = self._expect(name, _VELOCITY)
         demand.last = now
         if demand.since is None:
-            self._may_not_stand(demand)
+            self._start_timer(demand)
 
     def _expect(self, name: str, kind: str, task_id: int = 0) -> _Demand:
         """Expect the robot to move because of a command."""
         start = self._last_known.value(PoseSpeed) or PoseSpeed()
         now = asyncio.get_running_loop().time()
         self._demand = _Demand(name, kind, task_id, start, None, now)
-        self._may_not_stand(self._demand)
+        self._start_timer(self._demand)
         return self._demand
 
     def _give_up(self) -> None:
@@ -223,7 +223,8 @@ class Standstill:
         if self._demand is not None and not self._demand.reported:
             self._demand = None
 
-    def _may_not_stand(self, demand: _Demand) -> None:
+    def _start_timer(self, demand: _Demand) -> None:
+        """Expect movement within `limit` from now."""
         loop = asyncio.get_running_loop()
         demand.since = loop.time()
         loop.call_later(self.limit, self._check, demand, demand.since)
@@ -303,7 +304,7 @@ class Standstill:
         if may_stand:
             demand.since = None
         elif demand.since is None:
-            self._may_not_stand(demand)
+            self._start_timer(demand)
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
@@ -311,14 +312,14 @@ class Standstill:
 
 
 def _is_finite(report: PoseSpeed) -> bool:
-    """Return True if a report has only numbers that can be compared."""
+    """Return True if no number in a report is NaN or infinite."""
     pose, twist = report.pose, report.twist
     numbers = (pose.x, pose.y, pose.theta, twist.linear, twist.angular)
     return all(map(math.isfinite, numbers))
 
 
 def _has_moved(before: PoseSpeed, now: PoseSpeed) -> bool:
-    """Return True if a report shows a speed, or another pose than an earlier one."""
+    """Return True if a report shows a speed, or another pose than an earlier report."""
     if max(abs(now.twist.linear), abs(now.twist.angular)) > MIN_SPEED:
         return True
     old, new = before.pose, now.pose
@@ -327,10 +328,10 @@ def _has_moved(before: PoseSpeed, now: PoseSpeed) -> bool:
 
 
 def _may_stand(message: Any) -> bool:
-    """Return True if the robot may stand although a request gives it the wheels.
+    """Return True if the robot may stand still although it executes a request that drives it.
 
-    So it may with following, with charging, if it stands at the charger already, and with steps
-    that are too small to show in the reports.
+    These are requests to follow somebody, to charge (it may stand at the charger already), and
+    steps that are too small to show in the reports.
     """
     if not isinstance(message, CallAction):
         return isinstance(message, Follow)

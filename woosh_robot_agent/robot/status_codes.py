@@ -21,8 +21,8 @@ def meaning(code: int) -> str:
     """Return the meaning of a status code, or an empty string if it is unknown.
 
     Real robots report some codes with another level digit than the table has. Such a code gets the
-    meaning of the code in the table that differs only in the level. If there are several of them,
-    its meaning is unknown, because they often have opposite meanings.
+    meaning of the code in the table that differs only in the level. If the table has several such
+    codes, the meaning is unknown, because their meanings are often opposite.
     """
     exact, by_function = _tables()
     return exact.get(code) or by_function.get(code // 10, "")
@@ -33,11 +33,11 @@ def explained(code: int, text: str) -> str:
 
     Args:
         code: Number of the code.
-        text: Text that came with it, in the robot's language; may be empty.
+        text: Text that came with the code, in the robot's language; may be empty.
 
     Returns:
-        The number, then the text, then in brackets the meaning in English, unless the text is the
-        meaning. Without a text the meaning takes its place.
+        The number, the text, and in brackets the meaning in English, unless the text contains it.
+        Without a text, the number and the meaning.
     """
     known = meaning(code)
     if text and known and known.casefold() not in text.casefold():
@@ -47,7 +47,7 @@ def explained(code: int, text: str) -> str:
 
 @functools.cache
 def _tables() -> tuple[Mapping[int, str], Mapping[int, str]]:
-    """Return the meanings by code, and those that are unambiguous without the level digit."""
+    """Return the meanings by code, and unambiguous meanings by code without the level digit."""
     exact = {int(code): text for code, text in json.loads(TABLE.read_text("utf-8")).items()}
     levels = Counter(code // 10 for code in exact)
     by_function = {code // 10: text for code, text in exact.items() if levels[code // 10] == 1}

@@ -1,4 +1,4 @@
-"""All observers of one robot."""
+"""The observers of one robot: they log and explain, e.g. why a command was refused."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Watch:
     Attributes:
         refusal_log: log of refused commands.
         velocities: the sources of velocities.
-        standstill: commands that move nothing.
-        who_drives: what drives the robot.
+        standstill: detects commands that do not move the robot.
+        who_drives: finds out what drives the robot.
     """
 
     def __init__(

@@ -1,6 +1,7 @@
-"""What drives the robot: tasks, actions and the sources of velocities.
+"""Find out what drives the robot: a task, an action or a source of velocities.
 
-If several sources command velocities, each overrides the others, and the robot stops and goes.
+A source is a topic or service of the agent, e.g. cmd_vel. If several sources command velocities,
+each overrides the others, and the robot stops and goes.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _NAMES = {
 
 
 def command_name(command: AnsweredCommand) -> str:
-    """Return the source of a command; if it has none, the endpoint that sends such commands.
+    """Return the source of a command, or the endpoint that sends such commands.
 
     The commands of goals have no source.
     """
@@ -75,10 +76,10 @@ class VelocitySources:
         self._simultaneous: tuple[str, ...] = ()
         """The simultaneous sources that were last reported."""
         self._simultaneous_until = -math.inf
-        """Monotonic time until which `simultaneous` returns them."""
+        """Monotonic time until which `simultaneous` returns these sources."""
         self._log = LogOnce(_LOG)
         self._callers = Interleaving()
-        """Detects several clients of the service of velocities."""
+        """Detects several clients of the service robot/Twist."""
         gate.on_answered(self._answered)
 
     @property
@@ -99,7 +100,7 @@ class VelocitySources:
         self._log.warn(str(self._simultaneous), warning(self._simultaneous))
 
     def called(self, service: str, number: int) -> None:
-        """Process a call of the service of velocities that may move the robot.
+        """Process a call of the service robot/Twist that may move the robot.
 
         Args:
             service: name of the service.
@@ -188,7 +189,7 @@ OWN_TASK_AGE = 5.0
 The id of such a task contains its start by the robot's clock: Unix time in seconds * 100 + 53.
 """
 OWN_TASK_DURATION = 86400.0
-"""Maximum age of such a task when the agent has not seen its beginning, in seconds."""
+"""Maximum age of a task of the robot's own whose beginning the agent has not seen, in seconds."""
 _OWN_TASK_ENDING = 53
 """Last two digits of the id of a task that the robot started by itself."""
 ROLL_OUT = 2.0
@@ -295,8 +296,9 @@ class WhoDrives:
         return Driver(OTHER_CLIENT, detail)
 
     def _is_own_id(self, number: int) -> bool:
-        """Return True if the id of the current task is one that the robot gives itself."""
+        """Return True if the robot generated this id: its start in Unix seconds * 100 + 53."""
         start, ending = divmod(number, TASKS_PER_SET)
+        # a task that was running before the link was ready may be old
         oldest = OWN_TASK_DURATION if self._began_unseen else OWN_TASK_AGE
         return ending == _OWN_TASK_ENDING and 0 <= self._task.time - start <= oldest
 

@@ -42,10 +42,10 @@ class LoopThread:
 
     @property
     def held(self) -> tuple[float, float]:
-        """Longest turns of the event loop in the last one or two minutes, and ever, in seconds.
+        """Longest turn of the event loop in the last one or two minutes, and ever, in seconds.
 
-        For that time, the thread was held by one piece of work, its own or that of another thread
-        that kept the GIL, and velocities waited.
+        During a turn, velocities wait. A long turn comes from a long callback in this thread, or
+        from another thread that kept the GIL.
         """
         selector = self._selector
         return max(selector.longest, selector.longest_before), selector.longest_ever
@@ -93,7 +93,7 @@ class _TimedSelector(selectors.DefaultSelector):
             self.longest_ever = max(turn, self.longest_ever)
         events = super().select(timeout)
         self._began = time.monotonic()
-        if timeout is not None:  # another thread may have kept the GIL when the time was over
+        if timeout is not None:  # another thread may have kept the GIL after the timeout
             self._began = min(self._began, now + timeout)
         return events
 
@@ -102,7 +102,7 @@ class LinkThread:
     """Access to the link thread for the agent of one robot.
 
     Args:
-        thread: the thread; it may serve other robots too.
+        thread: the link thread; it may serve other robots too.
         context: context in which the work runs; it holds the node's logger (`logs.context_of`).
     """
 
@@ -115,7 +115,7 @@ class LinkThread:
 
     @property
     def held(self) -> tuple[float, float]:
-        """See `LoopThread.held`."""
+        """Longest turns of the event loop; see `LoopThread.held`."""
         return self._thread.held
 
     def call(self, function: Callable[..., object], *args: object) -> None:
@@ -145,7 +145,7 @@ class LinkThread:
         """Run a coroutine in the loop and wait for it, from another thread.
 
         Raises:
-            TimeoutError: it took longer than `timeout` seconds and has been cancelled.
+            TimeoutError: the coroutine took longer than `timeout` seconds and has been cancelled.
         """
         return outcome(self.begin(work), timeout)
 
@@ -155,7 +155,7 @@ class LinkThread:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        for task in tasks:  # one that had not started has not reported its end
+        for task in tasks:  # a coroutine that had not started has not called its `on_error`
             if (on_error := self._tasks.pop(task, None)) is not None:
                 on_error(_cancelled())
 
@@ -173,7 +173,7 @@ class LinkThread:
         work: Callable[[], Coroutine[Any, Any, None]],
         on_error: Callable[[BaseException], None] | None,
     ) -> None:
-        # not in a callback of the task, which would take another turn of the loop
+        # errors are handled here: a done callback would take another turn of the loop
         error: BaseException | None = None
         try:
             await work()
@@ -198,7 +198,7 @@ def outcome(future: Future[T], timeout: float) -> T:
     """Wait for a coroutine of another thread and return its result.
 
     Raises:
-        TimeoutError: it took longer than `timeout` seconds and has been cancelled.
+        TimeoutError: the coroutine took longer than `timeout` seconds and has been cancelled.
     """
     try:
         return future.result(timeout)
@@ -225,14 +225,14 @@ class Reply:
 
     @property
     def number(self) -> int:
-        """Number of the call, counted by its client."""
+        """Sequence number of the call, assigned by its client."""
         return int(self._header.request_id.sequence_number)
 
     @property
     def times(self) -> tuple[float, float]:
-        """Unix times at which the client sent the call, and at which it was received; 0 if unknown.
+        """Unix times at which the client sent the call, and at which the middleware received it.
 
-        The first is by the client's clock.
+        The first time is by the client's clock. 0 means unknown.
         """
         return self._header.source_timestamp / 1e9, self._header.received_timestamp / 1e9
 

@@ -1,4 +1,4 @@
-"""The objects that every part of the agent of one robot uses."""
+"""Objects that the services, actions and topics of one robot share."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from woosh_robot_agent.ros.bridge import LinkThread
 
 @dataclass(frozen=True)
 class RobotContext:
-    """The objects that the services, actions and standard topics of one robot share."""
+    """The shared objects of one robot."""
 
     node: Any
     """Owner of the ROS entities."""
@@ -23,7 +23,7 @@ class RobotContext:
     chassis: ChassisClient
     """The link; use it in the link thread only."""
     gate: MotionGate
-    """Forwards commands to the chassis."""
+    """Sends commands to the chassis."""
     last_known: LastKnown
     """Last values that the chassis reported; use it in the link thread only."""
     requests: RequestMaker

@@ -1,4 +1,4 @@
-"""The entities of nodes, as an executor sees them, and wait sets of them."""
+"""The entities of nodes (subscriptions, services, ...) for the executor, and their wait sets."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class DeferredCallback:
 
 
 class Kind(IntEnum):
-    """Kinds of entities. Their names are those of rclpy, and so is the order of their callbacks."""
+    """Kinds of entities, with rclpy's names, and in the order in which rclpy runs callbacks."""
 
     WAITABLE = 0
     TIMER = 1
@@ -59,16 +59,17 @@ def entities_of(node: Any) -> Iterator[tuple[Kind, Any]]:
 
 
 class Watched:
-    """An entity of a node.
+    """An entity of a node, as the executor watches it.
 
     Attributes:
         entity: rclpy's object.
-        kind: its kind.
-        owner: itself; of an event of a subscription, the subscription. They are idle together.
-        is_urgent: True if its callback runs before all others.
-        is_idle: True if the second thread waits for it, or for its owner.
-        is_present: False once its node has destroyed it, or has left the executor.
-        last_turn: number of the turn in which it was last ready; 0 if it never was.
+        kind: kind of the entity.
+        owner: this object; for an event of a subscription, the `Watched` of the subscription. An
+            entity and its owner are idle together.
+        is_urgent: True if the callback of the entity runs before all others.
+        is_idle: True if the executor's second thread waits for the entity, or for its owner.
+        is_present: False once the node has destroyed the entity, or has left the executor.
+        last_turn: number of the turn in which the entity was last ready; 0 if it never was.
     """
 
     def __init__(self, entity: Any, kind: Kind) -> None:
@@ -83,7 +84,7 @@ class Watched:
 
     @property
     def may_idle(self) -> bool:
-        """True if it may become idle by itself."""
+        """True if the entity may become idle, independently of another entity."""
         return self.owner is self and self.kind in (
             Kind.SUBSCRIPTION,
             Kind.SERVICE,
@@ -101,11 +102,11 @@ class Watched:
         return self.can_be_asked and self.entity.qos_profile.depth != 1
 
     def rank(self) -> tuple[bool, int, int]:
-        """Return its place in a turn."""
+        """Return the sort key that determines the order of callbacks in a turn."""
         return not self.is_urgent, self.kind, self.last_turn
 
     def take(self, executor: Any) -> Callable[[], Any] | None:
-        """Take what is ready; return a function that runs the callback, or None."""
+        """Take a message, request, ...; return a function that runs the callback, or None."""
         entity = self.entity
         try:
             if self.kind is Kind.SERVICE:
@@ -129,7 +130,7 @@ class Watched:
 
 
 def _takes_info(callback: Callable[..., Any]) -> bool:
-    """Return True if a subscription's callback takes the information about a message, too."""
+    """Return True if a subscription's callback takes a message and the information about it."""
     try:
         inspect.signature(callback).bind(None)
     except TypeError:
@@ -189,7 +190,7 @@ class WaitSet:
         self._by_pointer = {each.entity.handle.pointer: each for each in entities}
 
     def wait(self, timeout: int) -> list[Watched]:
-        """Wait for at most `timeout` nanoseconds; return what is ready."""
+        """Wait for at most `timeout` nanoseconds; return the ready entities."""
         wait_set = self._wait_set
         entered: list[Any] = []  # kept from being destroyed during the wait
         waitables: list[Watched] = []

@@ -1,20 +1,20 @@
 """An executor for nodes with many entities, of which few are in use at a time.
 
-rclpy's executors look at all entities of their nodes each time they wake. This one looks at those
-in use:
+rclpy's executors look at all entities of their nodes each time they wake. This executor looks only
+at the entities in use:
 
-1. Timers, guard conditions and clients are always in use. Of the other entities, those are in use
-   that were ready lately, at most `_MAX_IN_USE`.
-2. A second thread waits for the entities that are idle. It reports those that become ready to the
-   thread that spins. From then on, they are in use.
+1. Timers, guard conditions and clients are always in use. Another entity is in use if it was ready
+   lately; at most `_MAX_IN_USE` of these are.
+2. A second thread waits for all other entities, which are idle. When an idle entity becomes ready,
+   the second thread reports it to the thread that spins, and the entity is in use from then on.
 3. All callbacks run in the thread that spins, in turns. A turn begins with a wait. Then the
-   callbacks of all that is ready run: first those of urgent entities (`UrgentCallbackGroup`), then
-   tasks, then the others in the order of `entities.Kind`. Of one kind, those come first that have
-   not run for the longest time.
+   callbacks of all ready entities run: first those of urgent entities (`UrgentCallbackGroup`), then
+   tasks, then the others in the order of `entities.Kind`. Within one kind, the entity that has not
+   run for the longest time comes first.
 4. Each callback runs once. Services and subscriptions that have more to do run again at the end of
-   the turn, until it has taken `_MAX_TURN`.
-5. Between two callbacks of a turn, urgent services and subscriptions are looked at again. They wait
-   for at most one callback.
+   the turn, until the turn has taken `_MAX_TURN`.
+5. Between two callbacks of a turn, urgent services and subscriptions are looked at again, so that
+   they wait for at most one callback.
 6. `spin_once` runs one callback. An exception of the callback leaves `spin_once`. The next call
    continues the turn.
 7. After an urgent callback, the thread that spins lets other threads run: the callback has handed
@@ -45,7 +45,8 @@ from woosh_robot_agent.ros.entities import WaitSet, Watched, entities_of
 
 _LOG = logging.getLogger(__name__)
 _MAX_IN_USE = 24
-"""Maximum number of entities in use that may become idle. If there are more, half of them stay."""
+"""Maximum number of entities in use that may become idle. If there are more, only half of this
+number stay in use."""
 _MAX_TURN = 0.005
 """Time after which no callback runs again in the same turn, in seconds."""
 _HAND_OVER = 0.0001
@@ -74,7 +75,7 @@ class Executor:
         """Tasks for the next turn."""
         self._is_shutdown = False
         self._lock = threading.RLock()
-        """Protects what follows."""
+        """Protects the attributes from here to `_idle`."""
         self._nodes: set[Any] = set()
         self._changed = False
         """True if the nodes' entities may have changed."""
@@ -84,7 +85,7 @@ class Executor:
         """The entities in use; None if they have changed."""
         self._idle = _IdleThread(self._context, self._lock, self._guard)
         self._spinning = threading.RLock()
-        """Held by the thread that spins, which alone uses what follows."""
+        """Held by the thread that spins, which alone uses the attributes from here on."""
         self._turn = 0
         """Number of the turn."""
         self._turn_ends = 0.0
@@ -94,6 +95,7 @@ class Executor:
         self._queue: deque[Any] = deque()
         """The rest of this turn: entities and tasks."""
         self._urgent: list[Watched] = []
+        """Urgent services and subscriptions."""
         self._blocked: list[Watched] = []
         """Ready entities whose callback group is busy."""
         self._suspended: deque[Any] = deque()
@@ -202,7 +204,7 @@ class Executor:
     def spin_once_until_future_complete(
         self, future: Any, timeout_sec: float | None = None
     ) -> None:
-        """Do the same as `spin_once`, unless a future is done before."""
+        """Wait for a callback and run it, as `spin_once`; return when a future is done before."""
         future.add_done_callback(lambda _: self._interrupt())
         self._spin_once(timeout_sec, lambda: _is_done(future))
 
@@ -230,7 +232,7 @@ class Executor:
                 waited = True
 
     def _begin_turn(self, timeout: int) -> None:
-        """Wait until something is ready, for at most `timeout` nanoseconds, and queue it."""
+        """Wait until entities are ready, for at most `timeout` nanoseconds, and queue them."""
         self._check_context()
         ready = self._entities_in_use().wait(0 if self._tasks else timeout)
         self._check_context()
@@ -265,7 +267,7 @@ class Executor:
             return self._wait_set
 
     def _update(self) -> None:
-        """Look at the entities of the nodes. Call it with the lock."""
+        """Update `_watched` from the entities of the nodes. Call it with the lock."""
         self._changed = False
         known, self._watched = self._watched, {}
         for node in self._nodes:
@@ -283,7 +285,7 @@ class Executor:
         self._watch_idle()
 
     def _use_reported(self) -> list[Watched]:
-        """Take the entities into use that the second thread has reported; return them."""
+        """Return the entities that the second thread has reported; they are in use from now on."""
         with self._lock:
             reported = self._idle.take_reported()
             for each in reported:
@@ -392,7 +394,7 @@ def _is_done(future: Any) -> bool:
 
 
 class _IdleThread:
-    """The thread that waits for idle entities. It is started when there are any.
+    """The thread that waits for idle entities. It is started for the first idle entity.
 
     Args:
         context: rclpy's context.
@@ -451,7 +453,7 @@ class _IdleThread:
             with self._lock:
                 if self._context.ok():
                     _LOG.exception("the thread for idle entities failed; it is started again")
-                # those that are in use are waited for by the thread that spins
+                # from now on, the thread that spins waits for these entities
                 self._report(self._watched)
                 self._thread = None
 

@@ -48,8 +48,8 @@ class Fleet:
     def begin_close_on(self, fd: int) -> None:
         """Begin to close all agents when a file descriptor becomes readable.
 
-        The same Ctrl-C may end a simulated chassis. The agents close their links at once, before
-        they would report them as lost.
+        The Ctrl-C that ends the agents may also end a simulated chassis. The agents close their
+        links at once, before they would report the links as lost.
         """
         loop = self._thread.loop
 
@@ -85,7 +85,7 @@ def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
     """Return the namespaces of the robots by their names.
 
     Args:
-        names: names of the robots; relative ones are resolved in `own`.
+        names: names of the robots; relative names are resolved in the namespace `own`.
         own: namespace of the program.
 
     Raises:
@@ -114,7 +114,7 @@ def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list
     if not robots:
         return [first]
     own = first.get_namespace()
-    first.destroy_node()  # it was needed only for the parameter `robots`
+    first.destroy_node()  # this node was needed only to read the parameter `robots`
     if problem := too_few_descriptors(len(robots)):
         raise ValueError(problem)
     nodes: list[ParameterNode] = []

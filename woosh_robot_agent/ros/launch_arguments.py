@@ -1,4 +1,4 @@
-"""Arguments that the launch files share, and the node of the agent that they set."""
+"""Arguments that the launch files share, and the agent's node made from these arguments."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def given(context: Any, file: str, *names: str) -> dict[str, str]:
     Args:
         context: launch context.
         file: path of the launch file.
-        names: all arguments that it declares.
+        names: all arguments that the launch file declares.
 
     Raises:
         ValueError: the command line has another argument, which `ros2 launch` would ignore.
@@ -119,7 +119,7 @@ def port_number(text: str) -> int:
     """Return the value of an argument `port`.
 
     Raises:
-        ValueError: it is not a number from 0 to 65535.
+        ValueError: the text is not a number from 0 to 65535.
     """
     if not text.isdecimal() or int(text) > 65535:
         raise ValueError(f"port must be a whole number from 0 to 65535, not {text!r}")
@@ -130,7 +130,7 @@ def _truth(name: str, text: str) -> bool:
     """Return the value of an argument that is true or false.
 
     Raises:
-        ValueError: it is neither.
+        ValueError: the text is neither true nor false.
     """
     if text.lower() not in ("true", "false"):
         raise ValueError(f"{name} must be true or false, not {text!r}")

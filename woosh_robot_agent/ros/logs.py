@@ -42,7 +42,7 @@ _CLOSING: set[str] = set()
 
 
 def expect_losses(logger: Any, *, expected: bool) -> None:
-    """Log a node's warnings at INFO while it closes, because a lost link is expected then.
+    """Log a node's warnings at INFO while the node closes, because a lost link is expected then.
 
     Args:
         logger: logger of the node.
@@ -52,7 +52,7 @@ def expect_losses(logger: Any, *, expected: bool) -> None:
 
 
 def log_as(logger: Any) -> None:
-    """Send the log records of this context to a node's logger, or with None to the package's."""
+    """Send the log records of this context to a node's logger, or to the package's if None."""
     _NODE_LOGGER.set(logger)
 
 
@@ -90,9 +90,9 @@ _HANDLER = RosLogHandler()
 
 
 def with_possible_log_files(arguments: Sequence[str]) -> list[str]:
-    """Return arguments for `rclpy.init`, without log files if their folder cannot be written.
+    """Return arguments for `rclpy.init` that turn log files off if their folder is not writable.
 
-    Otherwise rclpy would not start. A warning on stderr tells the reason.
+    With log files, rclpy would not start then. A warning on stderr tells the reason.
     """
     if _NO_LOG_FILES in arguments:
         return list(arguments)

@@ -47,7 +47,7 @@ class ParameterNode(Node):
     """The node `agent`, with its parameters declared and checked.
 
     Args:
-        defaults: defaults by name that override those of `PARAMETERS`.
+        defaults: defaults by parameter name; they override the defaults in `PARAMETERS`.
         options: rclpy's options of a node, e.g. `context` and `parameter_overrides`.
 
     Attributes:
@@ -112,7 +112,7 @@ _GOALS_TIMEOUT = 0.5
 _LINK_TIMEOUT = 1.5
 """Time in which the link must be closed, in seconds."""
 _CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
-"""Time in which all three steps must end, in seconds."""
+"""Time in which the robot, the goals and the link must be stopped together, in seconds."""
 _DEBUG_TIMEOUT = 60.0
 """Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
 _REST_TIMEOUT = 0.3
@@ -124,7 +124,7 @@ class Agent:
 
     Attributes:
         node: the node, to be added to an executor.
-        robot: the link, the motion gate and what else the parts of the agent share.
+        robot: the link, the motion gate and the other objects of `RobotContext`.
         actions: the goals.
 
     Args:
@@ -153,7 +153,7 @@ class Agent:
         link_thread = LinkThread(used, context_of(self.node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
-        # first: it reports unreadable pushes before others see them
+        # the first subscriber, so that unreadable pushes of a topic are logged only here
         self._topics = Topics(self.node, link_thread, chassis)
         gate = MotionGate(chassis, lambda: self.actions.running_goals)
         last_known = LastKnown(chassis)
@@ -193,7 +193,7 @@ class Agent:
                 "installed: apt install ros-$ROS_DISTRO-nav2-msgs"
             )
             return None
-        # without it, its modules and those of the interfaces need not be loaded
+        # imported here, because without nav2 its modules and interfaces need not be loaded
         from woosh_robot_agent.ros.nav2.layer import Nav2Layer
 
         return Nav2Layer(
@@ -209,7 +209,7 @@ class Agent:
         return self.node.settings
 
     def debug(self, timeout: float = _DEBUG_TIMEOUT) -> dict[str, Any]:
-        """Return the state of the agent and the size of everything in it that may grow.
+        """Return the state of the agent and the sizes of its queues and counters.
 
         For debugging and for tests: keys may be added at any time. May be called from any thread
         except the link thread.
@@ -269,7 +269,7 @@ class Agent:
         self.node.destroy_node()
 
     async def _close(self) -> None:
-        # run every step; the gate's own timeout is shorter because its error is more specific
+        # every step runs; stopping gets more time than the gate, whose error is more specific
         await self._end_step("stopping the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
         await self._end_step("aborting the goals", self._abort_goals, _GOALS_TIMEOUT)
         await self._end_step("closing the link", self.robot.chassis.close, _LINK_TIMEOUT)
@@ -336,7 +336,7 @@ class Agent:
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
-    """Do for several agents at once what `Agent.close` does before it destroys the node."""
+    """Close several agents at once, like `Agent.close`, but without destroying the nodes."""
     for agent in agents:
         agent.begin_close()
     ends = [agent._end for agent in agents if agent._end is not None]

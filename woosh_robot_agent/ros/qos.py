@@ -5,10 +5,10 @@ from __future__ import annotations
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 SERVICE_QOS = QoSProfile(depth=10_000)
-"""Profile of all services, those of actions included.
+"""Profile of all services, including the services of actions.
 
-DDS silently drops requests and responses that exceed the depth. It asks for lost samples every 3 s;
-this depth holds those of 5 s at 2,000 calls/s."""
+DDS silently drops requests and responses that exceed the depth, and repeats lost samples only every
+3 s. This depth holds 5 s of requests at 2,000 calls/s."""
 
 FEEDBACK_QOS = QoSProfile(depth=1000)
 """Profile of the feedback of all actions.
@@ -18,7 +18,8 @@ Each report of the chassis is feedback, and must reach a client that is slow for
 RARE_QOS = QoSProfile(depth=10)
 """Profile of services that are seldom called, and of feedback at 10 Hz.
 
-DDS reserves memory by the depth: an action with the profiles above takes 150 KiB more."""
+DDS reserves memory by the depth: an action with `SERVICE_QOS` and `FEEDBACK_QOS` takes 150 KiB
+more."""
 
 
 def reliable(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:

@@ -93,7 +93,7 @@ def take_response(client: Any, executor: Any) -> Callable[[], None] | None:
 
 
 def take_data(waitable: Any, executor: Any) -> Callable[[], Any]:
-    """Take what is ready of a waitable; return a function that returns the coroutine of its work.
+    """Take the data of a ready waitable; return a function that returns the processing coroutine.
 
     Replaceable by: futures with a public executor.
     """
@@ -106,7 +106,7 @@ def take_data(waitable: Any, executor: Any) -> Callable[[], Any]:
 def call_timer(timer: Any) -> Callable[[], Any] | None:
     """Begin the next period of a timer; return a function that calls its callback.
 
-    None if it has been cancelled or reset in the meantime. From Kilted on, a callback may have an
+    None if the timer has been cancelled or reset meanwhile. From Kilted on, a callback may have an
     argument of the type `rclpy.timer.TimerInfo`.
 
     Replaceable by: a `Timer.call`.

@@ -1,8 +1,8 @@
 """The differences between the supported releases of ROS: Humble, Jazzy and Kilted.
 
-Each name here works alike on all of them. Its description tells which release lacks what, so that
-it can be dropped together with the support of that release. What differs in the classes of messages
-is in `convert.mapping.extra_slots`, because conversion does not know rclpy.
+Each function or class here works alike on all of them. Its description tells which release needs
+it, so that it can be dropped together with the support of that release. The differences of message
+classes are in `convert.mapping.extra_slots`, because conversion does not import rclpy.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ def subscriber_event_handlers(node: Any, publisher: Any, callback: Callable[[], 
 def exit_withdraws_endpoints() -> bool:
     """Return True if the middleware tells other processes at exit that all endpoints are gone.
 
-    Otherwise they notice it only after the lease duration, by default 20 s with Fast DDS. Fast
-    DDS 2 of Humble and Jazzy tells them. On Kilted, rmw_fastrtps keeps the factory of participants
-    of Fast DDS 3 alive, so that nothing is told.
+    Otherwise other processes notice it only after the lease duration, by default 20 s with Fast
+    DDS. Fast DDS 2 of Humble and Jazzy tells them at exit. Fast DDS 3 of Kilted does not, because
+    rmw_fastrtps keeps its factory of participants alive.
     """
     if not str(get_rmw_implementation_identifier()).startswith("rmw_fastrtps"):
         return False
@@ -139,7 +139,7 @@ def type_hash(endpoint: Any) -> str:
 def this_computer_only() -> dict[str, str]:
     """Return the environment variables that keep ROS nodes on this computer.
 
-    Humble has an older variable, of which later releases warn.
+    Humble has an older variable; later releases log a warning if it is set.
     """
     if hasattr(Node, "count_services"):
         return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}

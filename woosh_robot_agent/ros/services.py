@@ -38,7 +38,8 @@ _LIMITED = "the velocity was limited by cmd_vel_max_linear or cmd_vel_max_angula
 
 
 _LARGE_VALUE = LARGE // 8
-"""Size of a protobuf message that counts as large, in bytes: JSON takes up to eight times that."""
+"""Size from which a protobuf message counts as large, in bytes: its JSON can be eight times as
+long."""
 
 
 class Services:
@@ -46,7 +47,7 @@ class Services:
 
     Args:
         robot: the objects of the robot.
-        velocities: learns of the calls that command velocities.
+        velocities: gets the calls that command velocities.
         limits: returns the limits of velocities.
 
     Attributes:
@@ -82,8 +83,8 @@ class Services:
 class _QueryHandler:
     """Handler of one query.
 
-    If the chassis gives no usable answer, the response holds the last known value, and is blank
-    without one. The log says why.
+    If the chassis gives no usable answer, the response holds the last known value, or is blank if
+    there is none. The log says why.
     """
 
     def __init__(self, endpoint: Query, robot: RobotContext) -> None:
@@ -95,7 +96,7 @@ class _QueryHandler:
         field_type = self.srv.Response.get_fields_and_field_types()[endpoint.field]
         self._convert = converter(class_of(field_type, "msg"), self._proto)
         self._converting: tuple[Message, asyncio.Task[Any]] | None = None
-        """A large last known value, while it is converted."""
+        """A large last known value that is being converted, and the task that converts it."""
 
     def handle(self, request: Any, reply: Reply) -> None:
         self._robot.thread.spawn(partial(self._answer, request, reply), reply.fail)
@@ -130,7 +131,7 @@ class _QueryHandler:
 
     @property
     def _fallback(self) -> str:
-        """The response when the chassis gives no usable answer, in words for the log."""
+        """Log text: what the service answers if the chassis gives no usable answer."""
         name = self._endpoint.name
         if self._robot.last_known.get(self._endpoint.request) is None:
             return f"{name} answers blank, because no value is known yet"
@@ -168,7 +169,7 @@ class _Value(NamedTuple):
     message: Any
     """The value as a ROS message."""
     is_large: bool
-    """True if it may take long to send it."""
+    """True if sending the value may take long."""
 
 
 class _RefusedError(Exception):
@@ -273,7 +274,7 @@ class _CommandHandler:
 
 
 async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:
-    """Send a response; a large one is sent aside, where it does not hold up the link thread."""
+    """Send a response; a large one is sent by `aside`, so that it does not hold up the link."""
     if is_large:
         await aside(reply.send, response)
     else:
@@ -281,7 +282,7 @@ async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:
 
 
 async def _read(convert: Converter, body: Body) -> Any:
-    """Return a body as a ROS message; a large one is converted aside.
+    """Return a body as a ROS message; a large one is converted by `aside`.
 
     Raises:
         FrameError: the body cannot be read.

@@ -1,4 +1,4 @@
-"""Publishers, and work that is done only while they have subscribers."""
+"""Publishers, and work that is done only while a topic has subscribers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from woosh_robot_agent.ros.releases import (
 )
 
 POLL_PERIOD = 0.1
-"""Period of the checks for subscribers if there are no events for them, in seconds."""
+"""Period of the checks for subscribers if the middleware reports none, in seconds."""
 _NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
 
 
@@ -29,8 +29,8 @@ def create_publisher(node: Any, message_class: Any, name: str, profile: QoSProfi
 class Subscribers:
     """The subscribers of a set of publishers. Use it in the link thread.
 
-    The middleware reports each subscriber that comes or goes by an event. Humble, and some
-    middleware, has no such events; there, they are counted every `POLL_PERIOD`.
+    The middleware reports each subscriber that comes or goes by an event. Humble and some
+    middleware have no such events; there, the subscribers are counted every `POLL_PERIOD`.
 
     Args:
         node: owner of the publishers.
@@ -49,9 +49,9 @@ class Subscribers:
 
     def publisher(self, message_class: Any, name: str, profile: QoSProfile) -> Any:
         """Create a publisher and add it to the set."""
-        # rclpy's `create_publisher` takes a callback for the event, too. Without such events, it
-        # destroys the new publisher and raises an error. A second publisher of the topic would
-        # follow at once, and subscribers sometimes do not discover it.
+        # The callback is not passed to rclpy's `create_publisher`: without such events, it destroys
+        # the new publisher and raises an error. A second publisher of the topic would follow at
+        # once, and subscribers sometimes do not discover that one.
         publisher = create_publisher(self._node, message_class, name, profile)
         try:
             handlers = subscriber_event_handlers(self._node, publisher, self._notify)
@@ -69,7 +69,7 @@ class Subscribers:
     def present(self) -> bool:
         """True if there is at least one subscriber."""
         if self._changed.is_set() or not self._has_events:
-            # cleared before the look: a subscriber that comes after the look sets it again
+            # cleared before counting: a subscriber that comes later sets it again
             self._changed.clear()
             self._present = any(each.get_subscription_count() for each in self._publishers)
         return self._present
@@ -84,12 +84,12 @@ class Subscribers:
     ) -> None:
         """Do work at a fixed rate while there are subscribers, until cancelled.
 
-        It is first done for the first subscriber. Missed times are skipped, those during the work
-        too. Small delays do not add up.
+        The work is first done when the first subscriber comes. Times missed because the work takes
+        long, or for other reasons, are skipped. Small delays do not add up.
 
         Args:
             rate: returns the current rate, in Hz.
-            work: called with the loop's time. Its exceptions end the repetition.
+            work: called with the loop time. Its exceptions end the repetition.
         """
         while True:
             await self.wait(True)
@@ -106,7 +106,8 @@ class Subscribers:
 class _Repetition:
     """Work that is repeated while there are subscribers.
 
-    A timer starts the work, without a turn of the event loop for a task that waits for the timer.
+    A timer starts the work directly: a task that waits for the timer would need another turn of
+    the event loop.
 
     Args:
         subscribers: the subscribers.

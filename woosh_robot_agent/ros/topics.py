@@ -1,6 +1,6 @@
-"""The topics: pushes of the chassis, and the state of the agent.
+"""The topics of the table: pushes of the chassis, and AgentInfo.
 
-They are published directly from the link thread.
+All are published directly from the link thread.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Topics:
 
     def __init__(self, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
         self._first: dict[str, tuple[Any, Converter]] = {}
-        """Publisher and converter of the topics that have their first value from RobotInfo."""
+        """Publisher and converter of each topic that gets its first value from RobotInfo."""
         chassis.on_snapshot(self._snapshot, self._serialized_parts)
         for topic in TOPICS:
             if topic.on_demand:
@@ -67,7 +67,7 @@ def _serialized(convert: Converter, body: Body) -> bytes:
 
 
 class _OnDemand:
-    """Publisher of pushes that the chassis is asked for only while the topic has subscribers."""
+    """Publisher of a topic that is subscribed to at the chassis only while it has subscribers."""
 
     def __init__(self, topic: Topic, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
         self._chassis = chassis

@@ -1,27 +1,27 @@
-"""A simulated chassis: the other end of the link, as a program and as a library.
+"""A simulated chassis, which agents connect to like a real one, as a program and as a library.
 
 `python3 -m woosh_robot_agent.simulator` runs it. It does not need ROS. In a test:
 
     with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20)) as simulator:
         ...  # connect to ws://127.0.0.1:{simulator.port}
 
-The packages and modules, each of which imports only those before it:
+The packages and modules; each imports only packages and modules above it in this list:
 
-- `timeline`: simulated time, and calls that are due later. `refusals`, `status_codes`: why the
-  robot refuses a request, what it reports.
+- `timeline`: simulated time, and calls that are due later. `refusals`: reasons why the robot
+  refuses a request. `status_codes`: codes that the robot reports.
 - `profile`: how a robot of some model behaves, read from a file. `config`: the options.
 - `world`: geometry, maps, obstacles, collisions, laser and path planner.
 - `body`: the parts of the robot. `scenes`: maps with marks and tasks, read from files.
-- `robot`: the parts together, with what all behaviour needs of them.
-- `behaviour`: what the robot does over time. `behaviour.ownership` decides which job owns which
-  device.
-- `chassis`: the model of the robot. It has no sockets and no clock: simulated time is advanced
-  step by step.
+- `robot`: the robot made of these, without behaviour.
+- `behaviour`: what the robot does over time, as jobs. `behaviour.ownership` decides which job owns
+  which device.
+- `chassis`: the robot with its behaviour. It has no sockets and no clock: simulated time is
+  advanced step by step.
 - `protocol`: requests, reports and pushes.
 - `serving`: clients and connections.
-- `faults`: everything that can go wrong.
+- `faults`: faults of the robot and the link that can be injected, e.g. lost answers.
 - `server`, `thread`, `command_line`: the simulated chassis in an event loop, in a thread, as a
-  program. `scene_check`: what is wrong with the files of a scene.
+  program. `scene_check`: finds errors in the files of a scene.
 """
 
 import importlib

@@ -16,8 +16,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a simulated chassis until SIGINT or SIGTERM; see `command_line.run`.
 
     Args:
-        arguments: Command-line arguments; None for those of this process, which then ignores
-            further signals because it is about to end.
+        arguments: Command-line arguments; None for the arguments of this process. Then further
+            signals are ignored at the end, because the process is about to end.
 
     Returns:
         The exit status: 0, or 1 if the chassis could not start.

@@ -1,4 +1,4 @@
-"""The simulated robot: one consistent state, advanced in simulated time."""
+"""The simulated robot with its behaviour, advanced step by step in simulated time."""
 
 from __future__ import annotations
 
@@ -32,8 +32,9 @@ class Chassis(Robot):
     """The robot with everything that it does, without sockets and without a clock of its own.
 
     `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
-    Within a step, `run_until` makes them at their exact times. Requests change the state at any
-    time. Events, which must all be pushed, are collected until `take_events` returns them.
+    Within a step, `run_until` makes scheduled calls at their exact times. Requests change the state
+    at any time. Events, e.g. status codes, must all be pushed; they are collected until
+    `take_events` returns them.
 
     Args:
         config: The options.
@@ -86,7 +87,7 @@ class Chassis(Robot):
 
     @property
     def lost(self) -> bool:
-        """True if the robot has to know its pose but does not."""
+        """True if the robot has lost its localisation."""
         return not self.readiness.located and (self.readiness.initialised or self.mapping.active)
 
     @property
@@ -153,7 +154,7 @@ class Chassis(Robot):
             navigation.replan()
 
     def initialise(self) -> float:
-        """Initialise the robot, and return how long that takes, in seconds."""
+        """Begin to initialise the robot; return the duration, in seconds."""
         duration = self.profile.answers.initialisation.at(self.chance.random())
         self.readiness.initialised = False
 

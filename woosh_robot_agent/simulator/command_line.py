@@ -35,7 +35,7 @@ _DASHBOARD = "woosh_robot_agent.tools.dashboard.beside_simulator"
 It is imported by its name and only on demand, because it belongs to a layer above the simulator."""
 
 _LEARN = "woosh_robot_agent.tools.doctor.learn"
-"""Module for `--learn`, which belongs to the same layer."""
+"""Module for `--learn`, imported like `_DASHBOARD`, because it belongs to the same layer."""
 
 _DASHBOARD_PORT = 8480
 """Default port of the page of `--dashboard`."""
@@ -43,7 +43,7 @@ _DASHBOARD_PORT = 8480
 _REPEAT_TIME = 0.3
 """Time within which further signals count as repeats of the first one, in seconds.
 
-Without a terminal, `ros2 launch` sends a second SIGINT after that of the process group.
+Without a terminal, `ros2 launch` sends a second SIGINT after the process group got the first one.
 """
 
 
@@ -54,7 +54,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     Another signal ends it at once. Signals within `_REPEAT_TIME` of the first one are ignored.
 
     Args:
-        arguments: Command-line arguments; None for those of this process.
+        arguments: Command-line arguments; None for the arguments of this process.
         signals: Tells when to stop.
 
     Returns:
@@ -106,7 +106,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
 
 
 _OPTIONS = [each for each in fields(SimulatorConfig) if each.metadata]
-"""Options of the chassis that are options of the command line, under the same names."""
+"""Fields of `SimulatorConfig` that are also command-line options, under the same names."""
 
 
 def _config(options: argparse.Namespace) -> SimulatorConfig:
@@ -121,7 +121,7 @@ def _config(options: argparse.Namespace) -> SimulatorConfig:
 
 
 def _check(scene: Path, profile: str) -> int:
-    """Print what is wrong with a scene, and return the exit status: 1 if anything is."""
+    """Print the errors in a scene, and return the exit status: 1 if there are any."""
     from woosh_robot_agent.simulator.scene_check import check_scene
 
     try:
@@ -255,8 +255,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--learn",
         type=Path,
         metavar="RECORDING_OR_SURVEY",
-        help="write the profile of a robot to the new file --profile, and exit: from a recording, "
-        "or from the folder of a survey",
+        help="learn a robot profile from a recording or from the folder of `doctor --survey`, "
+        "write it to the file given by --profile (must not exist), and exit",
     )
     parser.add_argument(
         "--dashboard",

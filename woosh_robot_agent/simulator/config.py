@@ -33,7 +33,7 @@ class Scenario:
     """A schedule of faults.
 
     Attributes:
-        steps: The faults, in any order. Those with equal times begin in the order given here.
+        steps: The faults, in any order. Faults with equal times begin in the order given here.
     """
 
     steps: tuple[Step, ...] = ()
@@ -80,7 +80,7 @@ class SimulatorConfig:
     )
     code_language: Language | None = _option(  # noqa: RUF009 - a field
         None,
-        "language of the texts of status codes; none: no texts; default: that of the profile",
+        "language of the texts of status codes; none: no texts; default: as in the profile",
         choices=LANGUAGES,
     )
     robot_id: int = _option(30001, "number of the robot")
@@ -89,7 +89,7 @@ class SimulatorConfig:
     )
     max_connections: int = _option(64, "maximum number of clients", metavar="N")
     max_waiting: int = _option(
-        256, "maximum number of waiting requests per client; further ones are refused", metavar="N"
+        256, "maximum number of waiting requests per client; others are refused", metavar="N"
     )
     max_outbox: int = _option(
         10_000,
@@ -97,10 +97,10 @@ class SimulatorConfig:
         metavar="N",
     )
     scenes: tuple[Path, ...] = ()
-    """Paths of further scenes, as for `load_scene`. The robot starts in the first of them, or in
-    the first shipped scene if there is none."""
+    """Paths of scenes besides the shipped ones, as for `load_scene`. The robot starts in the first
+    of these scenes, or without any in the first shipped scene."""
     omnidirectional: bool = True
-    """True for a base that can move sideways, False for a differential one."""
+    """True for a base that can move sideways, False for a differential base."""
     initialised: bool = True
     """The robot knows its pose at the start. Otherwise a client must send InitRobot."""
     first_frame_timeout: float = 10.0

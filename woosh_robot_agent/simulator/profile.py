@@ -1,7 +1,7 @@
-"""Profiles: how a robot of one model behaves. They are read from YAML files.
+"""Profiles: the behaviour of one robot model, e.g. answer times and speeds, read from YAML files.
 
 The shipped profiles are in the folder `data/profiles/`. The comments in `tr200.yaml` describe the
-fields; docs/simulator_reference.md has them as a table.
+fields; docs/simulator_reference.md has the same descriptions as a table.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from woosh_robot_agent.simulator.world.laser import Laser
 
 
 class Distribution(NamedTuple):
-    """A distribution of times, in seconds. In a file it is a list of these three numbers.
+    """A distribution of times, in seconds. In a file it is a list: [median, usual, longest].
 
     Attributes:
         median: Median.
@@ -49,7 +49,7 @@ class Distribution(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """Equally likely times between two, in seconds. In a file it is a list of these two numbers.
+    """Uniformly distributed times, in seconds. In a file it is a list: [least, most].
 
     Attributes:
         least: Minimum.
@@ -213,7 +213,7 @@ class StatusCodeProfile:
 
 @dataclass(frozen=True)
 class Profile:
-    """How a robot of one model behaves."""
+    """The behaviour of one robot model."""
 
     model: ModelProfile
     tasks: TaskProfile
@@ -245,7 +245,7 @@ def load_profile(source: str | Path | Profile) -> Profile:
     """Return a profile.
 
     Args:
-        source: Name of a shipped profile, path of a file, or a profile, which is returned.
+        source: Name of a shipped profile, path of a file, or a loaded profile.
 
     Raises:
         DataFileError: There is no such profile, or its file cannot be used.

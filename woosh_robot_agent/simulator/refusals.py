@@ -1,8 +1,8 @@
 """Refusals of requests: an explanation for people, the words of the real robot, a status code.
 
-The profile decides which of the three are sent. Here are the situations for which the real robot
-has words or a code of its own, and those that several handlers share. All others are told where
-they arise, by `RefusedError` with an explanation.
+The profile decides which of the three are sent. This module has the refusals for which the real
+robot has special words or a status code, and the refusals that several handlers share. All other
+refusals are in the handlers: a `RefusedError` with an explanation.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Refusal:
         explanation: What is wrong, then after a colon what to do: a template for `str.format`.
         words: Text of the real robot's answer.
         code: Status code that follows the answer of the real robot; None if there is none.
-        harmless: Only the real robot refuses. Where refusals are explained, the answer is `ok`,
-            with the explanation.
+        harmless: The request has no effect, but harms nothing. If the profile explains refusals,
+            the answer is `ok`, with the explanation; otherwise the request is refused.
     """
 
     explanation: str
@@ -47,7 +47,7 @@ class Refusal:
 
     @property
     def reason(self) -> str:
-        """The explanation without what to do."""
+        """The explanation without the remedy."""
         return self.explanation.partition(":")[0]
 
 
@@ -55,7 +55,8 @@ class RefusedError(Exception):
     """The robot refuses a request. The text is the explanation.
 
     Args:
-        refusal: The situation, or the explanation of one without words and code of its own.
+        refusal: The situation; or just an explanation, for a situation without special words and
+            status code.
         values: Values for the template of the explanation.
 
     Attributes:
@@ -65,7 +66,7 @@ class RefusedError(Exception):
     def __init__(self, refusal: Refusal | str, **values: object) -> None:
         self.refusal = Refusal(refusal) if isinstance(refusal, str) else refusal
         explanation = self.refusal.explanation
-        # Without values it is complete, and may have braces in the text of a client.
+        # Without values it is no template: it may contain braces that a client sent.
         super().__init__(explanation.format(**values) if values else explanation)
 
 
@@ -133,7 +134,7 @@ NAVIGATION_MODE_UNUSED = Refusal(
     harmless=True,
 )
 NO_NAVIGATION_FOR_MODE = Refusal(
-    "no navigation is running: a navigation mode counts only while one is",
+    "no navigation is running: a navigation mode counts only during a navigation",
     code=codes.MODE_NOT_NAVIGATING,
 )
 NO_PATH = Refusal("{failure}")
@@ -234,7 +235,7 @@ REFUSALS = {name: value for name, value in vars().copy().items() if isinstance(v
 
 
 def markdown() -> str:
-    """Return the refusals with words or a code of their own as a Markdown table."""
+    """Return the refusals with special words or a status code as a Markdown table."""
     rows = ["| Situation | Words of the real robot | Status code |", "| --- | --- | --- |"]
     for name, each in REFUSALS.items():
         if each.words == REQUEST_FAILED and each.code is None:

@@ -1,4 +1,4 @@
-"""The robot in its surroundings, without what it does by itself: what behaviours act on."""
+"""The robot and its surroundings, e.g. base, battery and map, without behaviour."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CHARGER_DISTANCE = 0.3
 
 
 class Robot(Timeline):
-    """The robot in its surroundings.
+    """The robot and its surroundings. Behaviours act on this object.
 
     Args:
         config: The options.
@@ -39,12 +39,13 @@ class Robot(Timeline):
         DataFileError: The file of the profile or of a scene cannot be used.
 
     Attributes:
-        profile: How a robot of this model behaves.
-        omnidirectional: The base can move sideways.
-        chance: Random number generator for everything that varies.
-        answer_delay: Time until the current request is answered, in seconds. Its handler may
-            change it.
-        state_first: The changes that the current request causes are pushed before its answer.
+        profile: Behaviour of this robot model.
+        omnidirectional: True if the base can move sideways.
+        chance: Random number generator for everything that varies, e.g. answer times.
+        answer_delay: Time until the current request is answered, in seconds. The handler of the
+            request may change it.
+        state_first: True if the changes that the current request causes are pushed before its
+            answer.
         scenes: Known scenes, by name.
         scene: Current scene.
         map: Current map.
@@ -56,9 +57,9 @@ class Robot(Timeline):
         column: The lift of LiftControl2 and LiftControl3.
         wifi: The Wi-Fi.
         readiness: Modes and conditions.
-        occupied: A client has reserved the robot.
+        occupied: True if a client has reserved the robot.
         scan_time: Simulated time of the last scan of the laser, in seconds.
-        scan_pose: Pose of the robot at this scan.
+        scan_pose: Pose of the robot at the last scan.
         pushed_scan_time: Simulated time of the last scan that is pushed, in seconds.
         footprint: The `woosh.robot.FootPrint` in use.
         footprints: Outlines of the robot by `woosh.robot.FootPrint`.
@@ -145,7 +146,7 @@ class Robot(Timeline):
         return base.pose.moved(*displacement(base.velocity, dt)) if base.moving else base.pose
 
     def publish_code(self, status: robot_count_pb2.StatusCode) -> None:
-        """Add to a new status code what is known of the robot, and send it to the clients."""
+        """Add the robot's id and time to a new status code, and send it to the clients."""
         status.robot_id = self.robot_id
         status.time = round(self.time * 1000)
         self.emit(status)
@@ -182,11 +183,11 @@ class Robot(Timeline):
             self.readiness.located = False
 
     def replace_scene(self, old: Scene | None, new: Scene, map_name: str = "") -> None:
-        """Store a scene, in place of another one or in addition.
+        """Store a new scene, or replace a scene.
 
         Args:
-            old: The scene to replace, None for none.
-            new: The scene. It may have another name than the old one.
+            old: The scene to replace, None for a new scene.
+            new: The scene to store. It may have another name than the old scene.
             map_name: If `old` is the current scene: name of the current map in `new`; empty if it
                 has not changed.
         """
@@ -204,12 +205,12 @@ class Robot(Timeline):
             del self.scenes[old.name]
 
     def change_map(self, area: Map) -> None:
-        """Replace the current map by a changed one of the same name."""
+        """Replace the current map by a changed map of the same name."""
         self.replace_scene(self.scene, with_map_changed(self.scene, self.map, area))
 
     @property
     def charger(self) -> Mark | None:
-        """The charger at which the robot stands, None if it stands at none."""
+        """The charger at which the robot stands; None if it stands elsewhere."""
         pose = self.base.pose
         for mark in self.map.marks.values():
             if (
@@ -220,7 +221,7 @@ class Robot(Timeline):
         return None
 
     def dock_distance(self, mark: Mark) -> float:
-        """Return how far before a mark docking starts, in metres: less where there is less room."""
+        """Return the distance from a mark at which docking starts, in metres; less near walls."""
         farthest = self.profile.charging.docking_distance
         needed = outer_radius(self.outline) + PATH_MARGIN
         for share in _DOCK_SHARES:

@@ -1,4 +1,4 @@
-"""Checks the files of a scene: what cannot be read, and what a robot cannot reach there."""
+"""Find errors in the files of a scene, e.g. unreadable files, and marks that cannot be reached."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from woosh_robot_agent.simulator.world.planner import PATH_MARGIN, SearchBudgetE
 
 
 def check_scene(path: Path, profile: Profile) -> list[str]:
-    """Return what is wrong with a scene, a line for each finding.
+    """Return the errors in a scene, a line for each error.
 
     Args:
-        path: Its folder or file, as for `load_scene`.
+        path: Folder or file of the scene, as for `load_scene`.
         profile: The robot that is to drive there.
     """
     try:
         is_of_robot = (path / SCENE_INDEX).is_file()
         findings = list(_in_files(path)) if is_of_robot else []
-        # What is on a map can only be checked if all maps can be read.
+        # The marks on a map can only be checked if all maps can be read.
         return findings or list(_in_use(load_scene(path), profile))
     except DataFileError as error:
         return [str(error)]
 
 
 def _in_files(folder: Path) -> Iterator[str]:
-    """Find what cannot be read in a robot's folder."""
+    """Find unreadable files in the folder of a robot's scene."""
     files = robot_folder(folder)
     maps = robot.map_names(files[SCENE_INDEX])
     yield from _problem(lambda: robot.read_groups(files.get(ACTION_GROUPS, b"")))
@@ -53,7 +53,7 @@ def _in_files(folder: Path) -> Iterator[str]:
 
 
 def _in_map_files(name: str, files: Mapping[str, bytes]) -> Iterator[str]:
-    """Find what cannot be read in the folder of a map."""
+    """Find unreadable files in the folder of a map."""
 
     def keepout() -> None:
         grid = robot.read_map_picture(name, files)
@@ -76,7 +76,7 @@ def _problem(read: Callable[[], object]) -> list[str]:
 
 
 def _in_use(scene: Scene, profile: Profile) -> Iterator[str]:
-    """Find what a robot cannot do in a scene."""
+    """Find poses, marks and tasks of a scene that a robot cannot use."""
     first, pose = start(scene)
     outline = hull(profile.model.outline)
     if not first.contains(*pose.point) or first.gap(outline, pose) < 0.0:
@@ -104,7 +104,7 @@ def _reaches(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
 
 
 def _in_tasks(scene: Scene) -> Iterator[str]:
-    """Find what is missing for tasks."""
+    """Find actions and marks that tasks lack."""
     for kind in task_pb2.Type.values():
         if kind and not scene.action_groups.numbers(kind):
             yield f"{ACTION_GROUPS}: it has no actions for tasks of type {kind}"

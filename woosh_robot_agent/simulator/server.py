@@ -1,4 +1,4 @@
-"""The simulated chassis: the robot with its clients, its faults, and what tests want to know."""
+"""The simulated chassis: the robot with its clients and faults, and its state for tests."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Snapshot:
         odometer: Total distance driven, in metres.
         jack: Height of the lift of LiftControl, in metres.
         column: Height of the lift of LiftControl2 and LiftControl3, in metres.
-        following: The robot follows a leader.
+        following: True if the robot follows a leader.
         spoken: The last texts that the robot was told to say.
         lights: Settings of the lights, by submodule.
         remote_keys: Keys of the radio remote controller that are held down, one bit each.
@@ -185,10 +185,10 @@ class SimulatedChassis(Server):
         """Wait until clients have sent `count` messages of a type since the start of the run.
 
         Returns:
-            The last of them.
+            The last of these messages.
 
         Raises:
-            asyncio.TimeoutError: It took longer than `timeout` seconds.
+            asyncio.TimeoutError: They have not arrived within `timeout` seconds.
         """
         await asyncio.wait_for(self._exchange.arrived(type_name, count), timeout)
         return self.last(type_name)
@@ -224,7 +224,7 @@ class SimulatedChassis(Server):
         self._connections.send_raw(data)
 
     def _replace_fault(self, name: str, type_name: str, **arguments: object) -> None:
-        """Start a fault for one type, and end those of the same name for this type."""
+        """Start a fault for a request type, and end faults of the same name for this type."""
         for injection in self.faults:
             if injection.name == name and injection["type"] == type_name:
                 injection.clear()

@@ -87,7 +87,7 @@ RESUMING_FORBIDDEN = Code(140801000281, "当前状态不允许继续")
 NOT_WAITING = Code(140801000291, "不是等待任务，无法结束等待")
 
 CODES = tuple(value for value in list(vars().values()) if isinstance(value, Code))
-"""All of them."""
+"""All status codes."""
 
 CONTROL_MODES = {
     util_robot_pb2.kAuto: CONTROL_AUTOMATIC,
@@ -106,5 +106,5 @@ _FAILURES = {
 
 
 def failure(kind: action_pb2.Type) -> Code:
-    """Return the code of a job of a task that failed."""
+    """Return the status code for a failed job of a task, given the type of the job."""
     return _FAILURES.get(kind, NAVIGATION_FAILED)

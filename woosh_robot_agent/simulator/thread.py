@@ -25,29 +25,29 @@ _CALL_TIMEOUT = 10.0
 def _called(
     method: Callable[Concatenate[SimulatedChassis, P], T],
 ) -> Callable[Concatenate[SimulatorThread, P], T]:
-    """Return a method that calls one of `SimulatedChassis` in its thread."""
+    """Return a method that calls a method of `SimulatedChassis` in the simulator's thread."""
 
     @functools.wraps(method)
     def call(thread: SimulatorThread, *args: P.args, **kwargs: P.kwargs) -> T:
         return thread.call(lambda simulator: method(simulator, *args, **kwargs))
 
-    return call  # type: ignore[return-value] # wraps keeps the type of the wrapped one
+    return call  # type: ignore[return-value] # wraps keeps the type of the wrapped function
 
 
 def _awaited(
     method: Callable[Concatenate[SimulatedChassis, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate[SimulatorThread, P], T]:
-    """Return a method that runs a coroutine of `SimulatedChassis` in its thread."""
+    """Return a method that runs a coroutine of `SimulatedChassis` in the simulator's thread."""
 
     @functools.wraps(method)
     def run(thread: SimulatorThread, *args: P.args, **kwargs: P.kwargs) -> T:
         return thread._await(method(thread._simulator, *args, **kwargs))
 
-    return run  # type: ignore[return-value] # wraps keeps the type of the wrapped one
+    return run  # type: ignore[return-value] # wraps keeps the type of the wrapped function
 
 
 class _Value(Generic[T]):
-    """A property that is read in the thread of the `SimulatedChassis`."""
+    """A property of `SimulatedChassis` that is read in the simulator's thread."""
 
     def __init__(self, value: Callable[[SimulatedChassis], T]) -> None:
         found: Any = value  # for mypy, a property of a class is the function that it calls
@@ -123,7 +123,7 @@ class SimulatorThread:
     def call(self, do: Callable[[SimulatedChassis], T]) -> T:
         """Call `do` in the simulator's thread and return its result.
 
-        If it begins or ends the fault `off`, the ports are closed or open when this returns.
+        If `do` begins or ends the fault `off`, the ports are closed or open when this returns.
         """
         simulator = self._simulator
 

@@ -1,4 +1,4 @@
-"""Simulated time: the clock, calls that are due later, and the messages that arise meanwhile."""
+"""Simulated time: the clock, calls that are due later, and messages to push."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ def copy_of(message: _M) -> _M:
 
 
 class Timeline:
-    """The clock of the robot, with everything that happens at a time.
+    """The clock of the robot, the scheduled calls, and the emitted messages.
 
     Args:
         robot_id: Number of the robot, which all its messages have.
         start_time: Unix time at which the simulated clock starts, in seconds.
-        clock_offset: Difference between the clock of the robot and the real one, in seconds.
+        clock_offset: Time by which the clock of the robot is ahead of real time, in seconds.
 
     Attributes:
         robot_id: Number of the robot.
-        clock_offset: Difference between the clock of the robot and the real one, in seconds.
+        clock_offset: Time by which the clock of the robot is ahead of real time, in seconds.
         elapsed: Simulated time since the start, in seconds.
         stepped: The time up to which the motion is computed, in seconds.
         on_schedule: Called with the time of each call that is scheduled.

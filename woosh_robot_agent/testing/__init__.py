@@ -9,8 +9,9 @@ With other test frameworks, use the context managers:
     with running_chassis() as chassis, running_agent(chassis) as agent:
         ...  # nodes of this process and its children find the agent in /woosh_robot
 
-This package needs pytest. What runs an agent or nodes also needs ROS 2 and is imported on first
-use; the simulated chassis works without. docs/testing.md has an example and describes everything.
+This package needs pytest. Helpers that run an agent or nodes also need ROS 2, and are imported on
+first use; the simulated chassis works without ROS 2. docs/testing.md describes everything, with an
+example.
 """
 
 from typing import TYPE_CHECKING

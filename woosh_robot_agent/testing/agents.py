@@ -32,7 +32,7 @@ from woosh_robot_agent.testing.chassis import TIMEOUT, wait_until
 _LOCK_PORT = 21000
 """Base of the TCP ports that lock a domain for all processes of this machine.
 
-Domain N is in use while the port with this number plus N is bound.
+Domain N is in use while the port `_LOCK_PORT` + N is bound.
 """
 _DOMAINS = 100
 """Number of domains for tests, from 1."""
@@ -45,7 +45,7 @@ _locks: dict[int, socket.socket] = {}
 def own_domain() -> Iterator[int]:
     """Yield a ROS_DOMAIN_ID that no other test on this machine uses, limited to this machine.
 
-    The environment variables are set meanwhile, so `rclpy.init()` and child processes use it.
+    Meanwhile it is set in the environment, so `rclpy.init()` and child processes use this domain.
 
     Raises:
         RuntimeError: All domains for tests are in use.
@@ -161,8 +161,8 @@ class RunningAgent(Protocol):
     """A running agent.
 
     Attributes:
-        domain: Its ROS_DOMAIN_ID.
-        namespace: Its namespace.
+        domain: ROS_DOMAIN_ID of the agent.
+        namespace: Namespace of the agent.
     """
 
     domain: int
@@ -175,7 +175,7 @@ class RunningAgent(Protocol):
             times: Number of connections since the start of the agent.
 
         Raises:
-            AssertionError: It did not connect within 60 s.
+            AssertionError: The agent did not connect within 60 s.
         """
 
     def close(self) -> None:
@@ -358,7 +358,7 @@ def running_agent(
             process, which starts faster and can be debugged.
         domain: ROS_DOMAIN_ID of the agent; by default a new one from `own_domain`.
         namespace: Namespace of the agent.
-        parameters: Parameters of the agent; `ip` and `port` are set to those of `chassis`.
+        parameters: Parameters of the agent; by default, `ip` and `port` lead to `chassis`.
 
     Raises:
         AssertionError: The agent did not connect within 60 s.

@@ -1,4 +1,4 @@
-"""The simulated chassis in a test, and waiting for what it does. Needs no ROS."""
+"""Run a simulated chassis in a test, and wait for conditions. Needs no ROS."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 T = TypeVar("T")
 
 TIMEOUT = 60.0
-"""Default timeout of all waits, in seconds. Even a busy machine does not need that long."""
+"""Default timeout of all waits, in seconds; long enough for a busy machine."""
 _POLL_PERIOD = 0.005
 """Time between two calls of a condition, in seconds."""
 

@@ -48,8 +48,8 @@ def woosh_agent(
 ) -> Iterator[RunningAgent]:
     """The real agent, connected to `simulated_chassis`; configured by the mark `woosh_agent`.
 
-    Its ROS domain is that of `ros_domain` if the test uses that fixture, otherwise a new one. The
-    domain is set in the environment, so the nodes of the test are in it, too.
+    It is in the domain of the fixture `ros_domain` if the test uses that one, otherwise in a new
+    domain. The domain is set in the environment, so the nodes of the test are in it, too.
     """
     from woosh_robot_agent.testing.agents import running_agent  # needs ROS 2
 
@@ -62,7 +62,7 @@ def woosh_agent(
 
 
 def _mark_options(request: pytest.FixtureRequest, name: str) -> dict[str, Any]:
-    """Return the options of all marks of a name; those nearest to the test override others."""
+    """Return the options of all marks of a name; marks nearer to the test override others."""
     options: dict[str, Any] = {}
     for mark in request.node.iter_markers(name):
         if mark.args:

@@ -1,4 +1,4 @@
-"""Programs for robots: `dashboard`, `monitor`, `doctor`, `record`, `replay` and `maps`.
+"""Tools, i.e. programs for robots: `dashboard`, `monitor`, `doctor`, `record`, `replay`, `maps`.
 
 Only `maps` and `dashboard --control` change something on the robot. Only `monitor.ros_source` and
 `recording.ros_recorder` need ROS.

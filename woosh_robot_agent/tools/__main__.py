@@ -1,4 +1,4 @@
-"""Start of the tools: `python3 -m woosh_robot_agent.tools NAME ...`, and their entry points."""
+"""Start a tool: `python3 -m woosh_robot_agent.tools NAME ...`, or its entry point."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MODULES = {
     "record": "recording.record",
     "replay": "recording.replay",
 }
-"""Module of each program, with its `main`."""
+"""Module of each program, which has the function `main`."""
 
 
 def start(name: str, arguments: Sequence[str] | None = None) -> int:
@@ -29,7 +29,7 @@ def start(name: str, arguments: Sequence[str] | None = None) -> int:
 
     Args:
         name: Name of the program.
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
     """
 
     def main() -> int:

@@ -1,4 +1,4 @@
-"""Options that the tools share, and the end of a tool by SIGINT or SIGTERM."""
+"""Options that the tools share, and the event that SIGINT and SIGTERM set."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def stop_event() -> asyncio.Event:
 
 
 class Address(NamedTuple):
-    """Value of `--ip`: an address or host name, and the port, or 0 for that of the transport."""
+    """Value of `--ip`: an address or host name, and the port; 0 for the transport's default."""
 
     ip: str
     port: int = 0
@@ -40,10 +40,10 @@ def add_link_options(
 
     Args:
         parser: The parser.
-        ip_required: `--ip` must be given.
-        again: This is a subparser of a parser that has the options too. They may come before or
+        ip_required: True if `--ip` must be given.
+        again: True for a subparser whose main parser has the options too. They may come before or
             after the command, so the subparser has no defaults and no help for them.
-        several: `--ip` can be repeated, and its value is a list of `Address`.
+        several: True if `--ip` can be repeated; then its value is a list of `Address`.
     """
     default = LinkConfig()
 
@@ -97,7 +97,7 @@ def link_config(
     Args:
         parser: The parser of the options.
         options: The options.
-        address: Address of the robot; by default the only one in the options.
+        address: Address of the robot; by default `options.ip`.
     """
     ip, port = options.ip if address is None else address
     try:
@@ -132,7 +132,7 @@ def _address(text: str) -> Address:
     host, port = (match[1], int(match[2])) if match else (text, 0)
     try:
         if match and port == 0:
-            raise ValueError("no port of a robot")
+            raise ValueError  # 0 is LinkConfig's "default port"; an explicit :0 is an error
         config = LinkConfig(ip=re.sub(r"^\[(.*:.*)\]$", r"\1", host), port=port)
     except ValueError:
         raise argparse.ArgumentTypeError(

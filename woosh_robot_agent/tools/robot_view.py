@@ -1,4 +1,4 @@
-"""What the tools show of a robot: values, readable names of enums, the state of the link."""
+"""The state of a robot and of its link, for tools that show it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class RobotView:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
         self.actions: dict[str, Feedback] = {}
         self.values = LastKnown(None)
-        # An empty one, because its parts can arrive before it.
+        # An empty RobotInfo, because its parts can arrive before it.
         self.values.remember(RobotInfo())
         self.is_empty = True
         self.has_robot_info = False
@@ -72,7 +72,7 @@ class RobotView:
         self.actions[feedback.action.rpartition(".")[2]] = feedback
 
     def _add_codes(self, codes: Iterable[StatusCode]) -> None:
-        """Add status codes, each once: they arrive both as pushes and inside of RobotInfo."""
+        """Add status codes, each only once: codes arrive both as pushes and in RobotInfo."""
         merged = {
             (code.time, code.code, code.robot_task_id): code for code in (*self.codes, *codes)
         }
@@ -95,10 +95,10 @@ def subscribe_all(chassis: ChassisClient, callback: Callable[[Message], None]) -
 
 @dataclass(frozen=True)
 class LinkReport:
-    """State of the connection from the robot to a program that shows it.
+    """State of the connection from the robot to a program that shows the robot.
 
     Attributes:
-        good: True if what the program shows is up to date.
+        good: True if the program shows up-to-date values.
         text: State of the link in words.
         detail: Counters, times or advice; may be empty.
     """
@@ -128,7 +128,7 @@ def link_report(chassis: ChassisClient) -> LinkReport:
 
 
 def system_text(error: OSError) -> str:
-    """Return the operating system's text for an error, without what asyncio adds."""
+    """Return the operating system's text for an error, without the text that asyncio adds."""
     if error.errno and error.errno > 0:  # negative: a host name that cannot be resolved
         return os.strerror(error.errno)
     return error.strerror or str(error) or type(error).__name__

@@ -14,7 +14,7 @@ from woosh_robot_agent.ros.executor import Executor
 from woosh_robot_agent.ros.logs import with_possible_log_files
 
 _TIMEOUT = 0.1
-"""Maximum delay before the end is noticed, in seconds."""
+"""Maximum delay before the thread notices `stop`, in seconds."""
 
 
 class NodeThread:
@@ -22,9 +22,9 @@ class NodeThread:
 
     Args:
         name: Name of the node.
-        namespace: Its namespace, unless the arguments have another one.
+        namespace: Namespace of the node, unless the arguments set another namespace.
         args: Command-line arguments for rclpy.
-        domain: ROS_DOMAIN_ID; by default that of the environment.
+        domain: ROS_DOMAIN_ID; by default from the environment.
 
     Attributes:
         node: The node.

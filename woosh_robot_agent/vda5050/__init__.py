@@ -7,14 +7,14 @@ the bottom up:
   writes them as JSON.
 - `orders/`: acceptance and execution of orders and instant actions, as state machines without I/O
   and clocks.
-- `robot/`: what the robot reports, and what it is commanded: tasks, actions of its own, speed.
+- `robot/`: reports of the robot, and commands to it: tasks, actions of its own, speed limits.
 - `execution`: the state machines and the robot together.
-- `mqtt`, `store`, `reports`, `session`: the connection to the broker, the state file, what is
-  published and when, and the vehicle at the broker.
+- `mqtt`, `store`, `reports`, `session`: the connection to the broker, the state file, the published
+  messages, and the topics of one vehicle at the broker.
 - `actions/`: the actions that the robot can perform.
 - `intake`: acceptance or rejection of messages.
 - `vehicle`: one robot with all of these parts.
 - `program`: the vehicles of one process, and the command line.
 
-docs/vda5050_reference.md shows the walks of an order, of an instant action and of a state message.
+docs/vda5050_reference.md follows an order, an instant action and a state message through the code.
 """

@@ -1,4 +1,4 @@
-"""The order and the instant actions of a vehicle, and what the robot does for them."""
+"""Execute the order and the instant actions of a vehicle with tasks and actions of the robot."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from woosh_robot_agent.vda5050.orders.legs import (
 )
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.robot.calls import RobotCalls
-from woosh_robot_agent.vda5050.robot.facts import RobotFacts
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 from woosh_robot_agent.vda5050.robot.maps import RobotMaps
+from woosh_robot_agent.vda5050.robot.reported_state import ReportedState
 from woosh_robot_agent.vda5050.robot.tasks import (
     UNSENT,
     ActionTasks,
@@ -41,12 +41,12 @@ from woosh_robot_agent.vda5050.robot.tasks import (
 
 _LOG = logging.getLogger(__name__)
 PAUSE = "pause"
-"""Name of the hold by which a pause stops the drive."""
+"""Name of the hold (reason for which the order must not drive) of a paused vehicle."""
 _OTHER_MOTION = (
     "something else drives the robot",
     "wait for its end, or cancel the order",
 )
-"""Text about a motion that is not of the vehicle, and what to do."""
+"""Cause and hint for a motion that this vehicle has not started."""
 _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
     task.kCharge: (
         "the robot executes a charging task that this vehicle has not started",
@@ -59,7 +59,7 @@ _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
         "control parks it",
     ),
 }
-"""The same for some types of tasks."""
+"""Cause and hint, by type of task, for a task that this vehicle has not started."""
 
 
 class Execution:
@@ -67,17 +67,18 @@ class Execution:
 
     Attributes:
         types: the actions of the vehicle.
-        facts: what the robot reports.
+        robot: the last reports of the robot.
         maps: maps on the robot, and marks of its scene.
         order: the current order.
         instant: the instant actions.
-        drive: the task that drives the current leg.
-        speed: its speed limit.
+        drive: the task that drives the current leg (part of an order without a stop).
+        speed: the speed limit of the drive.
         calls: the robot's own actions.
         tasks: tasks of actions.
-        active: actions that run and for which others may have to wait, by id.
+        active: running actions for which other actions may have to wait, by id.
         is_alone: False while another connector uses the topics of the vehicle.
-        order_error: why the last order was rejected or dropped; None if one was accepted since.
+        order_error: why the last order was rejected or dropped; None if another order was accepted
+            since.
         pause_wanted: True if the vehicle is, or must be, paused.
     """
 
@@ -85,7 +86,7 @@ class Execution:
         self.link = link
         self.version = version
         self.types = types
-        self.facts = RobotFacts(link)
+        self.robot = ReportedState(link)
         self.order = OrderMachine()
         self.instant = InstantActions(types, self.order)
         self.drive = RobotTask(link, self._drive_ended, link.changed)
@@ -102,16 +103,16 @@ class Execution:
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
         self._is_cut = False
-        """True from a loss of the link until all actions that ran then have ended."""
+        """True from a loss of the link until all actions that ran at the loss have ended."""
         link.chassis.on_state(self._link_changed)
         link.chassis.on_snapshot(lambda info: self.order.doubt_place())
 
-    # Where the vehicle is, and what it does
+    # Motion, pause and errors
 
     @property
     def at_rest(self) -> bool:
         """True unless the robot moves, by its last report, and nobody else drives it."""
-        if not self.facts.is_driving or not self.facts.is_automatic:
+        if not self.robot.is_driving or not self.robot.is_automatic:
             return True
         return self._is_driven_otherwise
 
@@ -151,7 +152,7 @@ class Execution:
     @property
     def _has_lost_position(self) -> bool:
         """True if an order must be cleared, because the position is unknown."""
-        place = self.facts.position
+        place = self.robot.position
         if not self.version.is_3 or place is None or place.initialised:
             return False
         return not (self.order.acting or self.active)  # an action may set the position
@@ -171,7 +172,7 @@ class Execution:
                     "check that the robot is on, and that the network reaches it",
                 )
             )
-        if self.facts.status is not None and self.facts.status.blocked:
+        if self.robot.status is not None and self.robot.status.blocked:
             place = {"orderId": order.order_id, "nodeId": order.nodes[0].id} if order.nodes else {}
             errors.append(
                 warning(
@@ -182,7 +183,7 @@ class Execution:
                 )
             )
         if self.order.busy and self._is_driven_otherwise:
-            info = self.facts.info
+            info = self.robot.info
             kind = info.task_proc.type if info is not None and self.drive.other else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
             errors.append(warning(ErrorType.ROBOT_BUSY, f"the order waits, because {cause}", hint))
@@ -200,7 +201,7 @@ class Execution:
 
     def follow(self) -> None:
         """Take the position of the robot."""
-        if (place := self.facts.position) is None:
+        if (place := self.robot.position) is None:
             return
         self._is_cut = self._is_cut and bool(self.active)
         # after a loss of the link, the robot may have been moved while any other action ran
@@ -208,16 +209,16 @@ class Execution:
         self.order.moved(
             place, by_itself=is_acting or self.tasks.id != 0, confirmed=self.drive.confirmed
         )
-        if self.facts.status is not None and self.facts.status.mode is OperatingMode.MANUAL:
+        if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
 
     def clear_where_demanded(self) -> None:
-        """Clear the order if the robot is in a mode, or a place, in which it cannot have one."""
-        if self.facts.status is not None and not self.facts.is_automatic:
-            mode = self.facts.status.mode
+        """Clear the order if the mode or the lost position of the robot forbids an order."""
+        if self.robot.status is not None and not self.robot.is_automatic:
+            mode = self.robot.status.mode
             self._clear(f"the operating mode is {mode.value}", "send a new order in mode AUTOMATIC")
             if mode is not OperatingMode.MANUAL and not self.order.busy:
-                self.order.placed("")
+                self.order.set_last_node("")
         elif self._has_lost_position:
             self._clear(
                 "the robot does not know its position any more",
@@ -225,7 +226,7 @@ class Execution:
             )
 
     def pause(self, wanted: bool) -> None:
-        """Pause or resume everything; idempotent."""
+        """Pause or resume the order and all actions; idempotent."""
         if wanted == self.pause_wanted:
             return
         self.pause_wanted = wanted
@@ -284,16 +285,16 @@ class Execution:
     # Steps
 
     def commands(self) -> Iterator[Perform | EndAction]:
-        """Drive as far as it follows from the events so far; yield the commands about actions.
+        """Start or stop the drive as the events so far demand; yield the commands about actions.
 
-        They must be executed before the next one is taken.
+        Each command must be executed before the next one is taken.
         """
         while commands := [*self._take_instant(), *self._poll_order()]:
             for command in commands:
                 if isinstance(command, Perform | EndAction):
                     yield command
                 elif isinstance(command, Drive):
-                    self.drive.start(leg_task(command.leg, self.facts.position))
+                    self.drive.start(leg_task(command.leg, self.robot.position))
                 else:
                     self.drive.want(command)
         self.speed.limit(self.order.speed_limit)
@@ -305,7 +306,7 @@ class Execution:
     def _poll_order(self) -> list[Command]:
         if self._is_driven_otherwise:
             self.order.doubt_place()
-        may_drive = self.may_act and self.facts.is_automatic and not self.tasks.id
+        may_drive = self.may_act and self.robot.is_automatic and not self.tasks.id
         return self.order.poll(
             may_drive=may_drive and not self._is_driven_otherwise,
             # cancelOrder empties the order itself, so that both are in the same state

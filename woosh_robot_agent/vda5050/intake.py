@@ -1,4 +1,4 @@
-"""The intake of orders: can the vehicle execute it, and is it where the order begins?"""
+"""Accept or reject the messages of the master control, e.g. orders that the robot cannot drive."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class OrderCheck:
             status: state of the robot; None if unknown.
 
         Raises:
-            RejectedError: the vehicle cannot perform it.
+            RejectedError: the vehicle cannot perform the order.
         """
         self._check_mode(status)
         if status is not None and status.position is not None and not status.position.initialised:
@@ -144,7 +144,7 @@ class OrderCheck:
             raise self._error(
                 ErrorType.ORDER,
                 f"the robot cannot drive the trajectory: {reason}",
-                "send a NURBS from the start node to the end node, or leave it out",
+                "send a NURBS from the start node to the end node, or no trajectory",
                 edgeId=edge.id,
                 parameter="trajectory",
             )
@@ -166,7 +166,7 @@ class OrderCheck:
         return self._error(
             ErrorType.UNSUPPORTED_PARAMETER,
             f"the robot cannot obey {', '.join(fields)} of {place}",
-            "leave it out; the factsheet lists the optional fields that the robot obeys",
+            "leave them out; the factsheet lists the optional fields that the robot obeys",
             **references,
             parameter=list(fields),
         )
@@ -178,7 +178,7 @@ class OrderCheck:
 
 
 def _misses(node: Node, point: Point) -> str:
-    """Return why a trajectory does not begin or end at a node; empty if it does."""
+    """Return why a trajectory with this end point does not meet the node; empty if it does."""
     place = node.position
     if place is None:
         return ""
@@ -195,8 +195,8 @@ class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
 
     Attributes:
-        message_error: why the last message with instant actions or zones was rejected; None if it
-            was not.
+        message_error: why the last message with instant actions or zones was rejected; None if the
+            message was accepted.
     """
 
     def __init__(self, execution: Execution) -> None:
@@ -206,11 +206,12 @@ class Intake:
         self._payload = b""
         """The last message with an order that was accepted."""
         self._order: Order | None = None
-        """The order in it, without the marks of the robot, which may change; None without one."""
+        """The order in `_payload`, without the positions of marks, which may change; None before
+        the first order."""
         self.message_error: VehicleError | None = None
 
     def order(self, identity: Identity, payload: bytes) -> bool:
-        """Accept or reject an order; return False if the vehicle has it already."""
+        """Accept or reject an order; return False if the vehicle has the order already."""
         execution = self._execution
         if payload == self._payload:
             return False  # at no cost: a master control may repeat a large order often
@@ -218,7 +219,7 @@ class Intake:
             received = read_order(payload, self._version, identity)
             if received == self._order:
                 return False
-            here = execution.facts.position
+            here = execution.robot.position
             order = with_marks(
                 received, "" if here is None else here.map_id, execution.maps.find_mark
             )
@@ -266,12 +267,12 @@ class Intake:
         """Check an order against what the vehicle can do now.
 
         Raises:
-            RejectedError: the vehicle cannot perform it.
+            RejectedError: the vehicle cannot perform the order.
         """
         # in version 2.1, a new order removes the ended instant actions from the state
         ended = self._version.is_3 or not is_new
         check_instant_ids(order, self._execution.instant.ids_in_state(ended=ended))
-        status, info = self._execution.facts.status, self._execution.facts.info
+        status, info = self._execution.robot.status, self._execution.robot.info
         if status is not None and info is not None:
             status = replace(status, maps=self._execution.maps.listed(info))
         OrderCheck(order, self._execution.types).check(status)

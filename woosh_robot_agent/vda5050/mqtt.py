@@ -36,8 +36,8 @@ _MAX_OUTBOX = 1000
 MAX_RECEIVED = 200
 """Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
 _MAX_RECEIVED_SIZE = 16 * 2**20
-"""Maximum size of all messages of one topic that wait to be handled, in bytes; a single one may be
-larger."""
+"""Maximum size of all messages of one topic that wait to be handled, in bytes; a single message may
+be larger."""
 _REFUSED = 0x80
 """Lowest result code of a subscription that the broker has refused."""
 _HINTS = (
@@ -59,8 +59,8 @@ class BrokerConfig:
 
     Attributes:
         tls: TLS settings; None for a connection without TLS.
-        username: user name; None without one.
-        password: password; None without one.
+        username: user name; None for a login without a name.
+        password: password; None for a login without a password.
         keepalive: interval of the MQTT keep-alive, in seconds. The broker publishes the last will
             if nothing arrives for 1.5 times as long.
         backoff_max: longest pause between attempts to connect, in seconds.
@@ -101,7 +101,7 @@ class Publication(NamedTuple):
 
     Attributes:
         qos: QoS level.
-        retain: the broker keeps it for new subscribers.
+        retain: True if the broker keeps the message for new subscribers.
     """
 
     topic: str
@@ -140,7 +140,7 @@ class MqttConnection:
         self.connected = False
         """True while messages can be published."""
         self._connected_at = math.inf
-        """Loop time at which the connection began; infinite without one."""
+        """Loop time at which the connection began; infinite without a connection."""
 
     def publish(self, publication: Publication) -> None:
         """Queue a message for publication; drop it if there is no connection."""
@@ -257,9 +257,9 @@ class MqttConnection:
 class _Client(aiomqtt.Client):
     """The client of aiomqtt, without its tracebacks of asyncio when the connection ends.
 
-    They are errors of aiomqtt 2.5.1 in its private parts: it watches a socket that was closed
-    meanwhile, stores the reason of a lost connection where nobody looks for it, and keeps a
-    connection open that was given up while it began.
+    The tracebacks come from errors in private parts of aiomqtt 2.5.1: it watches a socket that was
+    closed meanwhile, stores the reason of a lost connection where nobody reads it, and keeps a
+    connection open that was cancelled while it began.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -298,7 +298,7 @@ class _Client(aiomqtt.Client):
 
 
 class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
-    """Received messages that wait to be handled; drops new ones of a topic that has too many.
+    """Received messages that wait to be handled; drops new messages of a topic with too many.
 
     Each topic has its own limit, so that a flood of orders does not take the place of a pause.
     """
@@ -338,7 +338,7 @@ def refused_topics(topics: Iterable[str], granted: Iterable[Any]) -> list[str]:
     """Return the topics that the broker does not let the vehicle read.
 
     Args:
-        granted: result code of the subscription to each of them.
+        granted: result code of the subscription to each topic.
     """
     codes = (getattr(each, "value", each) for each in granted)
     return [topic for topic, code in zip(topics, codes, strict=False) if code >= _REFUSED]
@@ -387,8 +387,8 @@ def add_broker_options(parser: argparse.ArgumentParser) -> None:
         "--ca-file",
         type=Path,
         metavar="FILE",
-        help="certificates that are trusted to sign the broker's, in PEM (default: those of the "
-        "system)",
+        help="certificates that are trusted to sign the certificate of the broker, in PEM "
+        "(default: the certificates of the system)",
     )
     group.add_argument("--cert-file", type=Path, metavar="FILE", help="client certificate, in PEM")
     group.add_argument(

@@ -1,4 +1,4 @@
-"""The program: its options, its file of robots, and one connector for each robot."""
+"""The program: its options, the file that lists its robots, and one vehicle for each robot."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ListedRobot:
     Attributes:
         name: name in the list `robots`, without slashes at its ends.
         link: address of the robot, and options of its link.
-        serial_number: serial number in the topics; empty for that of the robot.
+        serial_number: serial number in the topics; empty for the one that the robot reports.
     """
 
     name: str
@@ -61,7 +61,7 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
     """Read the robots of a file.
 
     Args:
-        default: the options of the link where the file has none; the address is not used.
+        default: options of the link that the file does not set; the address is not used.
 
     Raises:
         RobotsFileError: the file cannot be read, or a robot in it is invalid.
@@ -106,7 +106,7 @@ def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]
 
 
 def _parameters(sections: list[tuple[str, Mapping[str, Any]]], node: str) -> dict[str, Any]:
-    """Return the parameters of a node from all sections that match it; later ones override."""
+    """Return the parameters of a node from all sections that match it; a later section wins."""
     found: dict[str, Any] = {}
     for pattern, parameters in sections:
         if re.fullmatch(_regex(pattern), node):
@@ -182,10 +182,10 @@ class Connector:
     def dashboard(self, port: int) -> Dashboard:
         """Return a page that shows the robots with their orders and errors, on this machine.
 
-        It has links of its own, and only reads from the robots.
+        The page has links of its own, and only reads from the robots.
 
         Args:
-            port: port of the page; 0 takes a free one.
+            port: port of the page; 0 takes a free port.
         """
         made = Dashboard(self._links, DashboardConfig(port=port))
         for robot, (vehicle, _) in zip(made.robots, self._vehicles, strict=True):
@@ -219,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the connector until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; 1 if the page cannot be served.

@@ -1,4 +1,4 @@
-"""The messages of a vehicle: their headers, when they are published, and their publication."""
+"""Publish the messages of a vehicle, e.g. the state after a change, with headers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _BLOCK = 1000
 class HeaderIds:
     """Header ids of a vehicle, counted for each topic.
 
-    Ids are reserved in blocks, so that none is used again after a restart. If the program ends
+    Ids are reserved in blocks, so that no id is used again after a restart. If the program ends
     without `close`, the ids continue after the reserved block.
 
     Args:
@@ -70,12 +70,12 @@ class HeaderIds:
         return self._next[topic]
 
     def close(self) -> None:
-        """Save the exact ids; take none afterwards."""
+        """Save the exact ids; no id may be taken afterwards."""
         self._save(dict(self._next))
 
 
 class Schedule:
-    """Calls a function soon after each change, and at regular intervals without one.
+    """Calls a function soon after each change, and at regular intervals without changes.
 
     Args:
         send: publishes the message.
@@ -127,7 +127,7 @@ _OWN_CONNECTIONS = 64
 
 
 class Reports:
-    """Adds headers to the messages of a vehicle, and publishes them; without a connection, none.
+    """Adds headers to the messages of a vehicle, and publishes them while the broker is connected.
 
     Args:
         version: version of the standard.
@@ -153,15 +153,15 @@ class Reports:
         self._prefix = ""
         self._header_ids = HeaderIds()
         self._mqtt: MqttConnection | None = None
-        """The connection to the broker; None before and after it."""
+        """The connection to the broker; None before it is made, and once it is closed."""
         self._will_id = -1
         """Header id of the last will of the last connection."""
         self._will = b""
         """The last will of the last attempt to connect."""
         self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
-        """The last `connection` messages, with the last wills of the connections."""
+        """The last `connection` messages, and the last will that was current for each of them."""
         self._state_id: int | None = None
-        """Header id of the last state; None if there was none."""
+        """Header id of the last state; None before the first state."""
         self._state_schedule = Schedule(
             self._publish_state, limits.min_state_interval, limits.state_interval
         )
@@ -211,7 +211,7 @@ class Reports:
         return payload == self._will or payload in self._connections
 
     async def close(self, timeout: float) -> None:
-        """Publish OFFLINE, and nothing afterwards.
+        """Publish OFFLINE as the last message.
 
         Args:
             timeout: maximum wait for the broker, in seconds.

@@ -1,4 +1,4 @@
-"""A vehicle at the broker: its configuration, its connection, and a second connector for it."""
+"""A vehicle at the broker: configuration, connection, and detection of a second connector."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ class OtherConnector:
     """Detects messages on the topic `connection` that this connector did not send.
 
     Two connectors of a vehicle have the same client id, so the broker disconnects one when the
-    other connects. When it connects again, it receives the retained message of the other one.
+    other connects. When the first one connects again, it receives the retained message of the
+    other one.
 
     Args:
         is_own: returns True for the messages that this connector has sent.
@@ -58,7 +59,7 @@ class OtherConnector:
     def connected(self) -> None:
         """Take note of a new connection to the broker."""
         self._connections += 1
-        if self.error is not None:  # its end may have been published meanwhile
+        if self.error is not None:  # the other connector may have ended meanwhile
             self._restart_timer()
 
     def received(self, payload: bytes, retained: bool) -> None:
@@ -67,7 +68,7 @@ class OtherConnector:
         if state is None or self._is_own(payload):
             return
         if retained:
-            if self._connections > 1:  # the first one may be of an earlier run
+            if self._connections > 1:  # else the message may be of an earlier run of this connector
                 self._restart_timer()
                 self._found()
         elif state == ConnectionState.ONLINE.value:
@@ -107,7 +108,7 @@ class OtherConnector:
 
 
 def _connection_state(payload: bytes) -> str | None:
-    """Return the connectionState of a message; None if it has none."""
+    """Return the connectionState of a message; None if the message has none."""
     try:
         message = json.loads(payload)
     except (ValueError, RecursionError):
@@ -131,12 +132,16 @@ class VehicleConfig:
     Attributes:
         link: address of the robot.
         manufacturer: manufacturer in the topics.
-        serial_number: serial number in the topics; empty for that of the robot.
+        serial_number: serial number in the topics; empty for the one that the robot reports.
         interface: first level of the topics.
-        limits: limits of the robot that it does not report, and options of the state.
+        version: version of VDA 5050.
+        limits: factsheet values that the robot does not report, and the intervals and content of
+            state messages.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
         state_folder: folder of the state file; None to keep nothing over a restart.
-        gone_after: time after which another connector of the vehicle counts as gone, in seconds.
+        timing: intervals and timeouts of requests to the robot.
+        gone_after: time without messages after which a second connector that uses this vehicle's
+            topics counts as gone, in seconds.
     """
 
     link: LinkConfig
@@ -154,7 +159,7 @@ class VehicleConfig:
         """Check the levels of the topics.
 
         Raises:
-            ValueError: one has a character that MQTT does not permit there.
+            ValueError: a level has a character that MQTT does not permit there.
         """
         levels = {"manufacturer": self.manufacturer, "serial number": self.serial_number}
         for name, value in {**levels, "interface": self.interface.replace("/", "")}.items():
@@ -171,7 +176,7 @@ class Session:
     Args:
         reports: messages of the vehicle; published over this session from now on.
         handlers: called with the payload of each message of the master control, by topic. Topics
-            that the version does not have are left out.
+            that the version does not have are ignored.
         on_opened: called with the content of the state file before connecting to the broker, and
             with an error if the file was damaged.
         on_changed: called when an error begins or ends.
@@ -197,7 +202,7 @@ class Session:
         self._name = "-".join((config.interface, identity.manufacturer, identity.serial_number))
         self._store = Store(config.state_folder, self._name)
         self._header_ids: HeaderIds | None = None
-        """None until the state file has been read."""
+        """Header ids of the messages; None until the state file has been read."""
         self._other: OtherConnector | None = None
         self._log = LogOnce(_LOG)
         self._task: asyncio.Task[None] | None = None
@@ -226,7 +231,8 @@ class Session:
     def save(self, record: Record) -> None:
         """Save the state that must survive a restart.
 
-        What keeps something from being done twice is on the disk on return, the rest soon.
+        Data that prevent a second execution, e.g. ids of actions, are on the disk on return; other
+        data are saved soon.
         """
         if self.is_open:
             self._store.save(record)

@@ -32,7 +32,7 @@ def to_json(value: Any) -> bytes:
 def from_plain(cls: type[T], data: Any) -> T:
     """Return the dataclass instance for data from `to_json`.
 
-    Unknown fields are ignored, and missing ones take their defaults.
+    Unknown fields are ignored, and missing fields take their defaults.
 
     Raises:
         ValueError: the data does not fit the class.
@@ -94,9 +94,10 @@ class Record:
 
     Attributes:
         serial_number: serial number that the robot reports.
-        task_id: id of the robot's task that drives the current leg; 0 without one.
+        task_id: id of the robot's task that drives the current leg (part of an order without a
+            stop); 0 without such a task.
         known_ids: ids of the last instant actions.
-        last_motion: id of the last instant action that moves something; empty without one.
+        last_motion: id of the last instant action that moves something; empty before the first.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
     """
@@ -134,7 +135,7 @@ class Store:
         name: name of the vehicle, unique in the folder.
 
     Attributes:
-        error: why the last record was not saved; None if it was.
+        error: why the last record was not saved; None if it was saved.
     """
 
     def __init__(self, folder: Path | None, name: str) -> None:
@@ -184,9 +185,9 @@ class Store:
     def save(self, record: Record) -> None:
         """Save a record, but keep the saved header ids.
 
-        What keeps something from being done twice is on the disk on return. A record that differs
-        only in the progress of the order and of the instant actions is saved soon: each file takes
-        milliseconds, in which nothing else happens.
+        Data that prevent a second execution, e.g. the id of an order, are on the disk on return. A
+        record that differs only in the progress of the order and of the instant actions is saved
+        soon: writing a file takes milliseconds, in which nothing else happens.
 
         If saving fails, the file is removed, because an old record could make the vehicle repeat
         what it has done.
@@ -202,7 +203,7 @@ class Store:
         self._save(replace(self._record, header_ids=dict(header_ids)))
 
     def close(self) -> None:
-        """Save what was to be saved soon, and unlock the file for other processes."""
+        """Save a record that waits to be saved, and unlock the file for other processes."""
         if self._timer is not None:
             self._save_next()
         if self._lock is not None:

@@ -1,4 +1,4 @@
-"""One robot as a VDA 5050 vehicle: its parts, its life, and its state."""
+"""One robot as a VDA 5050 vehicle: start and end, handling of events, factsheet and state."""
 
 from __future__ import annotations
 
@@ -42,34 +42,34 @@ class Vehicle:
         self._link = RobotLink(config.link, config.timing, self._changed, self._moved)
         types = action_types(config.version, can_log=config.log_folder is not None)
         self._execution = Execution(self._link, config.version, types)
-        self._facts = self._execution.facts
+        self._reported = self._execution.robot
         self._reports = Reports(
             config.version,
             config.limits,
             self._state,
-            lambda: self._facts.status,
+            lambda: self._reported.status,
             self._factsheet,
         )
         self._intake = Intake(self._execution)
         self._runner = ActionRunner(self._execution, self._reports, config.log_folder)
         self._robot = RobotIdentity(0, 0)
-        """Identity of the robot; zeros until the robot has told it."""
+        """Identity of the robot; zeros until the first report of the robot."""
         self._session: Session | None = None
-        """None until the robot has told who it is."""
+        """The vehicle at the broker; None until the first report of the robot."""
         self._was_driving = False
         """True if the robot drove at its last report of a pose."""
         self._is_stepping = False
-        """True while a step is done, or the state is restored: the end of it counts."""
+        """True while `_changed` works, or the state is restored; only the result is saved."""
         self._link.chassis.on_snapshot(self._identified)
 
-    # Life
+    # Start and end
 
     def start(self) -> None:
         """Start connecting to the robot, and to the broker once the robot is known."""
         self._link.chassis.start()
 
     async def close(self) -> None:
-        """Close both connections. The robot goes on with the task that it executes."""
+        """Close the connections to robot and broker. The robot continues its current task."""
         self._remember()
         self._link.is_closing = True  # tasks that end from now on must not change the order
         try:
@@ -82,7 +82,7 @@ class Vehicle:
         await self._link.chassis.close()  # the last state must not say that the link is lost
 
     def _identified(self, info: RobotInfo) -> None:
-        """Connect to the broker when the robot has told who it is."""
+        """Connect to the broker after the first report of the robot, which has its identity."""
         if self._session is not None or self._link.is_closing:
             return
         config = self._config
@@ -107,7 +107,7 @@ class Vehicle:
 
     def _restore(self, record: Record, damage: VehicleError | None) -> None:
         """Restore the order after a restart, and ask the robot for the state of its task."""
-        execution, info = self._execution, self._facts.info
+        execution, info = self._execution, self._reported.info
         if info is None:
             return
         execution.order_error = damage
@@ -151,7 +151,7 @@ class Vehicle:
 
     @property
     def summary(self) -> dict[str, Any] | None:
-        """The order and the errors, for the page of the dashboard; None until they are known."""
+        """The order and the errors, for the dashboard; None before the robot's first report."""
         state = self._state()
         if state is None:
             return None
@@ -181,15 +181,15 @@ class Vehicle:
         before = self._execution.order.progress
         self._execution.follow()
         has_changed = self._execution.order.progress != before
-        if has_changed or self._facts.is_driving != self._was_driving:
-            self._was_driving = self._facts.is_driving
+        if has_changed or self._reported.is_driving != self._was_driving:
+            self._was_driving = self._reported.is_driving
             self._changed()  # actions may wait for the standstill
         self._execution.speed.limit(self._execution.order.speed_limit)
         self._link.conditions.check()
         self._reports.moved()
 
     def _changed(self) -> None:
-        """Do what follows from the events so far, and publish the state soon."""
+        """Execute the commands that follow from the events so far, and publish the state soon."""
         session, execution = self._session, self._execution
         if session is None or not session.is_open:
             return
@@ -205,27 +205,28 @@ class Vehicle:
             self._runner.poll()
         finally:
             self._is_stepping = False
-        self._remember()  # before the commands are sent: nothing has been awaited since
+        # the record is saved before the commands go out, because nothing has been awaited since
+        self._remember()
         self._link.conditions.check()
         self._reports.changed()
 
     # To the master control
 
     def _factsheet(self) -> Factsheet | None:
-        info = self._facts.info
+        info = self._reported.info
         if info is None:
             return None
         return factsheet(info, self._config.limits, tuple(self._execution.types.values()))
 
     def _state(self) -> VehicleState | None:
-        robot, execution = self._facts.status, self._execution
+        robot, execution = self._reported.status, self._execution
         if robot is None:
             return None
         order = execution.order.status
         actions = order.actions + execution.instant.states
         order = replace(order, actions=actions, paused=execution.paused)
-        if self._facts.info is not None:
-            robot = replace(robot, maps=self._execution.maps.listed(self._facts.info))
+        if self._reported.info is not None:
+            robot = replace(robot, maps=self._execution.maps.listed(self._reported.info))
         if not self._link.ready:
             robot = replace(robot, velocity=None)
         errors = (

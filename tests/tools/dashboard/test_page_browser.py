@@ -185,7 +185,7 @@ def test_a_double_click_sends_one_task(robot: SimulatedPage, browser: Any) -> No
     # while the answer is pending, later clicks send none either, and the page says so
     robot.call(lambda simulator: simulator.mute(full_name(ExecTask)))
     press(browser, "#marks li:nth-child(1) button")
-    refusal = "the robot has not answered the former one"
+    refusal = "the robot has not answered the former command"
     eventually(lambda: press(browser, "#go") or refusal in text(browser, "#answer"), "refusal")
     assert sent() == 2
 

@@ -44,7 +44,7 @@ _REPR.maxstring = _REPR.maxother = 40
 
 
 def misfit(path: str, value: object, error: Exception) -> FieldError:
-    """Return the error for `value`, which was refused with `error`."""
+    """Return the FieldError for a `value` at `path` that a setter refused with `error`."""
     why = _cut(str(error), _LONGEST_REASON)  # `float()` repeats a value of many MiB in its text
     return FieldError(path, f"{brief_repr(value)} does not fit ({why})")
 
@@ -59,7 +59,7 @@ def _cut(text: str, limit: int) -> str:
 
 
 Field = Any
-"""A FieldDescriptor. Each protobuf implementation has its own class of them."""
+"""A FieldDescriptor. Each protobuf implementation has its own descriptor class."""
 MessageClass = Any
 """A type[Message], which the type stubs declare unhashable."""
 
@@ -93,8 +93,8 @@ def _camel_case(name: str) -> str:
 FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 """C++ types of the fields that hold a floating-point number."""
 LONGEST_NUMBER = 400
-"""Longest text that is read as a number, in characters. An exact double has up to 325 digits, and
-Python needs seconds, or hours with some settings, to read millions of digits."""
+"""Longest text that is read as a number, in characters. An exact double has up to 325 digits.
+Python needs seconds to read millions of digits, and hours with some settings."""
 
 
 def scalar_reader(field: Field) -> Callable[[Any], Any]:
@@ -338,7 +338,7 @@ def _encoder(cls: MessageClass, defaults: bool) -> Callable[[Message], dict[str,
         field.number: (field.json_name, _value_encoder(field, defaults))
         for field in cls.DESCRIPTOR.fields
     }
-    blank: dict[str, Any] = {}
+    blank: dict[str, Any] = {}  # defaults; None for a list, since each message needs its own list
     if defaults:
         for field in cls.DESCRIPTOR.fields:
             if is_repeated(field):
@@ -415,8 +415,8 @@ def _non_finite_name(value: float) -> str:
 
 
 _MAX_PARTS = 1_000_000
-"""Maximum number of objects, lists and names in a frame. Two bytes of them on the wire can take a
-hundred bytes of memory."""
+"""Maximum number of objects, lists and names in a frame. An empty list has two bytes on the wire,
+and can take a hundred bytes of memory."""
 _END_OF_TIME = 253_402_300_800_000
 """Unix time in ms at which the year 10000 begins, which no date can express."""
 
@@ -461,7 +461,7 @@ class JsonCodec:
         """Return the value of a JSON text.
 
         Raises:
-            FrameError: it is not JSON, or has too many parts.
+            FrameError: the text is not JSON, or has too many objects, lists and names.
         """
         try:
             if len(data) <= LONG_FRAME:  # it has no long texts and few parts
@@ -535,7 +535,7 @@ def _integer(value: Any) -> int | None:
 
 
 def _time(value: object) -> tuple[int | None, str]:
-    """Return the time in `timestamp`, and what is wrong with it; its frame is valid without it."""
+    """Return the time in `timestamp`, and its defect; a frame without a valid time stays valid."""
     try:
         time = _integer(value)
     except BAD_VALUE as error:

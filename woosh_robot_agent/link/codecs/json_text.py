@@ -1,7 +1,7 @@
-"""JSON texts, read and written with orjson if it is installed, and large base64 texts in them.
+"""Read and write JSON texts, with orjson if it is installed, and the large base64 texts in frames.
 
-A JSON parser looks at each character of a text. That takes longer than to decode base64, so long
-base64 texts, which can be maps of many MiB, are cut out of a frame before it is parsed.
+A JSON parser looks at each character of a text, which takes longer than decoding base64. So long
+base64 texts, e.g. maps of many MiB, are cut out of a frame before the frame is parsed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _STEP = _LONG // 2
 LONG_FRAME = _STEP
 """Length from which `cut_out` looks at a frame, in characters or bytes."""
 _TOKEN = secrets.token_hex(16)
-"""Start of the short texts that replace long ones; the other end cannot know it."""
+"""Start of the short texts that replace long texts; the sender of the frame cannot know it."""
 _REPLACED = re.compile(rf"{_TOKEN}(\d+)")
 """Text that replaces a long one, with its number."""
 LONG_MESSAGE = _LONG // 4 * 3
@@ -60,7 +60,7 @@ def write_base64(data: bytes) -> str:
 
 
 def take_out(value: Any) -> list[str]:
-    """Replace the texts of class `LongBase64` in a JSON value; return them, for `insert`."""
+    """Replace the texts of class `LongBase64` in a JSON value; return these texts for `insert`."""
     texts: list[str] = []
     for outer, key, inner in _texts_in(value):
         if type(inner) is LongBase64:
@@ -70,7 +70,7 @@ def take_out(value: Any) -> list[str]:
 
 
 def insert(frame: str, texts: list[str]) -> str:
-    """Return the frame with the texts in it that `take_out` replaced before it was written."""
+    """Return the frame with the texts put back that `take_out` replaced."""
     return _REPLACED.sub(lambda found: texts[int(found[1])], frame)
 
 
@@ -103,8 +103,8 @@ def cut_out(frame: str | bytes) -> tuple[str | bytes, list[str]]:
 def _text(frame: str | bytes, begin: int, end: int) -> str | None:
     """Return the text between two quotation marks of a frame; None if it does not look like base64.
 
-    It must begin like base64: between two texts, JSON has other characters. And it must have no
-    escapes, which only a JSON parser can read.
+    The text must begin like base64: `begin` may be the end of a text, after which JSON has other
+    characters. And it must have no escapes, which only a JSON parser can read.
     """
     is_bytes = isinstance(frame, bytes)
     backslash: Any = b"\\" if is_bytes else "\\"
@@ -129,7 +129,7 @@ def put_back(value: Any, texts: list[str]) -> None:
 
 
 def _texts_in(value: Any) -> Iterator[tuple[Any, Any, str]]:
-    """Yield each text in a JSON value, after the object or list and the key or index it is at."""
+    """Yield each text in a JSON value: the object or list, its key or index there, and the text."""
     stack = [value]
     while stack:
         outer = stack.pop()
@@ -153,14 +153,14 @@ _ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan
 def parse(text: str | bytes) -> Any:
     """Return the value of a JSON text; bytes are UTF-8.
 
-    What orjson refuses is left to the standard library: it also accepts NaN, infinity, numbers
-    beyond the range of a double, half a surrogate pair and deeper nesting, and its errors name the
-    place.
+    What orjson refuses is left to the standard library, which also accepts NaN, infinity, numbers
+    beyond the range of a double, half a surrogate pair and deeper nesting. The standard library's
+    errors name the place.
 
     Raises:
         UnicodeDecodeError: bytes are not UTF-8.
-        ValueError: it is not JSON.
-        RecursionError: it is nested too deeply.
+        ValueError: the text is not JSON.
+        RecursionError: the text is nested too deeply.
     """
     if ORJSON is not None:
         try:
@@ -173,13 +173,13 @@ def parse(text: str | bytes) -> Any:
 def parse_in_pieces(text: str | bytes) -> Any:
     """Return the value of a long JSON text, as `parse` does.
 
-    A JSON parser keeps all other threads from running until it has finished. Here it gets pieces,
-    with a chance for the others after each.
+    A JSON parser keeps all other threads from running until it returns. Here it gets the text in
+    pieces, and other threads can run after each piece.
 
     Raises:
         UnicodeDecodeError: bytes are not UTF-8.
-        ValueError: it is not JSON.
-        RecursionError: it is nested too deeply.
+        ValueError: the text is not JSON.
+        RecursionError: the text is nested too deeply.
     """
     text = text if isinstance(text, str) else text.decode()
     value, end = _value(text, _after_space(text, 0))
@@ -189,13 +189,14 @@ def parse_in_pieces(text: str | bytes) -> Any:
 
 
 _PIECE = 32 * 1024
-"""Length of the pieces, in characters. A parser takes about 0.5 ms for one."""
+"""Length of the pieces, in characters. A parser takes about 0.5 ms for a piece."""
 _DECODER = json.JSONDecoder()
 _SPACE = re.compile(r"[ \t\n\r]*")
 _CLOSING = {"{": "},", "[": "],"}
 """End of an item and the comma after it, by the first character of the items of a list."""
 _CUTS = 4
-"""Number of places at which a piece of a list may be cut off before its items are parsed singly."""
+"""Maximum number of places at which a cut between two items of a list is tried. Then the next item
+is parsed alone."""
 
 
 def _after_space(text: str, at: int) -> int:
@@ -245,7 +246,7 @@ def _list(text: str, at: int) -> tuple[list[Any], int]:
 
 
 def _items(text: str, at: int) -> tuple[list[Any], int]:
-    """Return the next items of a list, at least one, and the place of the end of the last one."""
+    """Return the next items of a list, at least one, and the place where the last item ends."""
     closing = _CLOSING.get(text[at : at + 1], ",")
     end = at + _PIECE
     for _ in range(_CUTS):
@@ -287,7 +288,7 @@ def write(value: Any) -> str:
 
     Raises:
         TypeError: JSON has no such type.
-        RecursionError: it is nested too deeply.
+        RecursionError: the value is nested too deeply.
     """
     if ORJSON is not None:
         try:

@@ -39,7 +39,7 @@ class ProtobufCodec:
         try:
             pack.ParseFromString(data)
         except _UNREADABLE as error:
-            if data[:1] == b"{":  # no MessagePackJson begins with it
+            if data[:1] == b"{":  # no MessagePackJson begins with a brace, but JSON does
                 raise FrameError("encoding", _TEXT_FRAME) from None
             raise FrameError("protobuf", f"not a MessagePackJson: {error}") from None
         if not pack.type and not pack.sn:  # an answer needs only its sn

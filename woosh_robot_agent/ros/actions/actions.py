@@ -42,12 +42,12 @@ def _ignore(_report: Message) -> None:
 
 
 class AgentGoal:
-    """A goal that a part of the agent has started. Use it in the link thread.
+    """A goal that the agent itself has started, e.g. for goal_pose. Use it in the link thread.
 
     Args:
         on_report: called with each report of the chassis on the goal.
-        published: loop time at which a client in ROS sent what the goal is for, as far as that is
-            known; None if the agent starts the goal by itself.
+        published: loop time at which a ROS client sent the message or goal that this goal carries
+            out, as far as that is known; None if the agent starts the goal by itself.
 
     Attributes:
         accepted: future; True when the chassis accepts the goal, False when it no longer can.
@@ -63,7 +63,7 @@ class AgentGoal:
         self._on_cancel: Callable[[], None] = lambda: None
 
     def cancel(self) -> None:
-        """Cancel the goal at the chassis. It ends when the chassis reports that."""
+        """Cancel the goal at the chassis. The goal ends when the chassis reports its end."""
         self._on_cancel()
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
@@ -105,7 +105,7 @@ class _RosClient:
 
 @dataclass(frozen=True)
 class _Action:
-    """What the goals of an action have in common, whoever starts them."""
+    """The objects that the goals of one action share, whoever starts them."""
 
     make_kind: Callable[..., GoalKind]
     """Makes the kind of a goal from its command."""
@@ -138,7 +138,7 @@ class Actions:
         self._open_goals: defaultdict[str, OpenGoals] = defaultdict(OpenGoals)
         """The open goals of each member of CallAction; all tasks have the key ""."""
         self._runs: dict[asyncio.Task[None], GoalRun] = {}
-        """The goals that have not ended, by the task of each."""
+        """The goals that have not ended, by the asyncio task that runs the goal."""
         self._is_link_ready = False
         self._is_stopping = False
         self._last_feedback: dict[str, Feedback] = {}
@@ -229,10 +229,9 @@ class Actions:
         """Start a goal of the agent itself. Call it in the link thread.
 
         Args:
-            command: what the chassis executes: the command of one of the actions, e.g. MoveBase.
+            command: the command of one of the actions, e.g. MoveBase.
             on_report: called with each report of the chassis on the goal.
-            published: loop time at which a client in ROS sent what the goal is for, as far as that
-                is known; None if the agent starts the goal by itself.
+            published: as in `AgentGoal`.
         """
         action = self._actions[full_name(command)]
         goal = AgentGoal(on_report, published)
@@ -298,7 +297,7 @@ class Actions:
 
 
 def _wrapped(ros_class: Any, field: str, convert: Converter, report: Message) -> Any:
-    """Return a report as the only field of a ROS message."""
+    """Return a ROS message whose only field is the converted report."""
     return filled(ros_class, **{field: convert.to_ros(report)})
 
 

@@ -53,7 +53,7 @@ class CallActionGoal:
         context: objects shared by all goals of the action.
         member: member of the oneof of CallAction.
         action: protobuf full name of the command, under which the chassis reports on it.
-        last_feedback: the last feedback on each action, by that name.
+        last_feedback: the last feedback on each action, by the full name of the action's command.
     """
 
     def __init__(

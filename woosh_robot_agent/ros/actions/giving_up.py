@@ -1,4 +1,4 @@
-"""The end of a goal that the chassis does not report: cancellation, and giving up after a time."""
+"""Cancel a goal at the chassis, and give up on a goal whose end the chassis does not report."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Cancellation:
         accepted: Callable[[], None],
     ) -> None:
         self.requested = False
-        """True once the client has asked, even if the goal has not handled that event yet."""
+        """True once the client has requested a cancel, even if `GoalRun` has not handled it yet."""
         self.pending = False
         """True if a cancel has to be sent."""
         self._name = name
@@ -90,9 +90,9 @@ class GiveUp:
     - A deadline, set when the link or the answer to the start request is lost, or when the chassis
       falls silent. There is only one: a later cause replaces an earlier one, except that silence
       replaces nothing.
-    - A number of consecutive polls without a report. They do not count while a deadline is set.
+    - A number of consecutive polls without a report. Polls do not count while a deadline is set.
     - A number of consecutive polls that found the goal unknown to the chassis.
-    - A timeout after an accepted cancel, which reports that the goal goes on do not extend. It does
+    - A timeout after an accepted cancel. Reports that the goal goes on do not extend it. It does
       not count while a deadline is set.
 
     Args:
@@ -113,11 +113,11 @@ class GiveUp:
         self._fruitless_polls = 0
         """Number of consecutive polls without a report."""
         self._fruitless_since = 0.0
-        """Time of the first of them."""
+        """Time of the first of these polls."""
         self._unknown_polls = 0
         """Number of consecutive polls that found the goal unknown to the chassis."""
         self._unknown_since = 0.0
-        """Time of the first of them."""
+        """Time of the first of these polls."""
         self._cancel_deadline = inf
         """End of the wait after an accepted cancel; infinite if no cancel was accepted."""
 
@@ -148,12 +148,12 @@ class GiveUp:
     # Events
 
     def link_lost(self, error: object) -> None:
-        """Start the deadline for a reconnect that is followed by a report."""
+        """Start the deadline within which the link must return and a report must come."""
         self._is_link_lost = True
         self._limit(f"the link was lost ({error})")
 
     def link_restored(self) -> None:
-        """Restart the deadline, now for a report: the chassis can be polled again."""
+        """Restart the deadline, within which a report must come: polls are possible again."""
         self._is_link_lost = False
         self._limit("the link was lost")
 
@@ -175,7 +175,7 @@ class GiveUp:
         )
 
     def part_begun(self) -> None:
-        """End the timeout of a cancel: the chassis goes on with a part that needs its own."""
+        """End the timeout of a cancel: the chassis has begun a part that needs another cancel."""
         self._cancel_deadline = inf
 
     # Results of polls

@@ -1,8 +1,8 @@
-"""What a goal is: its phases, limits in time and outcome, its reports, and its kind.
+"""A goal's phases, timing, outcome, reports and events, and the interface of its kind.
 
 A report identifies a task by its id, which clients may reuse, and any other action only by its
 type. So a report with the name of a goal may belong to an earlier goal, even to one of another
-program. `Attribution` decides that.
+program. `Attribution` decides to which goal a report belongs.
 """
 
 from __future__ import annotations
@@ -109,24 +109,24 @@ class End:
     result: Message
     """Usually the chassis's last report on the goal."""
     cause: Cause
-    """Who decided it."""
+    """Who decided the end."""
 
 
 class GoalClient(Protocol):
-    """The client of a goal: one in ROS, or a part of the agent. Used in the link thread."""
+    """The client of a goal: a ROS client, or a part of the agent. Used in the link thread."""
 
     @property
     def published(self) -> float | None:
-        """Loop time at which a client in ROS sent the goal, as far as that is known; else None."""
+        """Loop time at which a ROS client sent the goal; None if unknown or without a client."""
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
-        """Call `callback` whenever the client wants the goal cancelled, or now if it does."""
+        """Call `callback` when the client requests a cancel; at once if it already has."""
 
     def feedback(self, report: Message) -> None:
         """Take a report of the chassis on the goal."""
 
     def finish(self, end: End) -> None:
-        """Take the end of the goal. It may come a second time, and then means nothing."""
+        """Take the end of the goal. Only the first call counts."""
 
 
 @dataclass(frozen=True)
@@ -151,9 +151,9 @@ class GoalTiming:
     """Maximum wait for the report that something was cancelled, if nothing is known to run. Real
     robots show the effect of an order within 1.2 s."""
     result_delay: float = 0.1
-    """Minimum time from the last but one piece of feedback to the result. rclpy's action client
-    reads one piece of feedback in each turn, the last one perhaps together with the result, and
-    drops those that it has not read by then."""
+    """Minimum time from the last but one feedback message to the result. rclpy's action client
+    reads one feedback message in each turn. When it reads the result, it drops all feedback that it
+    has not read."""
     min_cancel_timeout: float = 10.0
     """Lower bound of `cancel_timeout`."""
 
@@ -208,7 +208,7 @@ class Attribution:
         return mine
 
     def is_news(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
-        """Return True if a report in a poll's answer may belong to this goal; then ask `is_mine`.
+        """Return True if a report in a poll's answer may belong to this goal: `is_mine` decides.
 
         Args:
             report: the report.
@@ -228,7 +228,7 @@ class Attribution:
         if self._predecessors and not phase.accepted:
             return False
         if phase.answered:
-            # the earlier goals have ended; only the last one's cancel may still be reported
+            # the earlier goals have ended; only the cancel of the last one may still be reported
             self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
         return True
 
@@ -257,7 +257,7 @@ class Report:
     """The reported outcome; None if the goal is still running."""
     begins_part: bool = False
     """True if the chassis goes on with a further part of the goal, such as the next task of a set.
-    A cancel may have ended the part before it only."""
+    An earlier cancel may have ended only the part before."""
 
 
 @dataclass(frozen=True)
@@ -290,11 +290,11 @@ class Order:
 
 
 class GoalKind(Protocol):
-    """The behaviour in which tasks and call actions differ; one object for each goal."""
+    """The differences between tasks and goals of CallAction; one object for each goal."""
 
     @property
     def name(self) -> str:
-        """Name under which the chassis reports on the goal; earlier goals may have had it."""
+        """Name under which the chassis reports on the goal; earlier goals may have the same."""
 
     @property
     def request_type(self) -> str:
@@ -302,7 +302,7 @@ class GoalKind(Protocol):
 
     @property
     def attribution(self) -> Attribution:
-        """Decides which reports with the name belong to this goal."""
+        """Decides which reports with the name of this goal belong to it."""
 
     def request(self) -> Start | Order:
         """Return the request that carries out the goal.

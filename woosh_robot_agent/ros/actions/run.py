@@ -68,7 +68,7 @@ class Context:
     gate: MotionGate
     """Sends commands."""
     open_goals: OpenGoals
-    """The open goals of the action, and of others that displace each other."""
+    """The open goals of the action, and of other actions if their goals replace each other."""
     timing: Callable[[], GoalTiming]
     """Returns the timing of a goal that starts now."""
     to_proto: Callable[[Any], Message]
@@ -80,7 +80,7 @@ class Context:
 
 
 class _RefusedError(Exception):
-    """The chassis refused the goal; the text is that of its answer."""
+    """The chassis refused the goal; the text is the text of its answer."""
 
 
 class GoalRun:
@@ -224,7 +224,7 @@ class GoalRun:
         return End(Outcome.SUCCEEDED, order.result(answer.msg), Cause.REPORT)
 
     async def _cancel_reported(self) -> bool:
-        """Return True if the chassis reports a cancel soon, or has since the order was sent."""
+        """Return True if the chassis has reported a cancel since the order, or does so soon."""
         try:
             await run_with_timeout(self._timing.cancel_report_timeout, self._next_cancel())
         except TimeoutError:
@@ -380,7 +380,7 @@ class GoalRun:
     def _polled(self, polled: Polled) -> End | None:
         for report in polled.findings.reports:
             if report.message == self._last_report:
-                if report.outcome is not None:  # only the poll shows that it was the last one
+                if report.outcome is not None:  # only the poll shows that this goal has ended
                     return End(report.outcome, report.message, Cause.REPORT)
                 self._heard()
             elif self._attribution.is_news(report.message, report.outcome, self.phase):
@@ -391,7 +391,8 @@ class GoalRun:
         if unknown is None and self._is_displaced:  # polls are refused
             unknown = _DISPLACED
         heard = self._attribution.heard
-        if unknown is None or not self.phase.accepted:  # before, it may still be in flight
+        # until the goal is accepted, its start request may still be on its way
+        if unknown is None or not self.phase.accepted:
             return self._aborted_if(self._give_up.poll_answered(heard))
         end = self._aborted_if(self._give_up.poll_unknown(unknown, heard))
         if end is None:
@@ -429,7 +430,7 @@ class GoalRun:
 
 
 class OpenGoals:
-    """The goals that have not ended, oldest first: those of one call action, or all tasks.
+    """The goals that have not ended, oldest first: the goals of one call action, or all tasks.
 
     The chassis executes only one of them at a time.
     """
@@ -471,7 +472,7 @@ class OpenGoals:
             older.post(Replaced())
 
     async def newer_accepted(self, goal: GoalRun) -> bool:
-        """Return True if the chassis accepts a goal newer than this one; wait until it is known."""
+        """Return True if the chassis accepts a newer goal; wait until it has decided."""
         while True:
             newer = [other.accepted for other in self._goals[self._goals.index(goal) + 1 :]]
             if any(accepted.done() and accepted.result() for accepted in newer):

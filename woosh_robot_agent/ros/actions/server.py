@@ -1,9 +1,9 @@
 """An action server whose goals live in the link thread.
 
-rclpy's own server runs a callback in the executor from the start of a goal to its end. It does not
-tell when a client sent a goal either. Therefore this server consists of what an action is made of:
-three services and two topics. The executor thread only hands requests over, and the link thread
-keeps the goals and replies.
+rclpy's own server runs a callback in the executor from the start of a goal to its end, and does not
+tell when a client sent a goal. Therefore this server uses the three services and two topics that an
+action consists of. The executor thread only hands requests over; the link thread keeps the goals
+and replies.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from woosh_robot_agent.ros.subscribers import create_publisher
 
 _LOG = logging.getLogger(__name__)
 _RUNNING = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
-"""States in which a goal can be cancelled, again if the chassis refused the first time."""
+"""States in which a goal can be cancelled, even repeatedly: the chassis may refuse a cancel."""
 
 
 class Goal:
@@ -51,7 +51,7 @@ class Goal:
         self.status = GoalStatus.STATUS_EXECUTING
         self._server = server
         self._result: Any = None
-        """Response to the clients that ask for the result; None until the goal has ended."""
+        """Response to clients that request the result; None until the goal has ended."""
         self._waiting: list[Reply] = []
         """Clients that wait for the result."""
         self._on_cancel: Callable[[], None] | None = None
@@ -102,7 +102,7 @@ class Goal:
         self._waiting.clear()
 
     def send_result(self, reply: Reply) -> None:
-        """Send the result to a client, as soon as there is one."""
+        """Send the result to a client, as soon as there is a result."""
         if self._result is None:
             self._waiting.append(reply)
         else:
@@ -110,7 +110,7 @@ class Goal:
 
 
 class RejectedError(Exception):
-    """A goal is rejected. The text is the reason, which ROS has no place for: it is logged."""
+    """A goal is rejected. The text is the reason; it is logged, because ROS cannot transmit it."""
 
 
 async def _accept(_request: Any) -> None:
@@ -127,8 +127,8 @@ class GoalServer:
         name: name of the action.
         start: called with each accepted goal in the link thread; must not block.
         result_timeout: time for which the result of a goal is kept, in seconds.
-        check: called with each goal before it is accepted; may change it. It raises a RejectedError
-            to reject it. By default, every goal is accepted.
+        check: called with each goal before it is accepted; may change the goal, and raises a
+            RejectedError to reject it. By default, every goal is accepted.
         services: profile of the services.
         feedback: profile of the feedback.
     """
@@ -235,7 +235,7 @@ class GoalServer:
         self._publish_status()
 
     def _selected(self, info: GoalInfo) -> list[Goal]:
-        """Return the goals that a request to cancel means, as action_msgs/srv/CancelGoal says."""
+        """Return the goals that a cancel request selects, by action_msgs/srv/CancelGoal."""
         wanted = _key(info)
         until = _nanoseconds(info)
         if not any(wanted) and not until:
@@ -274,7 +274,7 @@ def _hand_over(
     request: Any,
     reply: Reply,
 ) -> None:
-    """Have the link thread serve a request; called in the executor thread."""
+    """Let the link thread serve a request; called in the executor thread."""
     thread.spawn(partial(serve, request, reply, time.monotonic()), reply.fail)
 
 

@@ -1,8 +1,8 @@
 """Goals of robot/ExecTask and robot/ExecPreTask: single tasks, and task sets.
 
 The chassis reports on each task of a set with woosh.robot.TaskProc, as on any task, but not on the
-set itself. After the end of a task it either begins the next one within about a second, and its
-state is that of a robot with a task until then, or it leaves the set.
+set itself. After the end of a task, it either leaves the set, or begins the next task within about
+a second. Until then, its state is still that of a robot with a task.
 """
 
 from __future__ import annotations
@@ -38,13 +38,15 @@ async def poll_tasks(
     read_current: Callable[[TaskProc], Findings | None],
     read_history: Callable[[Iterable[TaskProc], TaskProc], Findings],
 ) -> None:
-    """Ask for the current task, and for the ended ones if the current one is not of the goal.
+    """Request the current task, and also the ended tasks if the current one is not of the goal.
 
     Args:
         context: objects shared by all tasks.
-        found: called with what the polls found, as soon as an answer is read.
-        read_current: reads the report on the current task; returns None if that is not of the goal.
-        read_history: reads the last reports on ended tasks, given the current one too.
+        found: called with the findings as soon as an answer is read.
+        read_current: reads the report on the current task; returns None if the task is not of the
+            goal.
+        read_history: called with the last reports on ended tasks and the report on the current
+            task.
 
     Raises:
         LinkError: the chassis did not answer.
@@ -93,7 +95,7 @@ class TaskSetGoal:
         self._last = TaskProc()
         """The last report on a task of the set; blank before the first one."""
         self._polls_outside = 0
-        """Number of polls since then that found the robot executing nothing of the set."""
+        """Number of polls since `_last` that found the robot executing nothing of the set."""
         last = last_known.value(TaskProc) or TaskProc()
         self._since = last.time
         """Time of the last report before this goal, by the robot's clock."""
@@ -111,7 +113,7 @@ class TaskSetGoal:
             return []
         before, self._last = self._last, message
         self._polls_outside = 0
-        # the end of a task may be the end of the set: only a poll tells
+        # whether the end of a task is the end of the set is known only after a poll
         begins = before.state in OUTCOMES and self._is_executing(message)
         return [Report(message, None, begins_part=begins)]
 
@@ -124,7 +126,7 @@ class TaskSetGoal:
         await poll_tasks(self._context, found, self._read_current, self._read_history)
 
     def _read_current(self, current: TaskProc) -> Findings | None:
-        """Return what the chassis is doing; None if that is nothing of the set."""
+        """Return the report on the current task; None if the robot executes nothing of the set."""
         if self._is_executing(current):
             return Findings(tuple(self.read(current)))
         state = self._last_known.value(RobotState)
@@ -143,7 +145,7 @@ class TaskSetGoal:
         return Findings(unknown="the chassis does not execute the task set any more")
 
     def _end(self, ended: Iterable[TaskProc]) -> TaskProc | None:
-        """Return the report on the last task of the set, given all ends that the chassis knows."""
+        """Return the report on the last task of the set, from the chassis's ended tasks."""
         last = self._last
         if not self.attribution.heard:
             candidates = [old for old in ended if old.time > self._since]
@@ -188,7 +190,7 @@ class TaskIds:
         """The last id that was returned."""
 
     def next(self) -> int:
-        """Return an id above all earlier ones."""
+        """Return an id above all earlier ids."""
         self._last = max(self._last + 1, int(time.time()))
         return self._last
 
@@ -196,15 +198,16 @@ class TaskIds:
 class LastReports:
     """The last report on each of the latest tasks.
 
-    The last known TaskProc is not enough: a chassis follows the end of a task with an empty one.
+    The last known TaskProc is not enough: after the end of a task, the chassis sends an empty
+    TaskProc.
     """
 
     def __init__(self) -> None:
         self._reports: RecentDict[int, TaskProc] = RecentDict(_MAX_REPORTS)
-        """By task id."""
+        """Reports by task id."""
 
     def add(self, report: TaskProc) -> None:
-        """Remember a report, unless it is about no task."""
+        """Remember a report, unless it is empty."""
         if report.robot_task_id:
             self._reports[report.robot_task_id] = report
 
@@ -277,7 +280,7 @@ class TaskGoal:
         await poll_tasks(self._context, found, self._read_current, self._read_history)
 
     def _read_current(self, current: TaskProc) -> Findings | None:
-        """Return what the chassis is doing; None if that is not this task."""
+        """Return the report on the current task; None if it is another task."""
         if current.robot_task_id == self._id and current != self._previous:
             return Findings([_report(current)])
         return None
@@ -302,7 +305,7 @@ class TaskGoal:
         )
 
     def _may_be_end(self, old: TaskProc) -> bool:
-        """Return True if a history entry can be this task's end, not that of an earlier one."""
+        """Return True if a history entry can be the end of this task, not of an earlier task."""
         return (
             old.robot_task_id == self._id
             and old.state in OUTCOMES

@@ -27,7 +27,7 @@ from woosh_robot_agent.ros.standard.cmd_vel import stamp_objection
 from woosh_robot_agent.ros.standard.poses import Pose2D
 
 _TURN_SPEED = 0.8
-"""Speed of a turn, in rad/s; `cmd_vel_max_angular` if that is less."""
+"""Speed of a turn, in rad/s, unless `cmd_vel_max_angular` is less."""
 
 
 def _overdue(seconds: float) -> GoalEnd:
@@ -41,7 +41,7 @@ def _limit(goal: Nav2Goal) -> None:
 
 
 class _Travelled:
-    """What the robot has travelled since this was created, in metres and radians.
+    """Distance and angle that the robot has travelled since this object was created.
 
     Args:
         pose: returns the robot's pose; None if it is unknown.
@@ -60,7 +60,7 @@ class _Travelled:
 
     @property
     def turned(self) -> float:
-        """Angle turned, counter-clockwise, in radians. Ask ten times a second."""
+        """Angle turned, counter-clockwise, in radians. Read it often: it adds up small turns."""
         pose = self._pose()
         if pose is not None and self._last is not None:
             self._turned += math.remainder(pose.theta - self._last.theta, math.tau)
@@ -72,13 +72,13 @@ class _Behavior(Nav2Action):
     """An action that is one step of the chassis."""
 
     def travelled(self) -> _Travelled:
-        """Return what the robot has travelled from now on."""
+        """Begin to measure what the robot travels."""
         return _Travelled(lambda: self.context.pose.pose)
 
     async def step(
         self, goal: Nav2Goal, tick: Callable[[], None], mode: Any, value: float, speed: float
     ) -> None:
-        """Make a step; the value is in metres or radians, the speed in m/s or rad/s.
+        """Let the chassis make a step: `value` in metres or radians, `speed` in m/s or rad/s.
 
         Raises:
             GoalEnd: the step was not made.
@@ -116,7 +116,7 @@ class Spin(_Behavior):
 
 
 class DriveOnHeading(_Behavior):
-    """Drives straight on."""
+    """Drives a distance straight ahead or back."""
 
     name = "drive_on_heading"
 
@@ -133,7 +133,7 @@ class DriveOnHeading(_Behavior):
         """Drive a distance in metres, negative for backwards.
 
         Raises:
-            GoalEnd: it was not driven.
+            GoalEnd: the distance was not driven.
         """
         target = goal.request.target
         if target.y or target.z:
@@ -180,7 +180,7 @@ class Wait(Nav2Action):
 
 
 class AssistedTeleop(Nav2Action):
-    """Drives the robot by velocities as long as the goal lasts; nothing avoids obstacles."""
+    """Drives the robot by the velocities on cmd_vel_teleop, without obstacle avoidance."""
 
     name = "assisted_teleop"
 
@@ -192,7 +192,7 @@ class AssistedTeleop(Nav2Action):
             robot.chassis,
             "cmd_vel_teleop",
             lambda: part.settings().velocity_limits,
-            log_refusals=False,  # the log of all refused commands has them, with their reasons
+            log_refusals=False,  # `RefusalLog` logs the refusals of all commands
         )
         self._clock = SenderClock()
         self._preempted: asyncio.Future[None] | None = None

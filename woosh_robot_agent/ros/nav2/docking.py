@@ -1,4 +1,4 @@
-"""Actions that dock the robot at a charger, and that undock it."""
+"""Actions that dock the robot at a charger and undock it."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from woosh_robot_agent.ros.nav2.navigation import bring_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
 _NEAR = 1.0
-"""Maximum distance from `dock_pose` to the charger that it stands for, in metres."""
+"""Maximum distance between `dock_pose` and its charger, in metres."""
 _PHASES = {
     action.kNav: ("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
     action.kSecondposEnter: ("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
     action.kStepCtrl: ("CONTROLLING", "FAILED_TO_CONTROL"),
     action.kCharge: ("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
 }
-"""State in the feedback and error code of a failure, by the action of the charging task."""
+"""By the action of the charging task: state in the feedback, and error code if it fails."""
 
 
 class DockRobot(Nav2Action):
-    """Docks the robot at a charger by a task of the chassis, and ends when it charges."""
+    """Docks the robot at a charger by a task of the chassis; succeeds when the robot charges."""
 
     name = "dock_robot"
 
@@ -83,7 +83,7 @@ class DockRobot(Nav2Action):
         return battery is not None and is_charging(battery)
 
     async def _find(self, request: Any) -> str:
-        """Return the mark of the charger that a client means; empty if the robot must choose one.
+        """Return the mark of the requested charger; empty if the robot must choose a charger.
 
         Raises:
             GoalEnd: there is no such charger.
@@ -130,7 +130,7 @@ class DockRobot(Nav2Action):
 
 
 def _nearest(chargers: Mapping[str, tuple[float, float]], pose: Pose2D) -> tuple[float, str]:
-    """Return the distance to the nearest charger, and its mark; infinite and empty without any."""
+    """Return the distance to the nearest charger, and its mark; (inf, "") without chargers."""
     distances = [(math.hypot(x - pose.x, y - pose.y), mark) for mark, (x, y) in chargers.items()]
     return min(distances, default=(math.inf, ""))
 
@@ -160,7 +160,7 @@ class UndockRobot(Nav2Action):
         """Cancel a charging task, and wait for its end.
 
         Raises:
-            GoalEnd: the chassis does not cancel it, or the goal has ended before.
+            GoalEnd: the chassis does not cancel the task, or the goal has ended before.
         """
         robot = self.context.part.robot
         if not self._charges():

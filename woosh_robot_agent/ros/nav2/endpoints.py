@@ -25,10 +25,10 @@ class Nav2Endpoint:
     """An action, service or topic of Nav2.
 
     Attributes:
-        name: its name.
+        name: name of the endpoint.
         type: ROS type, `package/Name`.
         kind: kind of the endpoint.
-        meaning: what the agent does with it, for the documentation.
+        meaning: what the agent does for this endpoint, for the documentation.
     """
 
     name: str
@@ -46,7 +46,7 @@ def _reading(name: str, type_name: str, meaning: str) -> Nav2Endpoint:
 
 
 MANAGERS = ("lifecycle_manager_navigation", "lifecycle_manager_localization")
-"""Managers of Nav2's nodes: that of bt_navigator, and that of amcl."""
+"""Managers of Nav2's nodes: the first one manages bt_navigator, the second one amcl."""
 
 NAV2 = (
     _action("navigate_to_pose", "NavigateToPose", "`MoveBase` to the pose"),
@@ -83,8 +83,8 @@ NAV2 = (
     _action(
         "dock_robot",
         "DockRobot",
-        "a charging task at the charger with the mark `dock_id`, near `dock_pose`, or without an "
-        "id at the nearest one; succeeds when the robot charges",
+        "a charging task at the charger with the mark `dock_id` or near `dock_pose`; with an empty "
+        "id, at the nearest charger; succeeds when the robot charges",
     ),
     _action(
         "undock_robot",
@@ -95,8 +95,8 @@ NAV2 = (
         "map_server/load_map",
         "nav2_msgs/LoadMap",
         Kind.SERVICE,
-        "`SwitchMap` to the robot's map with the name of the file, without folder and suffix: one "
-        "of its scene, or else of another one",
+        "`SwitchMap` to the robot's map with the name of the file, without folder and suffix: in "
+        "the current scene, or else in another scene",
     ),
     _reading("map_server/map", "nav_msgs/GetMap", "the map that the robot uses"),
     _reading(
@@ -106,14 +106,14 @@ NAV2 = (
     ),
     _reading("amcl/get_state", "lifecycle_msgs/GetState", "active while there is a link"),
     *(
-        _reading(f"{manager}/is_active", "std_srvs/Trigger", "the same, as a Boolean")
+        _reading(f"{manager}/is_active", "std_srvs/Trigger", "true while its node is active")
         for manager in MANAGERS
     ),
     *(
         _reading(
             f"{manager}/manage_nodes",
             "nav2_msgs/ManageLifecycleNodes",
-            "start and resume succeed while active; the others fail, because the robot's own "
+            "start and resume succeed while active; other commands fail, because the robot's own "
             "navigation cannot be switched off",
         )
         for manager in MANAGERS
@@ -128,7 +128,7 @@ NAV2 = (
         "speed_limit",
         "nav2_msgs/SpeedLimit",
         Kind.INPUT,
-        "limits the speed of each navigation; a percentage is one of `cmd_vel_max_linear`",
+        "limits the speed of each navigation; a percentage refers to `cmd_vel_max_linear`",
     ),
     Nav2Endpoint(
         "cmd_vel_teleop",

@@ -1,4 +1,4 @@
-"""Poses in the frame of the map: those of the robot's own frames, and those that /tf knows."""
+"""Transform poses into the frame of the map, from the robot's own frames and from frames on /tf."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose, to_pose
 
 _WAIT = 1.0
-"""Maximum wait for a transform, in seconds: the first one is known after the publishers of /tf have
-been discovered."""
+"""Maximum wait for a transform, in seconds. The first wait includes the discovery of the publishers
+of /tf."""
 _MAX_AGE = 10.0
-"""Age from which a transform on /tf is not used, in seconds; as long as tf2 keeps them."""
+"""Maximum age of a transform on /tf that is used, in seconds; tf2 keeps transforms as long."""
 _MAX_FRAMES = 10_000
 """Maximum number of frames whose transforms are kept."""
 _DEPTH = 100
@@ -42,7 +42,7 @@ class Transform(NamedTuple):
     rotation: Quaternion
 
     def __mul__(self, other: Transform) -> Transform:  # type: ignore[override]
-        """Return `other`, given in this child frame, in the parent frame."""
+        """Transform `other` from this transform's child frame to its parent frame."""
         x, y, z = _rotated(self.rotation, other.shift)
         shift = (self.shift[0] + x, self.shift[1] + y, self.shift[2] + z)
         return Transform(shift, _product(self.rotation, other.rotation))
@@ -82,7 +82,7 @@ def _transform(shift: Any, rotation: Any) -> Transform:
     """Return the transform in two messages.
 
     Raises:
-        ValueError: a number is not finite, or the rotation is none.
+        ValueError: a number is not finite, or the quaternion is not a rotation.
     """
     q = (rotation.x, rotation.y, rotation.z, rotation.w)
     v = (shift.x, shift.y, shift.z)
@@ -110,8 +110,8 @@ class _Edge(NamedTuple):
 
     Attributes:
         parent: name of the parent frame.
-        transform: pose of the child frame in it.
-        received: monotonic time of its receipt; infinite for a static one, which never expires.
+        transform: pose of the child frame in the parent frame.
+        received: monotonic time of receipt; infinite for a static transform, which never expires.
     """
 
     parent: str
@@ -120,10 +120,10 @@ class _Edge(NamedTuple):
 
 
 class Frames:
-    """Brings poses into the frame of the map. Used in the link thread.
+    """Transforms poses into the frame of the map. Used in the link thread.
 
-    The frames of the map, of the robot and of its odometry are known without /tf. It is subscribed
-    when a pose is first in another frame, and from then on: a busy /tf costs CPU time. The latest
+    The frames of the map, of the robot and of its odometry are known without /tf. /tf is subscribed
+    to only from the first pose in another frame on, because a busy /tf costs CPU time. The latest
     transforms are used, whatever the stamp of the pose.
 
     Args:
@@ -153,7 +153,7 @@ class Frames:
         self._is_subscribed = False
 
     async def bring(self, stamped: PoseStamped) -> None:
-        """Change a pose to the frame of the map. No frame stands for that of the map.
+        """Transform a pose, in place, into the frame of the map. No frame means the map's frame.
 
         Raises:
             ValueError: the pose is invalid, or there is no transform; the text says what to do.
@@ -173,7 +173,7 @@ class Frames:
         """Return the pose of a frame in the map; wait for transforms on /tf.
 
         Raises:
-            ValueError: there is none.
+            ValueError: there is no transform of the frame.
         """
         loop = asyncio.get_running_loop()
         until = loop.time() + _WAIT
@@ -212,7 +212,7 @@ class Frames:
         )
 
     def _climb(self, frame: str) -> Iterator[tuple[str, Transform]]:
-        """Yield a frame and each frame above it, with the pose of the first one in it.
+        """Yield a frame and each frame above it, each with the pose of `frame` in it.
 
         Raises:
             ValueError: a transform is too old.
@@ -255,7 +255,7 @@ class Frames:
             try:
                 transform = _transform(each.transform.translation, each.transform.rotation)
             except ValueError:
-                continue  # as tf2 does; a pose that needs it has no transform
+                continue  # as tf2 does; poses in this frame are rejected
             parent = each.header.frame_id.lstrip("/")
             self._edges[each.child_frame_id.lstrip("/")] = _Edge(parent, transform, received)
         self._changed.set()

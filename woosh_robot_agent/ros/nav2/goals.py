@@ -1,8 +1,8 @@
 """Goals of Nav2's actions, each of which the chassis executes as one or several goals of its own.
 
-A goal is a coroutine in the link thread. What ends it before the chassis does, such as a cancel of
-its client, a newer goal or the end of its time, is a `GoalEnd`: it cancels the chassis's goal, and
-is raised in the coroutine once that has ended.
+A Nav2 goal is a coroutine in the link thread. If something other than the chassis ends it, e.g. a
+cancel of its client, a newer goal or a timeout, the reason is a `GoalEnd`. The chassis's goal is
+cancelled first. When that has ended, the `GoalEnd` is raised in the coroutine.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _REPLACED = "replaced by a newer goal"
 
 
 class GoalEnd(Exception):
-    """Why a goal ends before it is reached.
+    """The reason why a goal ends before it is reached.
 
     Args:
         text: the reason; empty for a cancel.
-        code: name of the constant of the action's result for it; without such a constant, UNKNOWN.
+        code: name of the error code in the action's result; UNKNOWN if the result lacks that code.
         outcome: final state of the goal.
-        is_logged: the log has the reason already.
+        is_logged: True if the reason is already logged.
     """
 
     def __init__(
@@ -60,13 +60,13 @@ class GoalEnd(Exception):
 
 
 class FailedCommand(GoalEnd):
-    """The chassis did not do what it was commanded.
+    """The chassis refused or failed to execute a command.
 
     Args:
-        end: how the command ended.
+        end: end of the command.
 
     Attributes:
-        cause: who decided that it ended so.
+        cause: who decided the end.
     """
 
     def __init__(self, end: End) -> None:
@@ -76,7 +76,7 @@ class FailedCommand(GoalEnd):
 
 
 class Nav2Goal:
-    """A goal while it runs. Use it in the link thread.
+    """A running goal of a Nav2 action. Use it in the link thread.
 
     Args:
         goal: the goal in the action server.
@@ -87,7 +87,7 @@ class Nav2Goal:
         request: the goal as the client gave it.
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
-        started: loop time at which it was accepted.
+        started: loop time at which the goal was accepted.
     """
 
     def __init__(self, goal: Goal, action_type: Any, context: Nav2Context) -> None:
@@ -100,13 +100,13 @@ class Nav2Goal:
         self._feedback_class = action_type.Feedback
         self._context = context
         self._published: float | None = goal.published
-        """Loop time at which the client sent the goal; None once the chassis got its command."""
+        """Loop time at which the client sent the goal; None once the first command was sent."""
         self._stop: asyncio.Future[GoalEnd] = loop.create_future()
         """Done when something ends the goal before the chassis does."""
         self._running: AgentGoal | None = None
         """The goal that the chassis executes for this one."""
         self._older: Nav2Goal | None = None
-        """The navigation that goes on until the chassis has accepted this one; None without one."""
+        """The navigation that goes on until the chassis has accepted this goal; or None."""
         self._timer: asyncio.TimerHandle | None = None
 
     @property
@@ -119,14 +119,14 @@ class Nav2Goal:
         self._goal.feedback(self._feedback_class(**fields))
 
     def stop(self, reason: GoalEnd) -> None:
-        """End the goal for a reason, unless another one ends it already; cancel what it does."""
+        """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
         if not self._stop.done():
             self._stop.set_result(reason)
         if self._running is not None:
             self._running.cancel()
 
     def limit(self, seconds: float, reason: GoalEnd) -> None:
-        """End the goal for a reason after a time; 0 is no limit."""
+        """End the goal for a reason after a time; 0 removes the limit."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -135,7 +135,7 @@ class Nav2Goal:
             self._timer = loop.call_later(seconds, self.stop, reason)
 
     def replace(self, older: Nav2Goal) -> None:
-        """Take the place of a navigation without a stop, once the chassis has accepted this one."""
+        """Replace a navigation without a stop, once the chassis has accepted this goal."""
         self._older = older
         if not older._stop.done():
             older._stop.set_result(GoalEnd(_REPLACED))  # but the robot drives on for now
@@ -144,7 +144,7 @@ class Nav2Goal:
         """Raise the reason that ends the goal, if there is one.
 
         Raises:
-            GoalEnd: there is one.
+            GoalEnd: the goal is ending.
         """
         if self._stop.done():
             raise self._stop.result()
@@ -157,14 +157,14 @@ class Nav2Goal:
         on_report: Callable[[Message], None] = lambda _report: None,
         is_done: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Have the chassis execute a command, until its end.
+        """Let the chassis execute a command, and wait for its end.
 
         Args:
             command: the command of one of the chassis's actions, or a task.
             tick: called ten times a second, to publish feedback.
             on_report: called with each report of the chassis.
-            is_done: returns True if the goal is reached before the chassis has ended the command,
-                which then goes on.
+            is_done: returns True if the goal is reached although the chassis has not ended the
+                command. The command then goes on.
 
         Raises:
             GoalEnd: the goal has ended before the command did.
@@ -258,20 +258,20 @@ class Nav2Goal:
 
 
 class Slot:
-    """A place for one goal at a time: the newest one."""
+    """A place for one goal at a time: a new goal ends the goals before it."""
 
     def __init__(self) -> None:
         self._goals: list[tuple[Nav2Goal, bool]] = []
-        """The goals that have not ended, and whether each navigates; the oldest first."""
+        """The goals that have not ended, each with True if it navigates; the oldest first."""
 
     async def take(self, goal: Nav2Goal, *, navigates: bool) -> None:
-        """Give the place to a goal; the goals before it end.
+        """Give the place to a goal, and end the goals before it.
 
-        A navigation takes the place of another one without a stop in between, as the chassis can do
-        it. In all other cases, what ran before is cancelled, and has ended when this returns.
+        A navigation replaces another one without a stop in between, because the chassis can do so.
+        In all other cases, the goals before are cancelled, and have ended when this returns.
 
         Raises:
-            GoalEnd: the goal has ended before that.
+            GoalEnd: the goal itself has ended meanwhile.
         """
         older = [each for each in self._goals if not each[0].ended.done()]
         self._goals = [*older, (goal, navigates)]
@@ -297,7 +297,7 @@ class Nav2Context:
     actions: Actions
     """Runs the goals of the chassis."""
     frames: Frames
-    """Brings poses into the frame of the map."""
+    """Transforms poses into the frame of the map."""
     pose: RobotPose
     """The robot's pose."""
     driving: Slot
@@ -328,9 +328,9 @@ class Nav2Action(ABC):
         self.action_type = class_of(BY_NAME[self.name].type, "action")
         self._slot = context.driving if self.drives else Slot()
         self._tasks: dict[asyncio.Task[None], Nav2Goal] = {}
-        """The goals that have not ended, by the task of each."""
+        """The goals that have not ended, by the asyncio task that runs the goal."""
         self._said: set[str] = set()
-        """Fields without an effect that the log has mentioned."""
+        """Fields without an effect that were logged."""
         robot = context.part.robot
         self.server = GoalServer(
             robot.node,
@@ -345,10 +345,10 @@ class Nav2Action(ABC):
         )
 
     async def check(self, request: Any) -> None:  # noqa: B027 - most actions need no check
-        """Check a goal before it is accepted, and bring its poses into the frame of the map.
+        """Check a goal before it is accepted, and transform its poses into the frame of the map.
 
         Raises:
-            RejectedError: it cannot be accepted.
+            RejectedError: the goal cannot be accepted.
         """
 
     @abstractmethod
@@ -369,7 +369,7 @@ class Nav2Action(ABC):
             goal.finish(GoalEnd(STOPPING))
 
     def say_unused(self, request: Any, *fields: str) -> None:
-        """Say once of each of some fields that it has no effect, if a client sets it."""
+        """Log that a field of the request has no effect, once for each field that a client sets."""
         for field in fields:
             if getattr(request, field, "") and field not in self._said:
                 self._said.add(field)

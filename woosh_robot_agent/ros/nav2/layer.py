@@ -1,4 +1,4 @@
-"""Nav2's interfaces as a whole."""
+"""Create all of Nav2's interfaces."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _ACTIONS: tuple[type[Nav2Action], ...] = (
     DockRobot,
     UndockRobot,
 )
-"""All actions, except for the one that listens to the link."""
+"""All actions, except for AssistedTeleop, which must be created before the link starts."""
 
 
 class Nav2Layer:
-    """Nav2's actions, services and topics. What the release's nav2_msgs lacks is left out.
+    """Nav2's actions, services and topics. Actions that the release's nav2_msgs lacks are left out.
 
-    Create it before the link starts, because its parts listen to the link, and call `start` after
-    that: most of its servers are created while the link connects.
+    Create it before the link starts, because some of its objects listen to the link. Call `start`
+    after that, so that most servers are created while the link connects.
 
     Args:
         part: the context of the standard layer.

@@ -38,23 +38,23 @@ from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
 _LOG = logging.getLogger(__name__)
 _NEAR = 0.5
-"""Maximum distance from the end of a path to the goal that it leads to, in metres; also that at
-which a pose on the way counts as passed."""
+"""Maximum distance between the end of a path and its goal, in metres; also the distance at which a
+pose on the way counts as passed."""
 _FIRST_SPEED = 0.5
 """Assumed speed before the robot has driven, in m/s."""
 _DRIVING = 0.05
 """Speed from which the robot drives, instead of turning, in m/s."""
 _STEADY = 0.02
-"""Maximum difference from the report before, of a robot that drives at a steady speed, in m/s."""
+"""Maximum difference of two successive reports that counts as a steady speed, in m/s."""
 _SMOOTHING = 0.02
-"""Weight of the speed in a report, in the expected speed."""
+"""Weight of a reported speed in the average that is the expected speed."""
 
 
 async def bring_all(frames: Frames, poses: Sequence[PoseStamped]) -> None:
-    """Change the poses of a goal to the frame of the map.
+    """Transform the poses of a goal, in place, into the frame of the map.
 
     Raises:
-        RejectedError: one is invalid, or in a frame that is not known.
+        RejectedError: a pose is invalid, or in a frame that is not known.
     """
     for number, pose in enumerate(poses):
         try:
@@ -75,7 +75,7 @@ class Way:
 
     Args:
         robot_pose: the robot's pose.
-        last_known: has the path.
+        last_known: last values that the chassis reported, e.g. the path.
         stops: the poses to pass, the goal last.
     """
 
@@ -92,9 +92,9 @@ class Way:
         self._last_speed = 0.0
         """Speed in the last report, in m/s."""
         self._heard = robot_pose.received
-        """Loop time of that report."""
+        """Loop time of the last report."""
         self._path: NavPath | None = None
-        """The path that the following arrays are of."""
+        """The path that `_points` and `_rests` describe."""
         self._points = numpy.empty((0, 2))
         self._rests = numpy.empty(0)
         """Length of the path from each point to its end, in metres."""
@@ -109,7 +109,7 @@ class Way:
         return len(self._stops)
 
     def rest(self) -> tuple[float, float]:
-        """Return the distance to the goal in metres, and the time that it takes in seconds."""
+        """Return the remaining distance in metres, and the expected time in seconds."""
         pose = self._robot_pose.pose
         if pose is None:
             return 0.0, 0.0
@@ -125,7 +125,7 @@ class Way:
         return distance, distance / self._speed
 
     def _learn(self, speed: float) -> None:
-        """Adapt the expected speed to one that was reported, unless the robot is slowing down."""
+        """Adapt the expected speed to a reported speed, unless the robot is slowing down."""
         if speed > self._speed:
             self._speed = speed
         elif speed > _DRIVING and abs(speed - self._last_speed) < _STEADY:
@@ -168,7 +168,7 @@ class Way:
         self._segment = max(min(nearest, len(points) - 1) - 1, 0)
 
     def _projected(self, segment: int, here: Any) -> tuple[float, float]:
-        """Return how far along a segment a point is, and how far from it, in metres."""
+        """Return a point's distance along a segment, and its distance from it, in metres."""
         start, end = self._points[segment], self._points[segment + 1]
         length = math.dist(start, end)
         if not length:
@@ -218,7 +218,7 @@ class NavigateToPose(_Navigation):
 
 
 def poses_in(field: Any) -> list[PoseStamped]:
-    """Return the poses in a field that is an array, or since Kilted a message with one."""
+    """Return the poses in a field: an array, or since Kilted a message with an array."""
     return list(getattr(field, "goals", field))
 
 
@@ -263,12 +263,12 @@ class NavigateThroughPoses(_Navigation):
 
 
 def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> list[Any]:
-    """Return the states of the poses on a way, of which some are passed; since Kilted.
+    """Return the states of the poses on a way as WaypointStatus, which exists since Kilted.
 
     Args:
         poses: the poses.
-        passed: number of them that the robot has passed.
-        failure: why it does not reach the others; empty while it may.
+        passed: number of poses that the robot has passed.
+        failure: why the robot does not reach the other poses; empty while it may reach them.
     """
     status = class_of("nav2_msgs/WaypointStatus")
     waiting = status.FAILED if failure else status.PENDING
@@ -315,7 +315,7 @@ class FollowWaypoints(_Navigation):
             goal.result.missed_waypoints.append(_missed(goal.result, number, pose, str(failure)))
 
     def _is_about_the_pose(self, failure: FailedCommand) -> bool:
-        """Return True if the robot may reach another pose after it has failed to reach one."""
+        """Return True if the pose is the cause, so that the robot may reach the next pose."""
         if failure.cause is Cause.REPORT:
             return True
         info = self.context.part.robot.last_known.value(RobotInfo)

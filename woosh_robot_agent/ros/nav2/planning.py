@@ -25,10 +25,10 @@ class _Planning(Nav2Action):
     drives = False
 
     async def bring(self, request: Any, goals: Sequence[PoseStamped]) -> None:
-        """Bring the poses of a request into the frame of the map.
+        """Transform the poses of a request, in place, into the frame of the map.
 
         Raises:
-            RejectedError: one is invalid, or in a frame that is not known.
+            RejectedError: a pose is invalid, or in a frame that is not known.
         """
         await bring_all(self.context.frames, [*goals, *([request.start] * request.use_start)])
         self.say_unused(request, "planner_id")
@@ -80,7 +80,7 @@ class _Planning(Nav2Action):
             raise GoalEnd(str(error), code) from None
         if not answer.ok:
             raise GoalEnd(f"the chassis plans no path: {answer.msg}", "NO_VALID_PATH")
-        # firmware is known to answer with either type
+        # firmware answers with the type NavPath or PlanNavPath; the content is a NavPath
         body = answer.body
         if not isinstance(body, NavPath):
             body = answer.raw.as_type(full_name(NavPath)).message()

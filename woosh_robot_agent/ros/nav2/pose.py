@@ -22,9 +22,9 @@ _LOG = logging.getLogger(__name__)
 _MIN_DISTANCE = 0.25
 """Distance after which amcl_pose is published again, in metres; amcl's default."""
 _MIN_TURN = 0.2
-"""Angle after which it is published again, in radians; amcl's default."""
+"""Angle after which amcl_pose is published again, in radians; amcl's default."""
 _SILENCE = 1.0
-"""Time without a report after which the robot stands, in seconds. It reports at 5 Hz."""
+"""Time without a report after which the robot stands, in seconds. A moving one reports at 5 Hz."""
 _MAX_ROLLING = 3.0
 """Maximum wait until the robot stands, in seconds. Real robots stand 0.9 s after a stop."""
 _CHECK_PERIOD = 0.05
@@ -32,10 +32,10 @@ _CHECK_PERIOD = 0.05
 
 
 class RobotPose:
-    """The robot's pose by its last report. Publishes amcl_pose. Used in the link thread.
+    """The robot's pose in its last report. Publishes amcl_pose. Used in the link thread.
 
     Attributes:
-        pose: the pose in the map; None as long as it is not known.
+        pose: the pose in the map; None while the pose is not known.
         velocity: the velocity in the robot's frame.
         received: loop time of the last report.
     """
@@ -46,7 +46,7 @@ class RobotPose:
         self.received = -math.inf
         self._context = context
         self._published: Pose2D | None = None
-        """The pose that was published last; None to publish the next one in any case."""
+        """The pose that was published last; None to publish the next pose in any case."""
         endpoint = BY_NAME["amcl_pose"]
         self._publisher = create_publisher(
             context.robot.node, class_of(endpoint.type), endpoint.name, latched(1)
@@ -60,7 +60,7 @@ class RobotPose:
 
     @property
     def stamped(self) -> PoseStamped:
-        """The pose as a message; blank as long as it is not known."""
+        """The pose as a message; blank while the pose is not known."""
         message = PoseStamped()
         message.header.stamp = self._context.now()
         message.header.frame_id = self._context.frame("map")
@@ -75,7 +75,7 @@ class RobotPose:
         return self.velocity.moving and silence < _SILENCE
 
     async def wait_standing(self) -> None:
-        """Wait until the robot stands, but not for long."""
+        """Wait until the robot stands, at most `_MAX_ROLLING`."""
         clock = asyncio.get_running_loop().time
         until = clock() + _MAX_ROLLING
         while self.moving and clock() < until:
@@ -93,7 +93,7 @@ class RobotPose:
         try:
             pose = Pose2D.from_message(report.pose)
             check_finite("speed", report.twist.linear, report.twist.angular)
-        except ValueError:  # the odometry counts it
+        except ValueError:  # `Odom` counts and logs it
             return
         self.pose = pose
         self.velocity = Velocity(report.twist.linear, 0.0, report.twist.angular)
@@ -105,7 +105,7 @@ class RobotPose:
         self._publish(pose)
 
     def _pose_set(self) -> None:
-        """Ask for the pose: a robot that stands does not report the one that was set."""
+        """Request the pose: a robot that stands does not report a pose that was set."""
         self._published = None
         self._context.robot.thread.spawn(self._ask)
 

@@ -31,13 +31,14 @@ _LOG = logging.getLogger(__name__)
 
 
 class Lifecycle:
-    """The states of Nav2's nodes, for which its clients wait. Used in the link thread."""
+    """Services with the states of Nav2's nodes: clients wait until these are active."""
 
     def __init__(self, context: PartContext) -> None:
         self._robot = context.robot
         for node, is_active in (
             ("bt_navigator", self._accepts_tasks),
-            ("amcl", self._is_connected),  # also when lost: clients wait for it to set the pose
+            # also active when the robot is lost: clients wait for amcl before they set the pose
+            ("amcl", self._is_connected),
         ):
             create_service(context, f"{node}/get_state", partial(_get_state, is_active))
         for manager, is_active in zip(
@@ -50,7 +51,7 @@ class Lifecycle:
         return self._robot.chassis.state is LinkState.READY
 
     def _accepts_tasks(self) -> bool:
-        """Return True if the robot accepts tasks, or will do so when it has finished its own."""
+        """Return True if the robot accepts tasks, or will do so after its current task."""
         info = self._robot.last_known.value(RobotInfo)
         if info is None or not self._is_connected():
             return False
@@ -86,11 +87,11 @@ _SUFFIXES = (".yaml", ".yml", ".png", ".pgm")
 _SWITCHING = 10.0
 """Maximum time until the robot reports its new map, in seconds."""
 _CHECK_PERIOD = 0.1
-"""Period of the checks of what it reports, in seconds."""
+"""Period of the checks of the reported map, in seconds."""
 
 
 class MapServer:
-    """The map that the robot uses, and the change to another one. Used in the link thread."""
+    """Services that return the robot's current map, and switch to another map."""
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
@@ -113,7 +114,7 @@ class MapServer:
             response.map = await self._grid()
 
     async def _switch(self, name: str, response: Any) -> int:
-        """Have the robot use a map; return the result of the service.
+        """Let the robot use a map; return the result code of the service.
 
         Raises:
             LinkError: the chassis does not answer.
@@ -127,7 +128,7 @@ class MapServer:
             SwitchMap(scene_name=scene_name, map_name=name),
             sender=Sender("map_server/load_map"),
         )
-        if not answer.ok:  # the log of all refused commands has it
+        if not answer.ok:  # `RefusalLog` logs the refusals of all commands
             return int(response.RESULT_UNDEFINED_FAILURE)
         clock = asyncio.get_running_loop().time
         until = clock() + _SWITCHING
@@ -142,7 +143,7 @@ class MapServer:
         return int(response.RESULT_SUCCESS)
 
     async def _scene_of(self, name: str) -> str | None:
-        """Return the scene of a map, that of the robot if it has one; None without such a map.
+        """Return the scene of a map, preferably the current scene; None without such a map.
 
         Raises:
             LinkError: the chassis does not answer.
@@ -150,7 +151,7 @@ class MapServer:
         current = self._scene.scene_name
         answer = await self._robot.chassis.request(SceneList())
         if not answer.ok or not isinstance(answer.body, SceneList):
-            return current  # the firmware does not list them
+            return current  # the firmware does not list scenes
         scenes = {each.name: list(each.maps) for each in answer.body.scenes}
         found = [scene for scene, maps in scenes.items() if name in maps]
         if current in found:
@@ -187,7 +188,7 @@ def create_service(
 
     Args:
         context: the context of the standard layer.
-        name: its name.
+        name: name of the service.
         answer: fills the response to a request, in the link thread.
     """
     service_class = class_of(BY_NAME[name].type, "srv")

@@ -1,6 +1,6 @@
 """The standard layer: the robot's data and commands as standard ROS messages.
 
-It follows REP 103, 105, 117 and 2003. Each part is a module of its own, can be switched off by a
-parameter, and works in the link thread. `layer` creates the parts; `endpoints` is the
-table of their topics and services.
+It follows REP 103, 105, 117 and 2003. A part is usually one topic or service, e.g. scan. Each part
+can be switched off by a parameter, and works in the link thread. `layer` creates the parts;
+`endpoints` is the table of their topics and services.
 """

@@ -1,4 +1,4 @@
-"""cmd_vel and stop: drives the robot by velocities, and stops it, whatever drives it."""
+"""The topic cmd_vel, which drives the robot by velocities, and the service stop."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Stop(Part):
 
 
 _REPORT_PERIOD = 1.0
-"""Minimum time between two reports of several publishers, in seconds."""
+"""Minimum time between two reports that cmd_vel has several publishers, in seconds."""
 
 
 class CmdVel(Part):
-    """The topic cmd_vel; the rules for its velocities are those of `VelocityDriver`.
+    """The topic cmd_vel; `VelocityDriver` has the rules for its velocities.
 
     Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,
     angular.z counter-clockwise in rad/s. The other components are ignored.
@@ -59,7 +59,7 @@ class CmdVel(Part):
             context.robot.chassis,
             "cmd_vel",
             lambda: context.settings().velocity_limits,
-            log_refusals=False,  # the log of all refused commands has them, with their reasons
+            log_refusals=False,  # `RefusalLog` logs the refusals of all commands
         )
         stamped = context.settings().cmd_vel_stamped
         context.subscribe(
@@ -95,7 +95,7 @@ class CmdVel(Part):
             velocities.report(*self._publisher_names())
 
     def _publisher_names(self) -> list[str]:
-        """Return the names of the publishers; the graph does not tell which of them are sending."""
+        """Return the names of all publishers; the ROS graph does not tell which ones send."""
         found = self._context.robot.node.get_publishers_info_by_topic(self._topic)
         names = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
         return [f"{name} (on cmd_vel)" for name in names]

@@ -80,7 +80,7 @@ class Status:
 
 
 def agents_status(second_agent: SecondAgent) -> Status:
-    """Return the status of the agents in the namespace; there should be one."""
+    """Return the status that warns of a second agent in the namespace."""
     status = Status("agents")
     if second_agent.warning:
         status.tell(WARN, second_agent.warning)
@@ -132,7 +132,8 @@ def clock_status(offset: float | None) -> Status:
     """Return the status of the robot's clock.
 
     Args:
-        offset: time by which it is ahead of this computer's, in seconds; None if it is not known.
+        offset: time by which the robot's clock is ahead of this computer's, in seconds; None if it
+            is not known.
     """
     status = Status("clock")
     if offset is None:
@@ -189,7 +190,7 @@ def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, floa
     Args:
         chassis: the link.
         superseded: number of velocities that were not sent because they were out of date.
-        held: see `LoopThread.held`.
+        held: longest turns of the link thread, as `LoopThread.held`.
     """
     stats, status = chassis.stats, Status("link")
     if chassis.state is not LinkState.READY:
@@ -227,7 +228,7 @@ def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, floa
 
 
 def motion_status(watch: Watch) -> Status:
-    """Return the status of the motion."""
+    """Return the status of the motion: what drives the robot, and commands without effect."""
     status = Status("motion")
     driver = watch.who_drives.now()
     status.fine = f"{driver.name}: {driver.detail}" if driver.detail else driver.name

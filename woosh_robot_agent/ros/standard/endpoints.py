@@ -27,7 +27,7 @@ class StandardEndpoint:
         name: name of the topic or service.
         type: ROS type, `package/Name`.
         kind: kind of the endpoint.
-        part: part of the standard layer that it belongs to, as in `parameters.PARTS`, or `tf`.
+        part: the endpoint's part of the standard layer, as in `parameters.PARTS`, or `tf`.
         meaning: description for the documentation.
         depth: queue size of the publisher or subscription.
     """
@@ -85,7 +85,7 @@ STANDARD = (
         "nav_msgs/OccupancyGrid",
         Kind.LATCHED,
         "map",
-        "current map, or the one that the robot is making",
+        "current map, or the map that the robot is making",
     ),
     StandardEndpoint(
         "keepout_mask",

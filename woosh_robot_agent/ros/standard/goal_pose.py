@@ -1,4 +1,4 @@
-"""initialpose and goal_pose: sets the robot's pose, and navigates to one, as RViz does."""
+"""The topics initialpose and goal_pose of RViz: set the robot's pose, and navigate to a pose."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ class InitialPose(Part):
 class GoalPose(Part):
     """Client of the agent's own MoveBase action; a new goal_pose replaces the previous one.
 
-    The goal is an ordinary one, visible in the action's status. Its outcome is logged, because the
-    sender of a topic gets no answer. All methods run in the executor thread.
+    The goal is an ordinary goal of the action, visible in the action's status. Its outcome is
+    logged, because the sender of a topic gets no answer. All methods run in the executor thread.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -93,7 +93,7 @@ class GoalPose(Part):
         self._service = context.service("cancel", self._cancel_requested)
 
     def close(self) -> None:
-        self._client.destroy()  # a client that is left keeps the node in the graph
+        self._client.destroy()  # `Node.destroy_node` leaves it, and the node stays in the graph
 
     def _received(self, message: Any, info: Mapping[str, Any], taken: float) -> None:
         if reason := self._context.robot.chassis.refusal(CallAction()):

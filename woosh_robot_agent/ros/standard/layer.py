@@ -1,4 +1,4 @@
-"""The standard layer as a whole: creates and runs the parts that the parameters enable."""
+"""Create and run the parts of the standard layer that the parameters enable."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
     (Connected, ("connected",)),
     (Diagnostics, ("diagnostics",)),
 )
-"""Constructor of each object, and the parts that it provides; one that is on suffices."""
+"""Constructor of each `Part`, and its names in `disabled_parts`; one enabled name suffices."""
 
 
 class StandardLayer:
@@ -65,7 +65,7 @@ class StandardLayer:
         return next((each.map_to_odom for each in self._parts if isinstance(each, Odom)), None)
 
     def close(self) -> None:
-        """Remove from the graph what belongs to the parts, in the executor thread."""
+        """Remove the parts' entities from the ROS graph, in the executor thread."""
         for part in self._parts:
             part.close()
 

@@ -1,6 +1,6 @@
-"""map: the chassis's map as an occupancy grid, also while the robot is making it.
+"""The topics map and keepout_mask: the chassis's map, and the robot's keep-out areas, as grids.
 
-keepout_mask: the areas that its navigation keeps out of, as a grid of their own.
+While the robot is making a map, that map is published.
 """
 
 from __future__ import annotations
@@ -25,11 +25,10 @@ from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 from woosh_robot_agent.ros.subscribers import Subscribers
 
 _MAX_SILENCE = 3.0
-"""Time without a report after which a robot in one of `_VAGUE_STATES` makes no map, in seconds.
-
-Robots report the map each second."""
+"""A robot in one of `_VAGUE_STATES` that has not reported a map for this time makes no map, in
+seconds. Robots report the map each second."""
 _VAGUE_STATES = (robot.kStateUndefined, robot.kWarning, robot.kFault)
-"""States in which the robot may be making a map or not; its reports of the map show it."""
+"""States that do not tell if the robot is making a map; its reports of the map do."""
 
 
 class GrowingMap:
@@ -120,7 +119,7 @@ class Map(Part):
     """Publishes map and keepout_mask on demand, and when the scene, map or version changes.
 
     A map can have many MiB, so it is requested only for a subscriber. Failed requests are retried.
-    While the robot is making a map, that one is published instead, whenever the robot reports it.
+    While the robot is making a map, that map is published instead, whenever the robot reports it.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -136,7 +135,7 @@ class Map(Part):
         self._not_before = -math.inf
         """Loop time before which the map is not requested again."""
         self._epoch = object()
-        """Replaced when maps that are being received become outdated."""
+        """Replaced when a map that is being received becomes outdated; then it is not published."""
         self._shows_growing = False
         """True if the last message was a map that the robot was making."""
         self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
@@ -156,7 +155,7 @@ class Map(Part):
             await self._update()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        self._log.clear()  # not after each map: good and bad ones may alternate
+        self._log.clear()  # not after each map: good and bad maps may alternate
         if info.HasField("scene"):
             self._scene(info.scene)
 
@@ -222,7 +221,7 @@ class Map(Part):
 
     async def _mask(self, area: SceneData.Map, of: OccupancyGrid) -> OccupancyGrid | None:
         """Return the mask of a map's keep-out areas; None if it cannot be read."""
-        if not area.keepout_png:  # a map without such areas
+        if not area.keepout_png:  # a map without keep-out areas
             cells = array.array("b", bytes(len(of.data)))
             return OccupancyGrid(header=of.header, info=of.info, data=cells)
         try:

@@ -1,4 +1,4 @@
-"""odom and /tf: pose and velocity, from the PoseSpeed that the robot pushes while it moves."""
+"""The topics odom and /tf, from the PoseSpeed that the robot pushes while it moves."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Odom(Part):
     """Publishes odom while the link is ready and there are subscribers.
 
     With `odom_prediction`, odom is published at `odom_rate`: the pose of a moving robot is
-    predicted from its last report, that of a standing robot is repeated. odom pauses if a moving
-    robot has not reported for `HORIZON`. After a second of silence the robot stands, because a real
-    one reports only while it moves.
+    predicted from its last report, the pose of a standing robot is repeated. odom pauses if a
+    moving robot has not reported for `HORIZON`. After a second without a report the robot counts as
+    standing, because a real robot reports only while it moves.
 
     Otherwise, each report is published once, at up to `odom_rate`, and the pose of a standing robot
     is repeated. With `publish_tf`, `map` -> `odom` -> `base_link` is published with each message.
@@ -50,7 +50,7 @@ class Odom(Part):
         self._message = OdometryMsg(child_frame_id=context.frame("base"))
         self._message.header.frame_id = context.frame("odom")
         self._covariances_of: StandardSettings | None = None
-        """Settings whose covariances are in the message."""
+        """Settings whose covariances are in `_message`."""
         self._transforms: Any = self._chain() if settings.publish_tf else None
         self._received = -math.inf
         """Loop time of the last push."""
@@ -77,7 +77,7 @@ class Odom(Part):
     async def _publish_due(self, now: float) -> None:
         self._note_silence(now - self._received)
         if self._context.settings().odom_prediction:
-            # skip a message right after another one
+            # 0.5: skip a message that would follow right after another message
             if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
                 self._publish_predicted()
         elif not self._prediction.velocity.moving and self._due(now, self._sent, 0.9):
@@ -98,7 +98,7 @@ class Odom(Part):
 
     def _pushed(self, report: PoseSpeed) -> None:
         twist = report.twist
-        try:  # one such report would make all later poses non-finite
+        try:  # a single NaN or infinity would make all later poses non-finite
             pose = Pose2D.from_message(report.pose)
             check_finite("speed", twist.linear, twist.angular)
         except ValueError as error:
@@ -114,7 +114,7 @@ class Odom(Part):
             )
         self._prediction.report(odometry.pose, odometry.velocity, odometry.time)
         self._received, self._known = now, True
-        # tolerate jitter: reports that arrive at exactly this rate must all be published
+        # 0.7 tolerates jitter: reports that arrive at exactly `odom_rate` must all be published
         if not self._context.settings().odom_prediction and self._due(now, self._forwarded, 0.7):
             self._forwarded = now
             self._publish_reported(now)

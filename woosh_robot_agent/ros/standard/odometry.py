@@ -25,11 +25,11 @@ from woosh_robot_agent.ros.standard.poses import LEVER, STANDSTILL, Pose2D, Velo
 _MIN_SPEED = 0.1
 """Minimum mean speed from which the duration of a movement is derived, in m/s."""
 _TOLERANCE = 1.1
-"""Factor on that duration, because the reported speeds are inexact."""
+"""Factor on the duration derived from a movement, because the reported speeds are inexact."""
 _MAX_REPORT_DELAY = 0.25
-"""Maximum delay that is corrected, in seconds."""
+"""Maximum delay of a report that is corrected, in seconds."""
 _CORRECTION = 0.7
-"""Share of a delay that is corrected. The rest is not, so that a lasting delay is adopted."""
+"""Share of a delay that is corrected. It is below 1, so that a lasting delay is adopted."""
 
 
 class ReportTime:
@@ -56,7 +56,7 @@ class ReportTime:
     def next(
         self, received: float, arc: tuple[float, float, float], before: Velocity, after: Velocity
     ) -> float:
-        """Return the time of a report, which is never after its receipt.
+        """Return the time of a report's pose, which is never after the receipt.
 
         Args:
             received: time of receipt, in seconds.
@@ -95,7 +95,7 @@ the interval between two reports of a moving robot, in seconds."""
 class Prediction:
     """Predicts the pose from reports, without jumps.
 
-    All times are those of one monotonic clock, in seconds.
+    All times are of the same monotonic clock, in seconds.
     """
 
     def __init__(self) -> None:
@@ -117,7 +117,7 @@ class Prediction:
         self._last = Pose2D()
         """The last predicted pose."""
         self._last_velocity = STANDSTILL
-        """Reported velocity from which it was predicted."""
+        """Reported velocity from which the last pose was predicted."""
         self._error = Pose2D()
         """Difference between the old and the new prediction, at the time `_error_time`."""
         self._error_time = -math.inf
@@ -129,7 +129,7 @@ class Prediction:
 
     @property
     def last(self) -> Pose2D:
-        """The last predicted pose, or that of the last report if it is newer."""
+        """The last predicted pose, or the pose of the last report if that is newer."""
         return self._last if self._last_time >= self._time else self._pose
 
     def report(self, pose: Pose2D, velocity: Velocity, time: float) -> None:
@@ -138,14 +138,14 @@ class Prediction:
         Args:
             pose: reported pose.
             velocity: reported velocity.
-            time: time of the pose and the velocity; may be before that of the last prediction.
+            time: time of the pose and the velocity; may be before the last predicted time.
         """
         self._before, self._interval = self._velocity, time - self._time
         self._pose, self._velocity, self._time = pose, velocity, time
         self._is_new = True
 
     def stand(self) -> None:
-        """Note that the robot stands at the pose of the last report, because no other followed."""
+        """Note that the robot stands at the last reported pose, because no further report came."""
         if self._velocity != STANDSTILL:
             self.report(self._pose, STANDSTILL, self._time)
 
@@ -157,7 +157,7 @@ class Prediction:
         """Return the pose and the velocity of the robot.
 
         Args:
-            time: time of the pose; must not be before that of the previous call.
+            time: time of the pose; must not be before the time of the previous call.
         """
         if self._is_new:
             self._start(time)
@@ -206,9 +206,9 @@ class Prediction:
             self._error_time = -math.inf
 
     def _reachable(self, pose: Pose2D, seconds: float) -> Pose2D:
-        """Return the pose nearest to `pose` that the robot can reach from the last predicted one.
+        """Return the pose nearest to `pose` that the robot can reach from the last predicted pose.
 
-        Its speeds are between zero and those before and after.
+        It drives at speeds between zero and the reported speeds before and after.
         """
         forward, left, turn = pose.seen_from(self._last).arc
         before, now = self._last_velocity, self._velocity
@@ -238,7 +238,7 @@ class Prediction:
 
 
 def _slowed(speed: float, acceleration: float, seconds: float) -> float:
-    """Return the speed after some time. Only a robot that slows down changes it, down to zero."""
+    """Return the speed after some time: a robot that slows down does so to zero, others keep it."""
     if speed * acceleration >= 0.0:
         return speed
     slowed = speed + acceleration * seconds
@@ -254,7 +254,7 @@ def _mean(speed: float, acceleration: float, seconds: float) -> float:
 
 
 def _limited(way: float, before: float, now: float, seconds: float) -> float:
-    """Return the way, limited to what speeds between zero and these two can cover."""
+    """Return the way, limited to what speeds between zero, `before` and `now` can cover."""
     return max(min(0.0, before, now) * seconds, min(max(0.0, before, now) * seconds, way))
 
 
@@ -272,7 +272,7 @@ _MAX_TURN = math.tau
 _MAX_SPEED_GAIN = 1.0
 """Maximum excess of a reported speed over the mean speed since the previous report, in m/s."""
 _MAX_TURN_GAIN = 2.0
-"""The same for the angular speed, in rad/s."""
+"""Maximum excess of a reported angular speed over the mean since the previous report, in rad/s."""
 _MAX_DELAY = 0.3
 """Maximum delay of a report relative to the previous one, in seconds."""
 _MIN_INTERVAL = 0.02
@@ -284,11 +284,11 @@ _HEADING_TOLERANCE = 0.03
 _SIDEWAYS_TOLERANCE = 0.1
 """Maximum sideways movement that the speed to the left does not explain, in metres."""
 _POSE_SET_INTERVAL = 0.5
-"""Time after setting the robot's pose in which it may still report the old one, in seconds."""
+"""Time after the robot's pose was set in which it may still report the old pose, in seconds."""
 _POSE_SET_TOLERANCE = 0.01
 """Tolerance of pose and heading within `_POSE_SET_INTERVAL` for a moving robot, in m and rad."""
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
-"""The same for a standing robot."""
+"""`_POSE_SET_TOLERANCE` for a standing robot."""
 _MIN_SIDEWAYS = 0.004
 """Minimum sideways movement that is not taken for an inexact curve, in metres."""
 
@@ -300,7 +300,7 @@ class Odometry:
         pose: pose of the robot in `odom` at the last report; it never jumps.
         map_to_odom: pose of `odom` in `map`.
         velocity: velocity of the robot at the last report. The speed to the left is derived from
-            the poses, as reports do not have it.
+            the poses, because the reports lack it.
         time: time of the last reported pose, by the clock of `update`.
     """
 
@@ -444,7 +444,7 @@ class Odometry:
         turn_margin = abs(after.turn - before.turn) * interval / 2
         position_tolerance = _POSITION_TOLERANCE + forward_margin
         heading_tolerance = _HEADING_TOLERANCE + turn_margin
-        # then the duration is inexact, and so is what it predicts of the other movement
+        # then the duration is inexact, and so is the other movement computed from it
         if turns_mostly:
             position_tolerance += abs(forward) * min(turn_margin / abs(turn), interval)
         elif forward:

@@ -1,4 +1,4 @@
-"""What the parts of the standard layer share: a base class and a context."""
+"""Base class of the parts of the standard layer, and the context that the parts share."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Part:
     async def run(self) -> None:
         """Do the periodic work of the part in the link thread, until cancelled.
 
-        By default there is none: the part only reacts to messages and requests.
+        By default a part has no periodic work, and only reacts to messages and requests.
         """
 
     def close(self) -> None:
-        """Remove what `Node.destroy_node` leaves in the graph, in the executor thread."""
+        """Remove entities that `Node.destroy_node` leaves in the graph, in the executor thread."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class PartContext:
 
         Args:
             name: name of the topic.
-            subscribers: set of publishers to add it to, to notice who subscribes.
+            subscribers: set to which the publisher is added, to notice its subscribers.
         """
         endpoint = BY_NAME[name]
         profile = (latched if endpoint.kind is Kind.LATCHED else reliable)(endpoint.depth)
@@ -91,7 +91,7 @@ class PartContext:
         Args:
             name: name of the topic.
             callback: called with each message in the link thread; must not block.
-            type_name: ROS type of the topic, if it differs from that in `endpoints.STANDARD`.
+            type_name: ROS type of the topic, if it differs from `endpoints.STANDARD`.
             in_executor: call `callback` in the executor thread instead.
             with_info: call `callback` with each message, rclpy's information about it, and the
                 monotonic time at which it was taken from the middleware.

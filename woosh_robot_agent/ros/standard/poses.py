@@ -84,7 +84,7 @@ class Pose2D:
         return cos * self.x + sin * self.y, cos * self.y - sin * self.x, self.theta
 
     def __mul__(self, other: Pose2D) -> Pose2D:
-        """Return `other`, given in this pose's child frame, transformed to its parent frame."""
+        """Transform `other` from this pose's child frame to this pose's parent frame."""
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         return Pose2D(
             self.x + cos * other.x - sin * other.y,
@@ -120,14 +120,14 @@ def check_finite(name: str, *numbers: float) -> None:
     """Check numbers of the chassis that become part of a standard message.
 
     Raises:
-        ValueError: a number is infinite or NaN; the text has `name` and all of them.
+        ValueError: a number is infinite or NaN; the text has `name` and all numbers.
     """
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name} is not finite: {', '.join(f'{each:g}' for each in numbers)}")
 
 
 def _chord(half: float) -> float:
-    """Return the length of an arc's chord divided by that of the arc; `half` is half its angle."""
+    """Return the chord of an arc divided by the arc's length; `half` is half of its angle."""
     return math.sin(half) / half if abs(half) > 1e-4 else 1.0
 
 
@@ -162,8 +162,8 @@ def from_pose(message: Any) -> Pose2D:
     """Return the pose in a geometry_msgs/Pose.
 
     Raises:
-        ValueError: it has numbers that are not finite, or not in the robot's 32-bit numbers, or
-            its orientation is not a rotation.
+        ValueError: a number is not finite, or too large for the robot's 32-bit numbers, or the
+            orientation is not a rotation.
     """
     q, position = message.orientation, message.position
     numbers = (position.x, position.y, q.x, q.y, q.z, q.w)

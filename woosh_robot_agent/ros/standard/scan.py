@@ -1,4 +1,4 @@
-"""scan: the laser scan, requested from the chassis on demand."""
+"""The topic scan: the laser scan, requested from the chassis on demand."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Scan(Part):
         self._context = context
         self._clock = context.robot.node.get_clock()
         self._reused = LaserScan()
-        """The message of all scans: a new one would take as long to create as to fill."""
+        """The message of all scans: creating a new message takes as long as filling it."""
         self._log = LogOnce(_LOG)
         settings = context.settings()
         self._subscribers = context.subscribers()

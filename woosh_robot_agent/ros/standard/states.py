@@ -1,4 +1,4 @@
-"""battery_state, plan, footprint and connected: the chassis's state as standard messages."""
+"""The topics battery_state, plan, footprint and connected."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def battery_state(context: PartContext, battery: Battery) -> BatteryState:
 def plan(context: PartContext, nav_path: NavPath) -> bytes:
     """Return the path that the robot is following as a serialized nav_msgs/Path, in the map frame.
 
-    It is empty if there is none. It is made without a message for each pose: that would take a
-    second for a path of 60,000 poses.
+    The message is empty if the robot follows no path. It is serialized directly: a ROS message for
+    each pose would take a second for a path of 60,000 poses.
 
     Raises:
         ValueError: a pose is not finite.
@@ -95,14 +95,14 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
 class _State(Part):
     """Publishes a value of the chassis as a ROS message: the first value, and each push.
 
-    A value that the message cannot hold is skipped, and counted.
+    A value that the ROS message cannot hold is skipped and counted.
 
     Args:
         context: the context of the part.
         name: name of the topic.
         cls: protobuf class of the value.
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
-            if that is not possible. Of a large push, it runs in another thread.
+            if that is not possible. A large push is converted in another thread.
         rate: rate at which the last value is repeated with a new stamp while there are
             subscribers, in Hz, so that viewers draw it at the robot's current pose; 0 for never.
     """
@@ -166,7 +166,7 @@ class _State(Part):
         return self._try(body.message())
 
     def _try(self, value: Message) -> tuple[Message, Any]:
-        """Return a value and its serialized ROS message, or the ValueError that prevents one."""
+        """Return a value, and its serialized ROS message or the ValueError of the conversion."""
         try:
             message = self._convert(self._context, value)
             return value, message if isinstance(message, bytes) else serialize(message)

@@ -1,1 +1,1 @@
-"""Behaviour over time: jobs, the tasks and actions that consist of them, and their devices."""
+"""Behaviour over time, as jobs: each task or action consists of jobs, and a job owns a device."""

@@ -1,4 +1,4 @@
-"""The actions of `woosh.ros.CallAction`: single jobs that are reported by Feedbacks."""
+"""The actions of `woosh.ros.CallAction`: each is one job, which is reported by Feedbacks."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class _Run:
 
     Attributes:
         name: Name of the action.
-        job: Its job.
-        paused: The action is paused.
-        started: The start of the action has been reported.
-        impeded: An obstacle blocks the action at the moment.
+        job: Job of the action.
+        paused: True if the action is paused.
+        started: True if the start of the action has been reported.
+        impeded: True if an obstacle blocks the action at the moment.
         reported: Simulated time of the last report, in seconds.
     """
 
@@ -67,7 +67,7 @@ class Actions:
         return bool(self._runs)
 
     def owner(self, device: Device) -> str:
-        """Return the short name of the action that owns `device`, empty if none does."""
+        """Return the short name of the action that owns `device`; empty if no action owns it."""
         for run in self._runs.values():
             if run.job.device is device and not run.paused:
                 return short_name(run.name)
@@ -138,7 +138,7 @@ class Actions:
             if run.paused:
                 continue
             if not run.started:
-                # Reported here so that it follows the answer to the request.
+                # Reported here so that the report follows the answer to the request.
                 run.started = True
                 self._report(run, ros_pack_pb2.kRosExecuting, "started")
                 continue

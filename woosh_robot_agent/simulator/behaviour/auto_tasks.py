@@ -1,4 +1,4 @@
-"""The jobs of a task, by the table of the scene, and the tasks that the robot gives itself."""
+"""The jobs of tasks, by the scene's table, and automatic tasks, which the robot starts itself."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def task_actions(robot: Robot, kind: util_task_pb2.Type, number: int) -> tuple[A
     Args:
         robot: The robot.
         kind: Type of the task. A task without a type is a pick task.
-        number: Number of the task among those of its type.
+        number: Number of the task among the tasks of its type.
 
     Raises:
-        RefusedError: The table has none.
+        RefusedError: The table has no actions for this task.
     """
     kind, groups = kind or util_task_pb2.kPick, robot.scene.action_groups
     actions = groups.actions(kind, number)
@@ -63,7 +63,7 @@ def task_jobs(
         robot: The robot.
         actions: The actions of the task.
         direction: Direction of a task that carries goods.
-        target: The mark of the task, or the way to its target.
+        target: The target mark of the task, or the job that drives to another target.
     """
     enters = any(each.action == util_action_pb2.kSecondposEnter for each in actions)
     docks = enters and isinstance(target, Mark)
@@ -123,15 +123,15 @@ _PARKED_DISTANCE = 0.3
 
 
 class AutoTasks:
-    """Starts an automatic task when the robot has been idle for long enough.
+    """Starts an automatic task, i.e. charging or parking, when the robot is idle for long enough.
 
     The robot is idle while it is ready, has no job, stands still, and no client has reserved it or
     sent a command. Any command of a client takes precedence over an automatic task.
 
     Args:
         robot: The robot.
-        tasks: Its tasks.
-        ownership: Starts the tasks.
+        tasks: The tasks of the robot.
+        ownership: Starts the automatic tasks.
         charge_after: Idle time before a robot with a low battery drives to a charger, in seconds.
         park_after: Idle time before a robot drives to a parking place, in seconds.
     """

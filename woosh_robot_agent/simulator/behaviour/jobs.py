@@ -1,4 +1,4 @@
-"""What a job is, and the jobs on the spot: waits, steps by odometry, lifting, charging."""
+"""The base class of jobs, and all jobs except navigation: waits, steps, lifting, charging."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ class Progress:
     """The progress of a job.
 
     Attributes:
-        done: The job has ended, successfully or not.
+        done: True if the job has ended, successfully or not.
         failure: Reason of the failure; empty if the job did not fail.
         text: Description of the progress, for reports.
-        impeded: An obstacle blocks the job at the moment; `text` describes it.
+        impeded: True if an obstacle blocks the job at the moment; `text` describes the obstacle.
     """
 
     done: bool = False
@@ -77,7 +77,7 @@ class Progress:
 
 
 class Job(ABC):
-    """Something that the robot does over time.
+    """Something that the robot does over time, e.g. drive to a mark: a step of a task or action.
 
     Attributes:
         device: Device that the job owns while it runs.
@@ -104,7 +104,7 @@ class Done(Job):
     """Ends at once, because everything was done before it started.
 
     Args:
-        text: Text of its report.
+        text: Text of the job's report.
     """
 
     def __init__(self, text: str) -> None:
@@ -119,7 +119,7 @@ class Wait(Job):
 
     Args:
         seconds: The time, in seconds. It may be infinite.
-        number: Number of the wait in its task; 0 if it follows from those before.
+        number: Number of the wait in its task; 0 to count the waits of the task.
     """
 
     kind = util_action_pb2.kWait
@@ -210,8 +210,8 @@ class Steps(Job):
 
     Args:
         steps: At least one step.
-        avoid: Stop before an obstacle and wait some seconds for it to go away. Otherwise drive
-            until the base touches it, and fail at once.
+        avoid: True to stop before an obstacle and wait some seconds for it to go away. False to
+            drive until the base touches the obstacle, and fail at once.
         kind: The `woosh.action.Type` in reports.
     """
 

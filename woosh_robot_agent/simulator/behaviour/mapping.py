@@ -1,4 +1,4 @@
-"""Mapping and deployment: maps and marks that the robot makes while a client drives it."""
+"""Mapping, i.e. making maps, and deployment, i.e. collecting marks, while a client drives."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SCAN_PERIOD = 0.2
 """Minimum time between two scans that are added to the map, in seconds."""
 
 _REST_PERIOD = 1.0
-"""The same while the robot stands."""
+"""Minimum time between two such scans while the robot stands, in seconds."""
 
 _MIN_DISTANCE, _MIN_ANGLE = 0.02, 0.02
 """Motion from which on the robot does not stand, in metres and radians."""
@@ -55,8 +55,8 @@ class Phase(Enum):
 class Mapping:
     """Makes maps.
 
-    The robot goes on to localise itself while it makes a map, and the map has the frame of the
-    current one. Saving or cancelling leaves a robot that has to be initialised.
+    The robot still localises itself while it makes a map, and the new map has the frame of the
+    current map. After saving or cancelling, the robot has to be initialised.
 
     Args:
         robot: The robot.
@@ -81,7 +81,7 @@ class Mapping:
         self._added_time = -math.inf
         """Simulated time of the last scan that was added, in seconds."""
         self._added_pose = Pose()
-        """Pose of the robot at this scan."""
+        """Pose of the robot at the scan that was added last."""
 
     @property
     def active(self) -> bool:
@@ -106,16 +106,16 @@ class Mapping:
         """Check that the mapping is not being started or ended.
 
         Raises:
-            RefusedError: It is.
+            RefusedError: The mapping is being started or ended.
         """
         if self._phase not in (Phase.NONE, Phase.RUNNING):
             self.require_none(refusals.MAPPING_CHANGES)
 
     def add(self, scene_name: str, map_name: str) -> float:
-        """Start to make a new map, and return how long that takes, in seconds.
+        """Begin to make a new map; return the duration of the start, in seconds.
 
         Args:
-            scene_name: Name of a new scene or an existing one.
+            scene_name: Name of a new or an existing scene.
             map_name: Name of the map.
 
         Raises:
@@ -126,7 +126,7 @@ class Mapping:
         return self._start(scene_name, map_name, update=False)
 
     def update(self, scene_name: str, map_name: str) -> float:
-        """Start to continue the current map, and return how long that takes, in seconds.
+        """Begin to continue the current map; return the duration of the start, in seconds.
 
         Args:
             scene_name: Name of the current scene.
@@ -154,7 +154,7 @@ class Mapping:
         return self._start(scene_name, map_name, update=True)
 
     def save(self) -> float:
-        """Save the map, and return how long that takes, in seconds.
+        """Begin to save the map; return the duration, in seconds.
 
         Raises:
             RefusedError: The robot cannot save now. The mapping goes on.
@@ -175,7 +175,7 @@ class Mapping:
         return duration
 
     def cancel(self) -> float:
-        """Forget the map, and return how long that takes, in seconds.
+        """Begin to discard the map; return the duration, in seconds.
 
         Raises:
             RefusedError: No map is being made.
@@ -268,7 +268,7 @@ class Mapping:
             corner = (0.0, 0.0)
             self.draft = Map(0, self._map_name, robot.map.floor, 1, corner, corner, walls=())
         self._located_before = robot.readiness.located
-        # A new map begins where the robot is; an old one can only be continued by a robot in it.
+        # A new map begins where the robot is. To continue a map, the robot must be located in it.
         robot.readiness.located = not update or self._located_before
         self._phase = Phase.RUNNING
         self._added_time = -math.inf
@@ -280,9 +280,9 @@ class Mapping:
         self._pictures.add(self._profile.picture_period, self._picture_is_due)
 
     def _finished_map(self) -> Callable[[], tuple[Scene, Map]]:
-        """Return a function that returns the map as it is now, in its scene.
+        """Return a function that returns the scene with the map, and the map as it is now.
 
-        The function takes the other contents of the scene as they are when it is called.
+        The other contents of the scene are as they are when the function is called.
         """
         from woosh_robot_agent.simulator.world.grid import Grid
 
@@ -329,7 +329,7 @@ class Mapping:
 
 
 class PointKind(Enum):
-    """Kind of a collected point. The value is its list in `woosh.map.mark.MarkInfo`."""
+    """Kind of a collected point. The value is the name of its list in `woosh.map.mark.MarkInfo`."""
 
     BEACON = "beacons"
     CODE = "artags"
@@ -341,8 +341,8 @@ class CollectedPoint(NamedTuple):
     """A collected point.
 
     Attributes:
-        kind: Its kind.
-        id: Identifier, unique among the points of this kind in its map.
+        kind: Kind of the point.
+        id: Identifier, unique among the points of this kind in the map.
         pose: Pose, in the map's frame.
     """
 
@@ -352,10 +352,10 @@ class CollectedPoint(NamedTuple):
 
 
 class Deployment:
-    """Collects points for the current map, or for the new one that is being made.
+    """Collects points (marks, codes, ...) for the current map, or for a new map that is being made.
 
-    Points can be cancelled until the session ends: until a mapping starts, or the robot leaves
-    deployment mode or the map.
+    Points can be cancelled until the session ends. It ends when a mapping starts, or when the robot
+    leaves deployment mode or the map.
 
     Args:
         robot: The robot.
@@ -372,8 +372,8 @@ class Deployment:
         """Add a point to the map and return it.
 
         Args:
-            kind: Its kind.
-            pose: Its pose; None for that of the robot.
+            kind: Kind of the point.
+            pose: Pose of the point; None for the pose of the robot.
 
         Raises:
             RefusedError: The pose is outside the map.
@@ -388,7 +388,7 @@ class Deployment:
             id_ = max((mark.id for mark in marks.values()), default=0) + 1
             while str(id_) in marks:
                 id_ += 1
-            # The answer has only the id: clients must know by it the number that tasks name.
+            # The answer has only the id, so the mark's number, which tasks name, equals the id.
             marks = {**marks, str(id_): Mark(id_, str(id_), pose)}
         else:
             entries = getattr(others, kind.value)
@@ -426,7 +426,7 @@ class Deployment:
         self._change(dataclasses.replace(area, marks=kept, other_marks=others))
 
     def calibrate(self) -> list[CollectedPoint]:
-        """Return the reflectors of the map. The robot finds all of them where they are.
+        """Return the reflectors of the map. The robot finds all of them at their poses.
 
         Raises:
             RefusedError: The map has no reflectors.
@@ -449,7 +449,7 @@ class Deployment:
         """Check that the robot can collect points.
 
         Raises:
-            RefusedError: It cannot.
+            RefusedError: The robot cannot collect points.
         """
         readiness = self._robot.readiness
         if readiness.work != util_robot_pb2.kDeployMode:

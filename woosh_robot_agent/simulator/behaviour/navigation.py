@@ -1,4 +1,4 @@
-"""The job that drives to a pose, and the routes that it follows."""
+"""The job that drives to a pose, and the planning of its route."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Route:
     """A planned route.
 
     Attributes:
-        legs: Corners on the way to each stop, the stop last.
+        legs: For each stop, the leg that leads to it: its corners, the stop last.
         poses: The start, each corner with the direction in which the robot arrives there, and the
             last stop.
     """
@@ -75,10 +75,10 @@ def plan_route(
         start: Pose at which the route starts.
         stops: Poses to pass, the goal last.
         strict: Connect the poses by straight lines.
-        obstacles: Walls to avoid in addition to those of the map.
+        obstacles: Walls to avoid in addition to the walls of the map.
 
     Raises:
-        NoRouteError: There is no route, or it takes too long to find one.
+        NoRouteError: There is no route, or the search takes too long.
     """
     routes = planner(robot.map, outer_radius(robot.outline) + PATH_MARGIN)
     budget = SearchBudget()
@@ -123,16 +123,16 @@ _GENTLE_BEND = 0.35
 """Angle between two parts of a path up to which the base drives on without stopping, in radians."""
 
 _LOOKAHEAD = 0.2
-"""Distance of the point of a bending path that the base steers to, in metres."""
+"""Distance along a bending path to the point that the base steers to, in metres."""
 
 _STEERING_TOLERANCE = 1e-3
 """Bearing of this point up to which the base drives straight on, in radians."""
 
 _MAX_RUN = 2.0
-"""Length of a path that is looked at to decide on the speed, in metres: the base can stop in it."""
+"""Length of the path ahead that determines the speed, in metres; more than the braking distance."""
 
 _PATH_SPACING = 0.3
-"""Distance of two poses below which they are points of a path, in metres."""
+"""Distance below which two poses are points of a path, where the base does not stop, in metres."""
 
 _WAIT_TIMEOUT = 30.0
 """Time that a navigation waits in the modes with a timeout unless a client sets it, in seconds."""
@@ -143,7 +143,7 @@ _WAITING_MODES = (
     navigation_pb2.kMagnetic,
     navigation_pb2.kQrcode,
 )
-"""Modes that never leave the path, and wait for an obstacle without a timeout."""
+"""Modes in which the robot never leaves the path, and waits at an obstacle without a timeout."""
 
 
 class _Run(NamedTuple):
@@ -152,7 +152,7 @@ class _Run(NamedTuple):
     Attributes:
         length: Length from the base on, in metres.
         aim: The point that the base steers to.
-        next: Corner after the next one; None if the base stops at the next one.
+        next: Corner after the next corner; None if the base stops at the next corner.
     """
 
     length: float
@@ -169,15 +169,15 @@ class Navigate(Job):
 
     The base turns on the spot towards each corner of its path, and drives there. It stops at a
     corner, unless the path bends only gently. At the goal it turns to the goal's heading. It stops
-    before an obstacle that is not on the map. The
-    navigation mode decides whether it then goes round the obstacle, waits or gives up.
+    before an obstacle that is not on the map. The navigation mode decides whether it then goes
+    round the obstacle, waits or gives up.
 
     Args:
         goal: Goal, in the map's frame.
         via: Poses to pass on the way.
         strict: Drive straight from one pose to the next. Otherwise plan paths between them.
-        one_by_one: Turn to the heading of each pose of `via` too, unless the next one is so close
-            that both are points of a path.
+        one_by_one: Turn to the heading of each pose of `via` too, unless the next pose is closer
+            than 0.3 m, so that both are points of a path.
 
     Attributes:
         goal: Goal, in the map's frame.
@@ -209,13 +209,13 @@ class Navigate(Job):
         self._announced = False
         """True if the start of the navigation has been reported."""
         self._from: Point = (0.0, 0.0)
-        """The corner before the next one."""
+        """The corner before the next corner."""
         self._turning = True
         """True until the base points to the next corner."""
         self._waited = 0.0
         """Time for which an obstacle has been in the way, in seconds."""
         self._tried_obstacles: tuple[Wall, ...] | None = None
-        """Obstacles for which a way round was last searched, None if it was not searched yet.
+        """Obstacles for which a detour was last searched, None if none was searched yet.
 
         The search is repeated only when the obstacles have changed.
         """
@@ -294,7 +294,7 @@ class Navigate(Job):
 
         Args:
             robot: The robot.
-            obstacles: Walls to avoid in addition to those of the map.
+            obstacles: Walls to avoid in addition to the walls of the map.
 
         Raises:
             NoRouteError: There is no path.
@@ -332,7 +332,7 @@ class Navigate(Job):
         return Progress(text=text, impeded=True)
 
     def _detour(self, robot: Robot) -> bool:
-        """Plan a path round the current obstacles. Return False if there is none."""
+        """Plan a path round the current obstacles. Return False if there is no path."""
         obstacles = robot.obstacles.walls
         if self._strict or obstacles == self._tried_obstacles:
             return False
@@ -370,7 +370,7 @@ class Navigate(Job):
             curvature = 2.0 * math.sin(to_aim) / base.pose.distance(run.aim)
             speed = min(speed, TURN_SPEED / abs(curvature))
             turn = speed * curvature
-        # After a detour, for example, the base may point elsewhere.
+        # Turn first if the base points elsewhere, e.g. after a detour.
         self._turning = abs(to_aim) > 2.0 * _GENTLE_BEND
         base.drive(Velocity(speed, turn=turn))
         return True
@@ -413,7 +413,7 @@ class Navigate(Job):
         return points
 
     def _turns_at(self, number: int) -> bool:
-        """Return True if the base turns to the heading of a stop, the next one being number 0."""
+        """Return True if the base turns to the heading of a stop; the next stop has number 0."""
         if number == len(self._stops) - 1:
             return True
         stop, after = self._stops[number], self._stops[number + 1]

@@ -3,8 +3,8 @@
 All requests that start or resume a job go through `Ownership`. Its rules:
 
 - At most one job owns a device. A paused job owns nothing.
-- A new task replaces everything that drives or charges. A task that runs owns a device only while
-  one of its jobs needs it. It waits for an action that still owns the device.
+- A new task replaces everything that drives or charges. A running task owns a device only while one
+  of its jobs needs the device. The task waits for an action that still owns the device.
 - A new action replaces an action that runs or is paused on the same device. It is refused while a
   task owns the device.
 - A task or action that is resumed takes its device back, unless another job owns it by then.
@@ -37,7 +37,8 @@ from woosh_robot_agent.simulator.timeline import ROUNDING
 from woosh_robot_agent.simulator.world.geometry import Point
 
 _DISTANCE = 1.0
-"""Distance from the robot's centre to the nearest side of the leader, in metres."""
+"""Distance that a following robot keeps from its centre to the nearest side of the leader, in
+metres."""
 
 _MAX_DISTANCE = 3.0
 """Distance up to which the robot sees a leader, in metres."""
@@ -49,14 +50,14 @@ _MAX_DRIVING_BEARING = 0.3
 """Angle from straight ahead up to which the robot drives while it turns, in radians."""
 
 _SPEED = 0.8
-"""Maximum speed, in m/s."""
+"""Maximum speed while following, in m/s."""
 
 
 class Follower:
-    """Keeps a distance to the nearest obstacle ahead. Without one the robot stands still.
+    """Follows a leader, the nearest obstacle ahead, at a distance. Without one the robot stands.
 
     Attributes:
-        active: A client has ordered the robot to follow.
+        active: True if a client has ordered the robot to follow.
     """
 
     def __init__(self) -> None:
@@ -85,7 +86,7 @@ class Follower:
 
 
 def _leader(robot: Robot) -> Point | None:
-    """Return the middle of the nearest visible side of an obstacle."""
+    """Return the leader's position: the middle of the nearest visible side of an obstacle."""
     pose = robot.base.pose
     sides = [
         ((wall.x1 + wall.x2) / 2.0, (wall.y1 + wall.y2) / 2.0) for wall in robot.obstacles.walls
@@ -146,12 +147,12 @@ _STEP_CONTROL = "StepControl"
 
 
 class Ownership:
-    """Starts, resumes and ends jobs so that at most one owns each device.
+    """Starts, resumes and ends jobs so that at most one job owns each device.
 
     Args:
         robot: The robot.
-        tasks: Its tasks.
-        actions: Its actions.
+        tasks: The tasks of the robot.
+        actions: The actions of the robot.
         follower: Following of a leader.
         teleop: Remote control.
     """
@@ -167,14 +168,14 @@ class Ownership:
 
     @property
     def driver(self) -> str:
-        """Name of the task or action that owns the wheels, empty if none does."""
+        """Name of the task or action that owns the wheels; empty if nothing owns them."""
         if self._tasks.owns(Device.WHEELS):
             return f"task {self._tasks.proc.robot_task_id}"
         return self._actions.owner(Device.WHEELS)
 
     @property
     def navigation(self) -> Navigate | None:
-        """The navigation that owns the wheels, or else a paused one."""
+        """The navigation that owns the wheels, or else a paused navigation."""
         job = self._tasks.job
         if self._tasks.paused and self._actions.owner(Device.WHEELS):
             return self._actions.navigation
@@ -192,7 +193,7 @@ class Ownership:
         self._actions.tick(dt)
 
     def start_tasks(self, orders: Sequence[TaskOrder]) -> None:
-        """Start one task or those of a set, in place of everything that drives or charges.
+        """Start one task or the tasks of a set, in place of everything that drives or charges.
 
         Raises:
             RefusedError: The robot is not ready, or the running task has precedence.
@@ -205,10 +206,11 @@ class Ownership:
         self._tasks.start(orders)
 
     def resume_task(self) -> None:
-        """Resume a paused task, or end the wait of a waiting one.
+        """Resume a paused task, or end the wait of a waiting task.
 
         Raises:
-            RefusedError: There is no task, the robot is not ready, or an action owns the device.
+            RefusedError: There is no task, the robot is not ready, or an action is using the device
+                that the task needs (wheels, jack, ...).
         """
         self._tasks.require_active(refusals.NO_TASK_TO_RESUME)
         if self._tasks.paused:
@@ -219,8 +221,8 @@ class Ownership:
         """Resume a paused task, or retry a failed one from the job that failed.
 
         Raises:
-            RefusedError: There is no task to recover, the robot is not ready, or an action owns the
-                device.
+            RefusedError: There is no task to recover, the robot is not ready, or an action is using
+                the device that the task needs.
         """
         if self._tasks.recoverable:
             self._take_device_for_task()
@@ -234,7 +236,7 @@ class Ownership:
         Args:
             name: Full name of the action.
             job: The job.
-            ends: Another device, whose action ends too.
+            ends: Another device; an action on it ends too.
 
         Raises:
             RefusedError: A task owns one of the devices, or steps run already.
@@ -310,12 +312,12 @@ class Ownership:
         self._follower.stop()
 
     def _has_precedence(self, order: TaskOrder) -> bool:
-        """Return True if the running task has precedence over a new one."""
+        """Return True if the running task has precedence over a new task."""
         if not self._robot.profile.refusals.while_busy:
             return False
         if not self._tasks.active:
             return self._tasks.between_tasks
-        # A robot that charges by itself does so until another kind of task comes.
+        # Only a task of another type replaces an automatic task.
         return not self._tasks.automatic or self._tasks.proc.type == order.type
 
     def _take_device_for_task(self) -> None:

@@ -1,4 +1,4 @@
-"""Tasks: their life cycle, and the TaskProc messages that clients receive about them."""
+"""Tasks: their life cycle, and the TaskProc reports that clients receive about tasks."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from woosh_robot_agent.simulator.timeline import DelayedCalls
 
 
 class TaskReports:
-    """Pushes the reports about tasks, and keeps the last one.
+    """Pushes the reports about tasks, and keeps the last report.
 
     Args:
         robot: Pushes the reports.
 
     Attributes:
-        last: The last report, also if it is withheld.
+        last: The last report, even if it is withheld.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -115,7 +115,7 @@ _NO_STATE = util_robot_pb2.kStateUndefined
 """State of the robot without a task."""
 
 _PUSH_GAP = 0.003
-"""Time between a push and another one that it causes, in seconds."""
+"""Time between a push and another push that it causes, in seconds."""
 
 
 @dataclass
@@ -127,8 +127,8 @@ class TaskOrder:
         type: Type of the task.
         dest: Number of the target mark, empty if the target is not a mark.
         jobs: Returns the jobs of the task, in order, when it starts.
-        automatic: The robot has started the task by itself.
-        own_id: The robot has chosen the id.
+        automatic: True if the robot has started the task by itself.
+        own_id: True if the robot has chosen the id.
     """
 
     id: int
@@ -149,7 +149,7 @@ class Tasks:
         proc: The current or last task. Its state may be ahead of the reports.
         state: State that the task gives the robot, `kStateUndefined` without a task.
         history: The last 50 ended tasks, oldest first.
-        impeded: An obstacle blocks the task at the moment.
+        impeded: True if an obstacle blocks the task at the moment.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -161,7 +161,7 @@ class Tasks:
         self._profile = robot.profile.tasks
         self._reports = TaskReports(robot)
         self._planned = DelayedCalls(robot)
-        """What happens to the task later: reports, the next job, the effects of orders."""
+        """Scheduled calls of the task: reports, the start of the next job, effects of orders."""
         self._jobs: deque[Job] = deque()
         """Remaining jobs of the task, the current one first.
 
@@ -172,13 +172,13 @@ class Tasks:
         self._automatic = False
         """True if the robot has started the task by itself."""
         self._starting: deque[Callable[[], None]] = deque()
-        """First reports of the task and the start of its first job. Each tick makes one call."""
+        """Calls that report the start of the task and begin its first job; one call per tick."""
         self._working = False
         """True from the start of the current job until it ends or is stopped."""
         self._canceling = False
         """True from the cancellation of the task until the report that shows it."""
         self._rest_of_set: deque[TaskOrder] = deque()
-        """Tasks of the set that follow the current one."""
+        """Tasks of the set that follow the current task."""
         self._last_id = 0
         """Last id that the robot has chosen."""
 
@@ -210,7 +210,7 @@ class Tasks:
 
     @property
     def automatic(self) -> bool:
-        """True if the current task is an automatic one."""
+        """True if the current task is automatic: the robot started it by itself."""
         return self.active and self._automatic
 
     @property
@@ -229,14 +229,14 @@ class Tasks:
         return job is not None and not self.paused and job.device is device
 
     def new_id(self) -> int:
-        """Return a unique id for a task that came without one, based on the simulated time."""
+        """Return a unique id for a task that came without an id, based on the simulated time."""
         profile = self._profile
         wanted = int(self._robot.time) * profile.own_id_factor + profile.own_id_offset
         self._last_id = max(wanted, self._last_id + 1)
         return self._last_id
 
     def start(self, orders: Sequence[TaskOrder]) -> None:
-        """Start one task or those of a set, and cancel the current one."""
+        """Start one task or the tasks of a set, and cancel the current task."""
         if self.active:
             self._end(util_task_pb2.kCanceled, f"replaced by task {orders[0].id}")
         self._rest_of_set = deque(orders)
@@ -254,7 +254,7 @@ class Tasks:
         Args:
             reason: Text of the report.
             state: State of the action in the report.
-            ordered: A client has ordered it, so that the report comes later.
+            ordered: True if a client has ordered the pause; then the report comes later.
 
         Raises:
             RefusedError: There is no task.
@@ -268,7 +268,7 @@ class Tasks:
         self._planned.add(self._order_delay() if ordered else 0.0, report)
 
     def resume(self) -> None:
-        """Resume a paused task, or end the wait of a waiting one."""
+        """Resume a paused task, or end the wait of a waiting task."""
         if self.paused:
             self.retry()
         elif isinstance(self.job, Wait):
@@ -299,7 +299,7 @@ class Tasks:
 
         Args:
             reason: Text of the report.
-            ordered: A client has ordered it, so that the report comes later.
+            ordered: True if a client has ordered the cancel; then the report comes later.
 
         Raises:
             RefusedError: There is no task.
@@ -317,7 +317,7 @@ class Tasks:
         self._planned.add(self._order_delay() if ordered else 0.0, end)
 
     def cancel_automatic(self, reason: str) -> None:
-        """Cancel the task if it is an automatic one."""
+        """Cancel the task if it is automatic."""
         if self.automatic:
             self.cancel(reason)
 
@@ -331,10 +331,10 @@ class Tasks:
         """Check that there is a task.
 
         Args:
-            refusal: The situation if there is none.
+            refusal: The refusal to raise.
 
         Raises:
-            RefusedError: There is none.
+            RefusedError: There is no task.
         """
         if not self.active:
             raise RefusedError(refusal)
@@ -344,7 +344,8 @@ class Tasks:
 
         Args:
             dt: Duration, in seconds.
-            device_free: No action owns the device of the current job. Otherwise the job waits.
+            device_free: True if no action owns the device of the current job; if False, the job
+                waits.
         """
         if self._starting:
             self._starting.popleft()()
@@ -488,7 +489,7 @@ class Tasks:
         elif state == util_task_pb2.kFailed or (
             self._robot.battery.charges and not self._rest_of_set
         ):
-            # The report stays: the task can be recovered, or the robot still does its work.
+            # The last report stays: the task can be recovered, or the robot is still charging.
             self._planned.add(_PUSH_GAP, self._clear_state)
         else:
             self._planned.add(empty_report.at(chance.random()), self._go_on)
@@ -498,7 +499,7 @@ class Tasks:
         self.state = _NO_STATE
 
     def _go_on(self) -> None:
-        """Report that the robot has no task, and start the next one of the set."""
+        """Report that the robot has no task, and start the next task of the set."""
         self._reports.push_empty()
         self._clear_state()
         self._planned.add(_PUSH_GAP, partial(self._start_next, at_once=True))

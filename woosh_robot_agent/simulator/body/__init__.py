@@ -1,1 +1,1 @@
-"""The parts of the robot: base, battery, lifts, Wi-Fi, modes, status codes."""
+"""Parts of the robot: base, battery, lifts, Wi-Fi, modes, status codes."""

@@ -55,7 +55,7 @@ class Base:
         odometer: Total distance driven so far, in metres.
         rolls_for: Time constant of the exponential slowdown after remote control, in seconds; 0
             to slow down at a constant rate.
-        stops_below: Speed at which this slowdown ends, in m/s or rad/s.
+        stops_below: Speed at which the exponential slowdown ends, in m/s or rad/s.
         max_speed: Maximum speed, in m/s.
         max_turn_rate: Maximum turn rate, in rad/s.
 
@@ -64,7 +64,7 @@ class Base:
         odometry: Pose by wheel odometry, which never jumps. Its heading is not wrapped.
         velocity: Current velocity.
         odometer: Total distance driven, in metres.
-        blocked: A collision stopped the base in the last step.
+        blocked: True if a collision stopped the base in the last step.
     """
 
     def __init__(
@@ -99,7 +99,8 @@ class Base:
 
         Args:
             velocity: Wanted velocity.
-            rolls_on: Roll on afterwards, as after remote control, instead of a constant slowdown.
+            rolls_on: Slow down exponentially afterwards, as after remote control, instead of at a
+                constant rate.
         """
         self._wanted = velocity.limited(self.max_speed, self.max_turn_rate)
         self._rolls_on = rolls_on
@@ -122,8 +123,8 @@ class Base:
     def tick(self, dt: float, gap: Callable[[Pose], float]) -> None:
         """Move for `dt` seconds.
 
-        A move that would cause a collision is not made. A base that already overlaps something,
-        because one of the two was placed there, can move out of it.
+        A move that would cause a collision is not made. A base that already overlaps an obstacle,
+        because the base or the obstacle was placed there, can move out of it.
 
         Args:
             dt: Duration of the step, in seconds.

@@ -1,4 +1,4 @@
-"""The devices of the robot: what a job can own, battery, lifts and Wi-Fi; modes and conditions."""
+"""Devices of the robot, e.g. battery, lifts and Wi-Fi; its modes and conditions."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ class Battery:
 
     Args:
         level: Charge at the start, in percent.
-        profile: Rates, and values that are only reported.
+        profile: Drain and charge rates, and constants that are reported but not simulated, e.g.
+            `health`.
 
     Attributes:
         level: Charge, in percent.
-        profile: Rates, and values that are only reported.
+        profile: As above.
         charging: State of charging.
     """
 
@@ -102,8 +103,8 @@ class WiFi:
     """The Wi-Fi client. The same networks are always within reach.
 
     Attributes:
-        name: SSID of the network it is connected to, empty if none.
-        hotspot: It is a hotspot instead of a client.
+        name: SSID of the connected network; empty without a connection.
+        hotspot: True if the robot is a hotspot instead of a client.
         list_json: Networks found by the last scan, as JSON; empty before the first scan.
     """
 
@@ -138,7 +139,7 @@ class WiFi:
         return self.list_json
 
     def add(self, content: bytes, *, connect: bool) -> None:
-        """Add a network to the known ones, and connect to it if wanted.
+        """Add a network to the known networks, and connect to it if `connect` is True.
 
         Raises:
             RefusedError: `content` is not a JSON object with the `ssid` of a network within reach.
@@ -162,7 +163,7 @@ class WiFi:
         self.name, self.hotspot = ssid, False
 
     def forget(self, content: bytes) -> None:
-        """Remove the network with this SSID from the known ones.
+        """Remove the network with this SSID from the known networks.
 
         Raises:
             RefusedError: The network is not known.
@@ -192,13 +193,14 @@ class Readiness:
 
     Attributes:
         ctrl: Control mode that clients requested.
-        key_manual: The key switch is at manual, which overrides `ctrl` and switches the motors off.
-        key_accepts: Requests are accepted although the key switch is at manual.
+        key_manual: True if the key switch is at manual, which overrides `ctrl` and switches the
+            motors off.
+        key_accepts: True if requests are accepted although the key switch is at manual.
         work: Work mode.
-        initialised: A client has told the robot its pose since it was switched on.
-        located: The robot knows its pose.
-        emergency_stop: The emergency stop button is pressed.
-        battery_empty: The battery is empty.
+        initialised: True if a client has told the robot its pose since it was switched on.
+        located: True if the robot knows its pose.
+        emergency_stop: True if the emergency stop button is pressed.
+        battery_empty: True if the battery is empty.
     """
 
     ctrl: util_robot_pb2.ControlMode = util_robot_pb2.kAuto
@@ -227,7 +229,7 @@ class Readiness:
 
     @property
     def obstruction(self) -> Refusal | None:
-        """The first reason to refuse tasks and actions, and to stop running ones; None if none."""
+        """The first reason to refuse and to stop tasks and actions; None without a reason."""
         for objection in self.objections():
             if not (objection is refusals.KEY_AT_MANUAL and self.key_accepts):
                 return objection
@@ -237,7 +239,7 @@ class Readiness:
         """Check that the robot accepts tasks and actions.
 
         Raises:
-            RefusedError: It does not.
+            RefusedError: The robot does not accept them.
         """
         if self.obstruction:
             raise RefusedError(self.obstruction)
@@ -246,7 +248,7 @@ class Readiness:
         """Check that the robot knows its pose.
 
         Raises:
-            RefusedError: It does not.
+            RefusedError: The robot does not know its pose.
         """
         if not self.initialised:
             raise RefusedError(refusals.NOT_INITIALISED)

@@ -1,4 +1,4 @@
-"""The running statistics, and the status codes: records of days, tasks and problems."""
+"""Records of days, tasks and problems for CountData, and the log of status codes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Record = TypeVar("Record", count_pb2.Operation, count_pb2.Task, count_pb2.Status
 
 
 class Statistics:
-    """Counts what the robot does. A record is pushed when it opens, when it changes and at its end.
+    """Records of what the robot does. A record is pushed when it is opened, changed and closed.
 
     There is a record for each day on which the robot is switched on, for each task, and for each
     problem that a status code has reported. Durations do not depend on the robot's clock, which may
@@ -44,7 +44,7 @@ class Statistics:
             driven, in seconds; None for never.
 
     Attributes:
-        days: Records of the days, oldest first. That of the present day is as `update` left it.
+        days: Records of the days, oldest first. `update` brings the present day up to date.
         tasks: Records of the tasks, oldest first.
         statuses: Records of the problems, oldest first.
     """
@@ -65,7 +65,7 @@ class Statistics:
         """Simulated time at which the last task started, in seconds."""
 
     def tick(self, odometer: float) -> None:
-        """Push the record of the day if it is due, and begin a new one with a new day.
+        """Push the record of the day if it is due, and open a new record at midnight.
 
         Args:
             odometer: Total distance driven, in metres.
@@ -94,8 +94,8 @@ class Statistics:
         """Open the record of a task.
 
         Args:
-            task_id: Its `robot_task_id`.
-            dest: Number of its target mark, empty if the target is not a mark.
+            task_id: The `robot_task_id` of the task.
+            dest: Number of the target mark, empty if the target is not a mark.
         """
         self._task_start = self._timeline.elapsed
         record = count_pb2.Task(task_id=task_id, dest=dest, state=count_pb2.Task.kExecuting)
@@ -175,7 +175,7 @@ class Codes:
     Args:
         language: Language of the texts.
         publish: Adds time, state and task to a new code, and sends it to the clients.
-        statistics: Counts the problems: codes from warnings upwards, and those of `watch`.
+        statistics: Records the problems: warnings, faults, and all codes passed to `watch`.
 
     Attributes:
         recent: The last 50 codes, oldest first.
@@ -208,7 +208,7 @@ class Codes:
 
         Args:
             code: The code.
-            kind: Kind of the action that the code is about.
+            kind: Kind of the action that the code concerns.
             detail: Further text, in English; it is left out in other languages.
         """
         status = self._report(code, kind, detail)

@@ -29,7 +29,7 @@ _BURST_CODES = (
 """Codes of a burst."""
 
 _REPEATED_SHARE = 0.8
-"""Share of the codes of a burst that equal the one before."""
+"""Share of the codes of a burst that equal the code before."""
 
 _BACKLOG_TIMEOUT = 1.0
 """Time for which a burst waits for a client that does not read, in seconds of real time."""

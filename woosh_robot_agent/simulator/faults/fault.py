@@ -1,4 +1,4 @@
-"""What a fault is, and its arguments: the same for command line, scenario and Python."""
+"""The definition of faults and their arguments, for command line, scenarios and Python."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Argument:
         high: Maximum of a number.
         unit: Unit of a number.
         choices: Valid texts; empty if all texts are valid.
-        is_message: The text must be empty or the full name of a protobuf message.
+        is_message: True if the text must be empty or the full name of a protobuf message.
     """
 
     name: str
@@ -131,9 +131,9 @@ class Fault:
         name: Name of the fault.
         description: Effect of the fault, for the documentation.
         begin: Function that begins the fault.
-        own: Arguments, without the common ones of lasting faults.
-        lasting: The fault lasts until it is cleared or expires. Otherwise it is momentary.
-        shared: Simultaneous injections act as one fault, which ends with the last of them.
+        own: Arguments, without `for`, which all lasting faults have.
+        lasting: True if the fault lasts until it is cleared or expires; False if it is momentary.
+        shared: True if simultaneous injections act as one fault, which ends with the last of them.
         check: Raises FaultError for an invalid combination of arguments.
     """
 
@@ -147,7 +147,7 @@ class Fault:
 
     @property
     def takes(self) -> tuple[Argument, ...]:
-        """All arguments that it takes, with the common ones."""
+        """All arguments, including `for`."""
         return (*self.own, FOR) if self.lasting else self.own
 
     def resolve(
@@ -195,7 +195,7 @@ def fault(
     shared: bool = False,
     check: Callable[[Mapping[str, Any]], None] | None = None,
 ) -> Callable[[Begin], Begin]:
-    """Add a fault to `FAULTS`: the decorated function begins it, and gives it its name."""
+    """Add a fault to `FAULTS`. The decorated function begins the fault, and has its name."""
 
     def add(begin: Begin) -> Begin:
         name = begin.__name__.strip("_")

@@ -1,4 +1,4 @@
-"""All faults: how they are written on the command line and in scenarios, how they begin and end."""
+"""Parse faults of the command line and of scenarios, and begin and end faults."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def find(name: str) -> Fault:
 
 
 def markdown() -> str:
-    """Return the table as Markdown."""
+    """Return the table of all faults in Markdown."""
     rows = [("Fault", "Effect", "Kind", "Arguments"), ("---",) * 4]
     for fault in FAULTS.values():
         arguments = "<br>".join(_argument(argument) for argument in fault.own)
@@ -62,7 +62,7 @@ def _argument(argument: Argument) -> str:
     return f"`{argument.name}` ({argument.allowed}, default {text}): {argument.description}"
 
 
-_AT = Argument("at", 0.0, "when it begins", 0.0, unit="s of simulated time")
+_AT = Argument("at", 0.0, "time at which the fault begins", 0.0, unit="s of simulated time")
 
 
 def make_step(name: str, **arguments: object) -> Step:
@@ -146,7 +146,7 @@ class Injector:
 
     Args:
         server: The simulated chassis.
-        seed: Seed of their random choices.
+        seed: Seed of the faults' random choices.
         steps: Scheduled faults.
 
     Attributes:
@@ -162,7 +162,7 @@ class Injector:
         self._active: dict[Injection, float | None] = {}
         """Active faults, oldest first, with the simulated times at which they expire."""
         self._ends: dict[object, End] = {}
-        """Functions that end the faults. A shared fault has one for all its injections."""
+        """Functions that end the faults. All injections of a shared fault have one function."""
 
     @property
     def active(self) -> list[Injection]:

@@ -233,7 +233,7 @@ _MIB = 1024 * 1024
 _CHUNK = 256 * 1024
 _UNKNOWN_NAME, _UNKNOWN_VALUE = "fieldOfLaterFirmware", {"level": [1, 2.5, "x", None]}
 _UNKNOWN_NUMBER = 1999
-"""A field that no message of the chassis has: name, value and number."""
+"""Name, value and number of a field that no message of the chassis has."""
 _VARINT, _FIXED64, _DELIMITED = 0, 1, 2
 _WIDE = (
     FieldDescriptor.TYPE_DOUBLE,

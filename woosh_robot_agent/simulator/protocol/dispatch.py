@@ -31,8 +31,8 @@ class Answer:
 
     Attributes:
         type: Full protobuf name of the body, or `error`.
-        body: Body, None for an empty one.
-        ok: The request was executed.
+        body: Body, None for an empty body.
+        ok: True if the request was executed.
         msg: Text for people; the reason if the request was refused.
         code: Status code that follows the answer, None if there is none.
     """

@@ -18,7 +18,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
 Result = Message | str | None
-"""Content of the answer: its body, a text for an answer with an empty body, or None."""
+"""Content of the answer: a body, a text (then the body is empty), or None (both are empty)."""
 
 Handler = Callable[[Chassis, Any], Result]
 """Executes a request of the type for which it is registered. Raises `RefusedError` to refuse."""
@@ -51,7 +51,7 @@ def _adding(handlers: dict[str, Handler], request: type[Message]) -> Callable[[H
 
 
 MAX_POSES = 200
-"""Maximum number of poses in a request. Each may need a search of the whole map."""
+"""Maximum number of poses in a request. Each pose may need a search of the whole map."""
 
 
 def pose(message: common_pb2.Pose2D) -> Pose:
@@ -63,7 +63,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     """Convert messages to poses.
 
     Raises:
-        RefusedError: There are more than `MAX_POSES`.
+        RefusedError: There are more than `MAX_POSES` messages.
     """
     found = [pose(message) for message in messages]
     if len(found) > MAX_POSES:
@@ -72,7 +72,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
 
 
 def named_scene(chassis: Chassis, name: str) -> Scene:
-    """Return the scene called `name`, or the current one if `name` is empty.
+    """Return the scene called `name`, or the current scene if `name` is empty.
 
     Raises:
         RefusedError: There is no such scene.
@@ -88,7 +88,7 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
 
 
 def named_map(scene: Scene, name: str) -> Map:
-    """Return the map of a scene called `name`, or the first one if `name` is empty.
+    """Return the map called `name` of a scene, or its first map if `name` is empty.
 
     Raises:
         RefusedError: There is no such map.
@@ -130,7 +130,7 @@ def require_inside(mark: Mark, area: Map) -> None:
     """Check that a mark is on the mapped area of its map.
 
     Raises:
-        RefusedError: It is outside.
+        RefusedError: The mark is outside.
     """
     if not area.contains(*mark.pose.point):
         raise RefusedError(f"mark {mark.number} is outside map {area.name}: choose a pose inside")
@@ -140,17 +140,17 @@ def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
     """Check that a mark can be the target of a task of a type.
 
     Raises:
-        RefusedError: It cannot.
+        RefusedError: The mark does not suit this type of task.
     """
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
         raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
 
 
 def require_map_change(chassis: Chassis) -> None:
-    """Check that nothing runs or is paused that would go on on another map.
+    """Check that no task or navigation would continue on another map.
 
     Raises:
-        RefusedError: Something does.
+        RefusedError: A task, an action or a navigation runs or is paused.
     """
     # A paused task or navigation would continue to a target on the old map.
     if chassis.tasks.paused:

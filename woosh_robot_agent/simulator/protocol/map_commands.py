@@ -66,9 +66,9 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
-    """Return the name of the scene of a map that is named without one.
+    """Return the name of the scene of a map that a request names without its scene.
 
-    That is the current scene, unless only one other scene has the map.
+    That is the current scene, unless exactly one other scene has the map.
     """
     if not map_name or chassis.scene.map(map_name):
         return chassis.scene.name
@@ -152,17 +152,17 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
 
 
 def _require_idle(chassis: Chassis) -> None:
-    """Check that nothing runs that a change of the current map would disturb.
+    """Check that the robot does nothing that a change of the current map would disturb.
 
     Raises:
-        RefusedError: Something runs or is paused, or a map is being made.
+        RefusedError: A task, an action or a navigation runs or is paused, or a map is being made.
     """
     require_map_change(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
 
 
 def _old_scene(chassis: Chassis, name: str) -> Scene | None:
-    """Return the scene that an upload changes, or None if the upload adds one."""
+    """Return the scene that an upload changes, or None if the upload adds a scene."""
     old = chassis.scenes.get(name)
     if not old and len(chassis.scenes) >= MAX_SCENES:
         raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
@@ -208,19 +208,23 @@ def _sums(scene: Scene) -> map_pack_pb2.SceneFileMD5:
 
 @query(map_pack_pb2.SceneSync)
 def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
+    """Return the requested files of the scenes, each once per scene."""
     found: dict[tuple[str, str], bytes] = {}
     for wanted in request.scenes:
         scene = named_scene(chassis, wanted.scene_name)
         files = files_of(scene).all
-        sums = [*wanted.scenes_md5s, *(each for area in wanted.maps for each in area.map_md5s)]
-        for name in dict.fromkeys(each.name for each in sums):
+        requested = [*wanted.scenes_md5s]
+        for area in wanted.maps:
+            requested += area.map_md5s
+        for name in (file.name for file in requested):
             if name not in files:
                 raise RefusedError(
-                    f"unknown file {name} of scene {scene.name}: SceneMd5 lists its files"
+                    f"scene {scene.name} has no file {name}; SceneMd5 lists its files"
                 )
             found[scene.name, name] = files[name]
-    files_found = [(name, data) for (_, name), data in found.items()]
-    return map_pack_pb2.SceneSyncResponse(file_datas=_file_datas(files_found))
+    # Files of two scenes may have the same name.
+    answered = [(name, data) for (_scene, name), data in found.items()]
+    return map_pack_pb2.SceneSyncResponse(file_datas=_file_datas(answered))
 
 
 @query(storage_edit_pb2.Find)
@@ -267,12 +271,12 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         new = mapping.draft is not None
         duration = mapping.cancel()
         if new:
-            chassis.deployment.end_session()  # its points went with the map
+            chassis.deployment.end_session()  # the collected points went with the map
         else:
             chassis.deployment.cancel()
     else:
         raise RefusedError(f"unknown type {kind} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save")
-    # The answer comes when it is done.
+    # The answer comes when the map is started, saved or cancelled.
     chassis.answer_delay = duration
     return None
 
@@ -298,7 +302,7 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
     found: Sequence[CollectedPoint] = []
     if mode == pack.kDepCollect:
         where = pose(request.pose)
-        # Some clients send an empty pose if they mean that of the robot.
+        # Some clients send an empty pose if they mean the pose of the robot.
         given = request.HasField("pose") and where != Pose()
         found = [chassis.deployment.collect(_KINDS[kind], where if given else None)]
     elif mode == pack.kDepCancel:

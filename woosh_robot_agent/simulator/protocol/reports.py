@@ -1,4 +1,4 @@
-"""Reports: messages that describe the state of the robot, and when they are pushed."""
+"""Reports: messages that describe the state of the robot, and the times of their pushes."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def abnormal_codes(chassis: Chassis) -> robot_count_pb2.AbnormalCodes:
 
 
 def nav_path(chassis: Chassis) -> robot_pb2.NavPath:
-    """Return the path of the navigation, empty if there is none."""
+    """Return the path of the navigation; empty without a navigation."""
     path = navigation_pb2.Path()
     if chassis.ownership.navigation:
         path.poses.extend(map(pose2d, chassis.ownership.navigation.path))
@@ -212,7 +212,7 @@ def nav_path(chassis: Chassis) -> robot_pb2.NavPath:
 
 
 def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
-    """Return the path of the navigation with its target, empty if there is none."""
+    """Return the path of the navigation with its target; empty without a navigation."""
     plan = robot_pb2.PlanPath(robot_id=chassis.robot_id)
     if chassis.ownership.navigation:
         plan.plan_path.add(
@@ -273,7 +273,7 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
 
 
 def build_map_data(chassis: Chassis) -> robot_pack_pb2.BuildMapData:
-    """Return the map that is being made, empty if there is none.
+    """Return the map that is being made; empty if no map is being made.
 
     The picture has the grey values of `scene_data`. The marks are a serialised MarkInfo.
     """
@@ -316,7 +316,7 @@ def scene_data_easy(scene: Scene) -> map_pack_pb2.SceneDataEasy:
 def scene_data(scene: Scene) -> map_pack_pb2.SceneData:
     """Return the maps of a scene with their pictures and marks, and the tasks of the scene.
 
-    In the pictures 0 is occupied, 254 free and 205 unknown, as in those of nav2's map_saver.
+    In the pictures 0 is occupied, 254 free and 205 unknown, as in pictures of nav2's map_saver.
     """
     files = files_of(scene).of_maps
     return map_pack_pb2.SceneData(
@@ -386,7 +386,7 @@ PERIODIC: dict[type[Message], Callable[[Chassis], Message]] = {
     robot_pb2.ScannerData: scanner_data,
     robot_pack_pb2.BuildMapData: build_map_data,
 }
-"""Reports that are pushed at their rate, even if nothing has changed, by their message class."""
+"""Reports that are pushed periodically, even if nothing has changed, by their message class."""
 
 
 _STATES = {cls.DESCRIPTOR.full_name: report for cls, report in STATES.items()}
@@ -418,15 +418,15 @@ TOPICS = frozenset(_STATES) | frozenset(_PERIODIC) | _EVENTS
 
 
 class StateWatch:
-    """Detects which of the watched states have changed since the last call.
+    """Detects which of the watched states have changed since the last call of `changed`.
 
-    It limits the rate of PoseSpeed, and repeats an unchanged Battery, as the profile says.
+    It limits the rate of PoseSpeed, and repeats an unchanged Battery, both as in the profile.
     """
 
     def __init__(self, chassis: Chassis) -> None:
         self._chassis = chassis
         self._last: dict[str, bytes] = {}
-        """Last known state of each watched topic, encoded."""
+        """Last known state of each watched topic, serialized."""
         self._due: dict[str, float] = {}
         """Time at which each watched periodic report was last due, in seconds."""
         self._next_pose = 0.0

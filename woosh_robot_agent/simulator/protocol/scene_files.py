@@ -1,7 +1,7 @@
 """The files of a scene that a client uploads, and the commands that edit its marks.
 
-They are kept in memory, never on disk. Those that describe the scene, its maps, marks or tasks take
-effect; others are only kept. An invalid upload changes nothing.
+The files are kept in memory, never on disk. Files that describe the scene, its maps, marks or tasks
+take effect; others are only kept. An invalid upload changes nothing.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ def updated_scene(
     Args:
         name: Name of the scene.
         old: The scene before the upload, None if it is new.
-        upload: The uploaded files: those of a robot's folder, a `scene.yaml`, or maps of
+        upload: The uploaded files: files of a robot's folder, a `scene.yaml`, or maps of
             map_server.
-        replace: The uploaded files are the only ones of the scene.
+        replace: True to drop the old files of the scene.
 
     Returns:
         The scene, or None if no file describes it.
@@ -97,7 +97,7 @@ def updated_scene(
 def _described(
     name: str, old: Scene | None, new: Mapping[str, bytes], files: Mapping[str, bytes]
 ) -> Scene | None:
-    """Return the scene that an upload describes, None if it describes none.
+    """Return the scene that an upload describes, None if it describes no scene.
 
     Args:
         name: Name of the scene.
@@ -124,7 +124,7 @@ def _described(
 
 
 def _continued(area: Map, before: Map) -> Map:
-    """Return a map with what it keeps of the one of its name before."""
+    """Return an uploaded map with the end pose, walls and version of the map that it replaces."""
     area = dataclasses.replace(area, end=area.end or before.end)
     changed = mark_info_of(area) != mark_info_of(before)
     if not area.same_ground(before):
@@ -146,7 +146,7 @@ def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
 
 
 def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
-    """Check that each picture of an upload can be read, also those that no map uses.
+    """Check that each picture of an upload can be read, even if no map uses the picture.
 
     Raises:
         RefusedError: A picture cannot be read.
@@ -165,7 +165,7 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
 def merge_files(
     old: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
 ) -> dict[str, bytes]:
-    """Return the files of a scene with those of an upload.
+    """Return the files of a scene, where the files of an upload replace or complete the old ones.
 
     Raises:
         RefusedError: A file name is invalid, or the files are too many or too large.
@@ -234,7 +234,7 @@ def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
 
 @command(storage_edit_pb2.Update)
 def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
-    """Change the mark with the given number, or else give the mark with that id a new number."""
+    """Change the mark with the given number; if no mark has it, renumber the mark with the id."""
     area, changes = chassis.map, request.storage
     number, id_ = changes.identity.no, changes.identity.id
     by_id = next((mark for mark in area.marks.values() if id_ and mark.id == id_), None)
@@ -265,7 +265,7 @@ def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = Non
     Args:
         chassis: The robot, on whose current map the mark is.
         storage: Data of the mark.
-        old: The mark that it replaces, None for a new one.
+        old: The mark that it replaces, None for a new mark.
 
     Raises:
         RefusedError: The mark cannot be on this map.

@@ -102,7 +102,7 @@ _MAX_SPEECH = 1000
 """Number of characters of a spoken text that are kept."""
 
 _MAX_LIGHT = 15
-"""Maximum number of a submodule of the lights. The schema does not say which ones there are."""
+"""Maximum number of a submodule of the lights. The schema does not say which submodules exist."""
 
 
 @command(pack.InitRobot)
@@ -111,7 +111,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
         task = chassis.tasks.proc.robot_task_id
         raise RefusedError(refusals.INIT_DURING_TASK, task=task)
     chassis.mapping.require_none(refusals.INIT_WHILE_MAPPING)
-    # Clients may send both, with an empty pose: the record takes precedence.
+    # Clients may send is_record together with an empty pose: is_record takes precedence.
     where = chassis.base.pose if request.is_record else pose(request.pose)
     chassis.localise(where)
     reason = "robot was initialised"
@@ -119,7 +119,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
     chassis.base.halt()
     if chassis.tasks.active:
         chassis.tasks.cancel(reason)
-    # The answer comes when it is done.
+    # The answer comes when the initialisation is done.
     chassis.answer_delay = chassis.initialise()
     return None
 
@@ -290,7 +290,7 @@ _Count = pack.CountData
 
 @query(pack.CountData)
 def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
-    """Return a page of the records of the wanted kinds and their number, or those with some ids."""
+    """Return a page of the records of the requested kinds and their number, or records by id."""
     statistics = chassis.statistics
     statistics.update()
     if request.req_type not in (_Count.kGet, _Count.kSync):

@@ -57,10 +57,10 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
 
 
 def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
-    """Return the mark of a task, or the way to its target.
+    """Return the target mark of a task, or the job that drives to another target.
 
     Clients may send all three kinds of targets, with the unused ones empty: a mark takes precedence
-    over a path, and a path over a pose. A charge task without any leads to the nearest charger.
+    over a path, and a path over a pose. A charge task without target leads to the nearest charger.
 
     Raises:
         RefusedError: The task has no usable target.
@@ -146,16 +146,16 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
 
 
 _MAX_REPEATS = 100
-"""Number of repetitions of a task set."""
+"""Maximum number of repetitions of a task set."""
 
 _MAX_SETS = 200
-"""Number of predefined task sets of a scene."""
+"""Maximum number of predefined task sets of a scene."""
 
 _MAX_TASKS = 99
-"""Number of tasks of a set, whose ids have two digits in the ids of the robot's tasks."""
+"""Maximum number of tasks of a set: a robot_task_id has two digits for the task in its set."""
 
 _MAX_BYTES = 64 * 1024
-"""Maximum size of a predefined task set."""
+"""Maximum size of a predefined task set, in bytes."""
 
 
 @command(pack.ExecPreTask)
@@ -189,7 +189,7 @@ def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
 
 @command(AddTask)
 def _add_task(chassis: Chassis, request: AddTask) -> Result:
-    """Run a task set once. There is no queue: it is refused in the same cases as ExecTask."""
+    """Run a task set once. There is no queue: AddTask is refused in the same cases as ExecTask."""
     chassis.readiness.require_ready()
     _check_size(request)
     _start(chassis, _checked_set(chassis, request.tset), 1)
@@ -197,7 +197,7 @@ def _add_task(chassis: Chassis, request: AddTask) -> Result:
 
 
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
-    """Add or replace a predefined task set, and return it as it is kept."""
+    """Add or replace a predefined task set; return the stored set."""
     sets = {each.task_set.base.id: each for each in chassis.scene.predefined.repeat_tasks}
     kept = RepeatTask()
     kept.CopyFrom(request)
@@ -217,7 +217,7 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
 
 
 def _delete(chassis: Chassis, request: RepeatTask) -> Result:
-    """Delete a predefined task set. If it is running, it goes on."""
+    """Delete a predefined task set. A running task set goes on."""
     gone = request.task_set.base.id
     _predefined(chassis, gone)
     sets = chassis.scene.predefined.repeat_tasks
@@ -227,7 +227,7 @@ def _delete(chassis: Chassis, request: RepeatTask) -> Result:
 
 
 def _exec(chassis: Chassis, request: RepeatTask) -> Result:
-    """Run the tasks in the request, or without any those of the predefined set with its id."""
+    """Run the tasks in the request; without tasks, run the predefined set with the given id."""
     chassis.readiness.require_ready()
     times = _checked_times(request.times)
     if request.task_set.tasks:
@@ -246,10 +246,10 @@ def _check_size(request: Message) -> None:
 
 
 def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
-    """Return a copy of a task set that can be run, with ids where it has none.
+    """Return a checked copy of a task set, with ids where they are missing.
 
     Raises:
-        RefusedError: A task of it is invalid.
+        RefusedError: A task of the set is invalid.
     """
     task_set = WooshTaskSet()
     task_set.CopyFrom(given)
@@ -262,7 +262,7 @@ def _predefined(chassis: Chassis, number: int) -> RepeatTask:
     """Return the predefined task set with an id.
 
     Raises:
-        RefusedError: There is none.
+        RefusedError: There is no such task set.
     """
     for repeat in chassis.scene.predefined.repeat_tasks:
         if repeat.task_set.base.id == number:
@@ -275,7 +275,7 @@ def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
     """Check the tasks of a set, and number them if none of them has an id.
 
     Raises:
-        RefusedError: There are none or too many, an id is invalid or used twice, a mark is
+        RefusedError: There are no or too many tasks, an id is invalid or used twice, a mark is
             unknown or does not suit the type of its task, or the scene has no actions for a task.
     """
     tasks = task_set.tasks
@@ -306,7 +306,7 @@ def _checked_times(times: int) -> int:
     """Return a number of repetitions, where 0 stands for one.
 
     Raises:
-        RefusedError: It is negative or too large.
+        RefusedError: The number is negative or too large.
     """
     if not 0 <= times <= _MAX_REPEATS:
         raise RefusedError(f"{times} repetitions are not within 0 to {_MAX_REPEATS}")
@@ -314,7 +314,7 @@ def _checked_times(times: int) -> int:
 
 
 def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
-    """Start a task set as many times as given, at most `_MAX_REPEATS`."""
+    """Start a task set that is run `times` times, at most `_MAX_REPEATS`."""
     number = task_set.base.id
     bases = [task.base for _ in range(min(times, _MAX_REPEATS)) for task in task_set.tasks]
     chassis.ownership.start_tasks([_task_order(chassis, number, base) for base in bases])

@@ -1,6 +1,6 @@
-"""The table of a scene that says of which actions its tasks consist: `action_groups.json`.
+"""The table of a scene that lists the actions of each kind of task: `action_groups.json`.
 
-The default, in the folder `data/`, has the content of the table of a real TR-200.
+The default table, in the folder `data/`, has the content of a real TR-200's table.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Action:
         stepctrl_type: Kind of a step: 0 is straight, 1 a turn.
         stepctrl_value: Distance of a step in metres, or its angle in radians.
         stepctrl_speed: Speed of a step, in m/s or rad/s; 0 for the default.
-        stepctrl_avoid: A step stops before obstacles.
+        stepctrl_avoid: True if a step stops before obstacles.
     """
 
     action: Annotated[int, _check_action]
@@ -80,8 +80,8 @@ class ActionGroups:
     """The table of a scene.
 
     Attributes:
-        data: Content of its file.
-        groups: Its groups.
+        data: Content of the file.
+        groups: Groups of the table.
     """
 
     data: bytes
@@ -102,10 +102,10 @@ def read_action_groups(name: str, data: bytes) -> ActionGroups:
 
     Args:
         name: Name of the file, for errors.
-        data: Its content. Unknown keys are ignored.
+        data: Content of the file. Unknown keys are ignored.
 
     Raises:
-        DataFileError: It is not such a table.
+        DataFileError: The file is not such a table.
     """
     groups = structure(_File, load_json(name, data), name, known_only=False).task_type
     keys = [(each.type, each.no) for each in groups]
@@ -117,6 +117,6 @@ def read_action_groups(name: str, data: bytes) -> ActionGroups:
 
 @lru_cache
 def default_action_groups() -> ActionGroups:
-    """Return the table of a scene without one of its own."""
+    """Return the table for scenes without a table."""
     file = Path(__file__).parents[1] / "data" / ACTION_GROUPS
     return read_action_groups(ACTION_GROUPS, file.read_bytes())

@@ -1,4 +1,4 @@
-"""Finds and reads scenes: a robot's folder, a folder with `scene.yaml`, or nav2's maps.
+"""Find and read scenes: a robot's folder, a folder with `scene.yaml`, or nav2's maps.
 
 The shipped scenes are in the folder `data/`. `wooshmap` is a hall with two partitions, three
 pillars and a gate. `scenex` is the same hall furnished differently, with a second, empty floor.
@@ -92,7 +92,7 @@ def _content(file: Path) -> bytes:
 
 
 MAX_SCENES = 20
-"""Number of known scenes from which on new ones are refused."""
+"""Maximum number of known scenes; further scenes are refused."""
 
 _SHIPPED = tuple(Path(__file__).parents[1] / "data" / name for name in ("wooshmap", "scenex"))
 _START_CLEARANCE = 0.6
@@ -103,8 +103,8 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
     """Return the scenes that a robot knows, by name, and the one in which it starts.
 
     Args:
-        given: Folders or files of further scenes, as for `load_scene`. They replace shipped ones of
-            the same name. The robot starts in the first of them.
+        given: Folders or files of further scenes, as for `load_scene`. They replace shipped scenes
+            of the same name. The robot starts in the first of these scenes, if there are any.
 
     Raises:
         DataFileError: A file cannot be used.
@@ -120,7 +120,7 @@ def start(scene: Scene) -> tuple[Map, Pose]:
 
 
 def _free_place(area: Map) -> Point:
-    """Return the origin, a mark, or the place of a grid with the most room around it."""
+    """Return the origin or a mark if there is room, or the roomiest place of the grid."""
     for point in ((0.0, 0.0), *(mark.pose.point for mark in area.marks.values())):
         if area.contains(*point) and area.clearance(*point) >= _START_CLEARANCE:
             return point

@@ -1,4 +1,4 @@
-"""Reads maps of nav2's map_server: a picture (PNG, or plain or raw PGM) and a YAML file.
+"""Read maps of nav2's map_server: a picture (PNG, or plain or raw PGM) and a YAML file.
 
 The keys of the YAML file have the same meaning as for nav2's map_server. Robots leave out `negate`
 and the thresholds.
@@ -21,7 +21,8 @@ from woosh_robot_agent.simulator.world.grid import Grid, KeepOut
 from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED, UNKNOWN
 
 _MAX_PIXELS = 4096 * 4096
-"""Cells of 5 cm for 200 x 200 m. Computing the distance fields then takes some seconds."""
+"""Maximum size of a picture: 200 x 200 m with pixels of 5 cm. Computing the distance fields then
+takes some seconds."""
 
 Cells: TypeAlias = npt.NDArray[np.int8]
 Floats: TypeAlias = npt.NDArray[np.float32]
@@ -64,7 +65,7 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
 
     Args:
         name: Name of the YAML file.
-        content: Its content. Unknown keys are ignored, as by map_server.
+        content: Content of the YAML file. Unknown keys are ignored, as by map_server.
         read: Returns the content of the file with the given name, or raises `DataFileError`.
 
     Raises:
@@ -79,11 +80,11 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
 
 
 def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
-    """Return the cells of a grid that a picture marks as areas to keep out of.
+    """Return the cells of a grid that a picture marks as keep-out areas.
 
     Args:
         name: Name of the picture.
-        data: The picture, in which these areas are dark, as in the masks of nav2.
+        data: The picture, in which keep-out areas are dark, as in the masks of nav2.
         grid: The grid.
 
     Raises:
@@ -104,7 +105,7 @@ def check_picture(name: str, data: bytes) -> None:
     """Check that a picture can be read.
 
     Raises:
-        DataFileError: It cannot.
+        DataFileError: The picture cannot be read.
     """
     _pixels(name, data)
 

@@ -1,4 +1,4 @@
-"""Reads the files of a scene as robots keep them; `scenes.scene` describes them."""
+"""Read the files of a scene as robots keep them; `scenes.scene` describes these files."""
 
 from __future__ import annotations
 
@@ -61,20 +61,20 @@ MAX_TASKS = 200
 """Maximum number of task sets of one kind, and of tasks in a set."""
 
 _MAX_PIXELS = 32 * 1024 * 1024
-"""Limit for all pictures of a scene together. Reading them blocks the simulator."""
+"""Maximum size of all pictures of a scene together. Reading pictures blocks the simulator."""
 
 _MAX_SIDE = 500.0
 """Maximum length of a side of a map, in metres."""
 
 DEFAULT_FLOOR = "1F"
-"""Floor of a map that does not name one."""
+"""Floor of a map that names no floor."""
 
 _INT32 = 2**31 - 1
 
 
 @dataclass(frozen=True)
 class _EndPose:
-    """Where the robot was last, in metres and radians."""
+    """Last pose of the robot on a map, in metres and radians."""
 
     x: float
     y: float
@@ -82,10 +82,10 @@ class _EndPose:
 
 
 def check_map_name(name: str) -> None:
-    """Check that a name can be that of a map, which is also that of its folder.
+    """Check that a name can be the name of a map and of its folder.
 
     Raises:
-        ValueError: It cannot.
+        ValueError: The name is a path, or not a plain file name.
     """
     if not is_plain(name):
         raise ValueError(f"{name!r} must be a name that is not a path")
@@ -113,9 +113,9 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
 
     Args:
         name: Name of the scene.
-        files: All its files, by path.
-        old: The scene before. Maps whose pictures have not changed keep the walls that they have
-            there.
+        files: All files of the scene, by path.
+        old: The scene before a change; None for a new scene. Maps whose pictures have not changed
+            keep their walls.
 
     Raises:
         DataFileError: A file cannot be used.
@@ -143,7 +143,7 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
 
 
 def map_names(index: bytes) -> list[str]:
-    """Return the names of the maps in the index of a scene, which are those of their folders.
+    """Return the names of the maps in the index of a scene, which are also names of folders.
 
     Raises:
         DataFileError: The index cannot be used.
@@ -199,12 +199,12 @@ def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
 
 
 def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepOut | None:
-    """Read which cells of a map are to be kept out of; None if no file says it.
+    """Read the keep-out cells of a map; None if there is no file of keep-out areas.
 
     Args:
         name: Name of the map.
-        files: The files of its scene, by path.
-        grid: Its cells.
+        files: The files of the scene, by path.
+        grid: The cells of the map.
 
     Raises:
         DataFileError: The file cannot be used.
@@ -216,7 +216,7 @@ def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepO
 
 
 def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
-    """Return a map with the marks in its files, and what the index says of it."""
+    """Return a map with the marks in its files, and the properties in its entry of the index."""
     path, end = f"{entry.name}/{MARK_INFO}", entry.end_pose
     info = read_mark_info(path, files.get(path, b""))
     check_carried(entry.name, files)
@@ -235,7 +235,7 @@ def check_carried(name: str, files: Mapping[str, bytes]) -> None:
     """Check the files of a map that SceneData contains and the robot does not use.
 
     Raises:
-        DataFileError: One cannot be read.
+        DataFileError: A file cannot be read.
     """
     for file, cls in ((NAV_AREA, field_pb2.FieldInfo), (PATH_INFO, path_pb2.PathInfo)):
         path = f"{name}/{file}"
@@ -243,10 +243,10 @@ def check_carried(name: str, files: Mapping[str, bytes]) -> None:
 
 
 def check_pixels(where: str, maps: Iterable[Map]) -> None:
-    """Check the total size of the pictures of a scene, the last of which is described at `where`.
+    """Check the total size of the pictures of a scene; `where` is the place of the last map.
 
     Raises:
-        DataFileError: They are too large.
+        DataFileError: The pictures are too large.
     """
     if sum(each.grid.cells.size for each in maps if each.grid) > _MAX_PIXELS:
         text = f"the pictures of the scene have more than {_MAX_PIXELS} pixels in total"
@@ -254,10 +254,10 @@ def check_pixels(where: str, maps: Iterable[Map]) -> None:
 
 
 def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None:
-    """Check the size of a map, which is described at `where`.
+    """Check the size of a map; `where` is its place in the file.
 
     Raises:
-        DataFileError: It is empty or too large.
+        DataFileError: The map is empty or too large.
     """
     for least, most in zip(low, high, strict=True):
         if not 0.0 < most - least <= _MAX_SIDE:
@@ -266,10 +266,10 @@ def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None
 
 
 def all_different(places: Sequence[str], key: str, values: Sequence[Hashable]) -> None:
-    """Check that no two entries, which are at these places, have the same value of a key.
+    """Check that no two entries, at these places in a file, have the same value of a key.
 
     Raises:
-        DataFileError: Two have.
+        DataFileError: Two entries have the same value.
     """
     seen = set()
     for where, value in zip(places, values, strict=True):
@@ -327,7 +327,7 @@ def read_mark_info(name: str, data: bytes) -> mark_pb2.MarkInfo:
 
 
 def read_message(name: str, data: bytes, cls: type[_M]) -> _M:
-    """Read a file with a serialised message; an empty file has an empty one.
+    """Read a file with a serialised message; an empty file is an empty message.
 
     Raises:
         DataFileError: The file cannot be used.

@@ -1,4 +1,4 @@
-"""A scene: the maps of a site with their marks, its tasks, and its files as robots have them.
+"""A scene: the maps of a site with their marks, the tasks of the site, and the scene's files.
 
 A robot keeps a scene in a folder. The simulator serves and accepts the same files:
 
@@ -41,10 +41,10 @@ class Scene:
     Attributes:
         name: Name, unique among the scenes.
         maps: At least one map. The first one is the default.
-        files: Its files as they came, by path. A change removes those that it makes outdated, and
-            `files_of` writes those that are missing.
+        files: Files of the scene as they were read or uploaded, by path. A change of the scene
+            removes outdated files, and `files_of` creates missing files.
         start: Initial pose of the robot on `start_map`; None if the scene does not define one.
-        start_map: Name of the map on which the robot starts; empty for the first one.
+        start_map: Name of the map on which the robot starts; empty for the first map.
         predefined: Task sets that ExecPreTask can start.
         calls: Task sets that call buttons start.
         action_groups: The actions of which tasks consist.
@@ -67,7 +67,7 @@ class Scene:
 
 
 def has_pose(storage: mark_pb2.Storage) -> bool:
-    """Return True if the data of a mark say where it is."""
+    """Return True if the data of a mark have its pose."""
     return storage.pose.HasField("dock") or storage.pose.HasField("real")
 
 
@@ -138,10 +138,10 @@ _MAX_ID = 2**32 - 1
 
 
 def with_map(scene: Scene, area: Map) -> Scene:
-    """Return a scene with a map more, or with another one in place of the map of its name.
+    """Return a scene with an additional map, or with a map that replaces the one of its name.
 
-    A new map gets a free id. A map that replaces another one keeps its id, its floor, and if it has
-    no marks the marks.
+    A new map gets a free id. A map that replaces another one gets the other's id and floor, and if
+    it has no marks, the other's marks.
     """
     old = next((each for each in scene.maps if each.name == area.name), None)
     if old is None:
@@ -191,7 +191,7 @@ def with_marks(scene: Scene, area: Map, marks: Iterable[Mark]) -> Scene:
 
 
 def _free_id(taken: Iterable[int]) -> int:
-    """Return an id that follows all others, or the first free one if there is none after them."""
+    """Return the highest id plus 1, or the first free id if the highest one is `_MAX_ID`."""
     ids = set(taken)
     highest = max(ids, default=0)
     return highest + 1 if highest < _MAX_ID else next(n for n in count(1) if n not in ids)
@@ -245,7 +245,7 @@ MAX_NAME = 255
 
 
 def is_plain(name: str) -> bool:
-    """Return True if a name is not empty and is a file name, not a path, on every system."""
+    """Return True if a name is a file name, not a path, on every operating system."""
     plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
     return plain and name not in ("", "..") and name.isprintable() and len(name) <= MAX_NAME
 
@@ -272,7 +272,7 @@ class SceneFiles:
 
 
 def files_of(scene: Scene) -> SceneFiles:
-    """Return the files of a scene, as they came where they still hold."""
+    """Return the files of a scene: stored files as they came, missing or outdated files anew."""
     made: dict[str, dict[str, bytes]] = {
         area.name: _map_files(area, scene.files) for area in scene.maps
     }
@@ -312,7 +312,7 @@ def _index(scene: Scene) -> bytes:
 
 
 def _map_files(area: Map, given: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files of a map that are not given."""
+    """Return the files of a map that are not in `given`."""
     files: dict[str, bytes] = {}
     picture, folder = f"{area.name}/{PICTURE}", f"{area.name}/"
     if picture not in given:

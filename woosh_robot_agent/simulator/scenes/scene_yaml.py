@@ -1,4 +1,4 @@
-"""Reads scenes that people write: a folder with `scene.yaml`, and maps of nav2's map_server.
+"""Read scenes that people write: a folder with `scene.yaml`, and maps of nav2's map_server.
 
 `scene.yaml` has the keys of `SceneEntry`; docs/simulator.md has an example. Lengths are in metres,
 angles in radians, poses are [x, y, theta].
@@ -39,7 +39,8 @@ SCENE_FILE = "scene.yaml"
 """Name of the file that describes a scene."""
 
 _MAX_WALLS = 1000
-"""Laser and planner check each wall. A map with more walls needs a picture instead."""
+"""Maximum number of walls of a map: laser and planner check each wall. A map with more walls needs
+a picture instead."""
 
 _INT32 = 2**31 - 1
 
@@ -62,11 +63,11 @@ class _Corners(NamedTuple):
 
 @dataclass(frozen=True)
 class StartEntry:
-    """Where the robot starts.
+    """The pose at which the robot starts.
 
     Attributes:
-        pose: Its pose.
-        map: Name of the map; default: the first one.
+        pose: Pose of the robot.
+        map: Name of the map; default: the first map.
     """
 
     pose: _Pose
@@ -78,9 +79,9 @@ class MarkEntry:
     """A mark of a map.
 
     Attributes:
-        number: Number by which tasks name it.
-        pose: Pose of a robot that stands at it.
-        id: Its id; default: its index in the list, from 1.
+        number: Number by which tasks name the mark.
+        pose: Pose of a robot that stands at the mark.
+        id: Id of the mark; default: its index in the list, from 1.
         type: Kind of mark.
         description: Description for people.
     """
@@ -98,14 +99,14 @@ class MapEntry:
     """A map, with an image, walls or both.
 
     Attributes:
-        name: Its name.
-        id: Its id; default: the first one from 1 that no map has.
+        name: Name of the map.
+        id: Id of the map; default: the first id from 1 that no map has.
         floor: Name of the floor; default: 1F.
-        version: Its version; default: 1.
+        version: Version of the map; default: 1.
         image: YAML file of a map of map_server, with its PNG or PGM beside it.
         area: Two corners of the mapped area: [x1, y1, x2, y2]; default: around everything.
         walls: Polylines: x and y of each corner.
-        marks: Its marks.
+        marks: Marks of the map.
     """
 
     name: Annotated[str, check_map_name]
@@ -128,7 +129,7 @@ class StepEntry:
     """A task of a task set.
 
     Attributes:
-        mark: Number of its mark.
+        mark: Number of the target mark.
         type: Kind of task.
         direction: Direction of a task that carries goods.
         wait: Time to wait after the task, in seconds; -1 until a client tells it to continue.
@@ -146,7 +147,7 @@ class ButtonEntry:
     """A call button.
 
     Attributes:
-        mac: Its address.
+        mac: MAC address of the button.
         key: Number of the key that is pressed.
     """
 
@@ -159,11 +160,11 @@ class TaskSetEntry:
     """A task set.
 
     Attributes:
-        id: Its id.
-        name: Its name.
-        steps: Its tasks.
-        times: Number of repetitions, of a set for ExecPreTask.
-        button: Button that starts it, of a set for call buttons.
+        id: Id of the task set.
+        name: Name of the task set.
+        steps: Tasks of the set.
+        times: For predefined sets: number of repetitions.
+        button: For sets of call buttons: button that starts the set.
     """
 
     id: _Positive
@@ -195,8 +196,8 @@ class SceneEntry:
     """The content of `scene.yaml`.
 
     Attributes:
-        maps: The maps, the default one first.
-        name: Name of the scene; default: that of the folder.
+        maps: The maps, the default map first.
+        name: Name of the scene; default: the name of the folder.
         start: Initial pose of the robot; default: any free place.
         tasks: Task sets.
     """
@@ -213,7 +214,7 @@ def read_scene_yaml(name: str, read: Read, *, use_own_name: bool) -> Scene:
     Args:
         name: Name of the scene.
         read: Returns the content of a file.
-        use_own_name: Prefer the name in the file, if it has one.
+        use_own_name: Prefer the name in the file, if there is one.
 
     Raises:
         DataFileError: A file cannot be used.
@@ -246,7 +247,7 @@ def read_maps(names: Collection[str], read: Read) -> list[Map]:
 
 def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
     maps: list[Map] = []
-    # Not from 0, with which robots report a pose that belongs to no map.
+    # From 1, because robots report the map id 0 with a pose that belongs to no map.
     given = [each.id for each in entry.maps]
     free_ids = (number for number in count(1) if number not in given)
     for each in entry.maps:
@@ -278,7 +279,7 @@ def _map(entry: MapEntry, free_ids: Iterator[int], read: Read, content: Any = No
 
     Args:
         entry: The entry.
-        free_ids: Ids for maps without one.
+        free_ids: Ids for maps without an id.
         read: Returns the content of a file.
         content: Content of the file `image`, None to read it.
     """

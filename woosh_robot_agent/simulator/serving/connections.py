@@ -1,4 +1,4 @@
-"""The ports, and the connections of clients: admits them, reads requests and sends frames."""
+"""The ports, and the connections of clients: admit clients, read requests and send frames."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Connections:
     """Serves the connections of clients.
 
     Args:
-        exchange: Handles their frames.
+        exchange: Handles the frames of the clients.
         config: The options; the limits are among them.
 
     Attributes:
@@ -202,15 +202,15 @@ class Connections:
 
 
 class Ports:
-    """The port of WebSocket and HTTP, and that of TCP: closed and opened with the same numbers.
+    """The WebSocket and HTTP port, and the TCP port. Closed ports are opened again as before.
 
     Args:
         config: The address and the ports.
         connections: Serves the connections.
 
     Attributes:
-        port: WebSocket port, valid once it listens.
-        tcp_port: TCP port, valid once it listens.
+        port: WebSocket port, valid after `listen`.
+        tcp_port: TCP port, valid after `listen`.
     """
 
     def __init__(self, config: SimulatorConfig, connections: Connections) -> None:
@@ -281,7 +281,7 @@ class Ports:
                 open_timeout=config.first_frame_timeout,
                 before=connections.readable,
                 respond=connections.calls.respond,
-                # Otherwise any web page in a browser on this machine could connect.
+                # Otherwise a browser on this machine would let any web page connect.
                 local_pages_only=config.local,
             )
             self._listeners.append(websocket)

@@ -41,11 +41,11 @@ class Outgoing:
 
     Attributes:
         type: Type of the body in the frame's envelope.
-        body: Body, None for an empty one.
-        sn: Serial number of the request that it answers; 0 for a push.
+        body: Body, None for an empty body.
+        sn: Serial number of the answered request; 0 for a push.
         ok: True if the request was executed, False if it was refused; None for a push.
         msg: Text of an answer.
-        request: Type of the request that it answers; empty for a push.
+        request: Type of the answered request; empty for a push.
         delay: Real time to delay the frame, in seconds.
         hold: Called with the client and a send function instead of sending the frame. The delay
             starts when the send function is called.
@@ -69,7 +69,7 @@ class Outgoing:
 
 
 Interceptor = Callable[[Outgoing], Iterable[Outgoing]]
-"""Returns the frames to send instead of a frame: the same one, others, or none."""
+"""Returns the frames to send instead of a frame: the same frame, other frames, or none."""
 
 Refuse = Callable[[str], "str | None"]
 """Returns the reason to refuse a request of the given type, or None."""
@@ -88,9 +88,9 @@ class Hooks:
 
     Attributes:
         admissions: Called for each new connection.
-        refusals: Called for each request before it is executed. The latest one wins.
-        faults: All outgoing frames pass through them.
-        interceptors: All outgoing frames pass through them, after the faults.
+        refusals: Called for each request before it is executed. The latest refusal counts.
+        faults: Interceptors of faults. All outgoing frames pass through these first.
+        interceptors: Interceptors of tests. All outgoing frames pass through these afterwards.
     """
 
     def __init__(self) -> None:
@@ -145,7 +145,7 @@ class Client(ConnectedClient):
         max_outbox: Maximum number of frames that wait. A client that exceeds it is dropped.
 
     Attributes:
-        has_sent: The client has sent at least one frame.
+        has_sent: True if the client has sent at least one frame.
         waiting: Number of requests that wait to be executed or whose answers are held back.
     """
 
@@ -154,7 +154,7 @@ class Client(ConnectedClient):
         self.has_sent = False
         self.waiting = 0
         self._delayed: dict[object, _Delayed] = {}
-        """Delayed frames, by a unique key each."""
+        """Delayed frames, each by a unique key."""
         self._held = 0
         """Number of frames that are held back."""
 
@@ -208,7 +208,7 @@ _MAX_RECEIVED = 10_000
 """Maximum number of messages from clients that are kept."""
 
 _MAX_RECEIVED_BYTES = 64 * 1024 * 1024
-"""Maximum size of these messages together, in bytes."""
+"""Maximum size of all kept messages together, in bytes."""
 
 _SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name)
 """Types that mark a subscription in a frame's envelope."""
@@ -256,7 +256,7 @@ class Exchange:
         counts: Number of messages from clients since the start, by type.
         bad_frames: Number of frames that could not be decoded.
         before_request: Called before each request is executed.
-        frozen: Requests are queued instead of executed.
+        frozen: True if requests are queued instead of executed.
     """
 
     def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
@@ -271,7 +271,7 @@ class Exchange:
         self._received_sizes: deque[int] = deque()
         """Size of each message in `received`, in bytes."""
         self._received_bytes = 0
-        """Sum of these sizes."""
+        """Sum of the sizes in `_received_sizes`, in bytes."""
         self._watch = StateWatch(chassis)
         self._arrival = asyncio.Event()
         """Set, and replaced by a new event, when a message of a client arrives."""
@@ -316,7 +316,7 @@ class Exchange:
             self._execute(request)
 
     def skip(self, client: Client, error: FrameError) -> None:
-        """Count an unreadable frame. It cannot be answered because its number is unknown."""
+        """Count an unreadable frame. It gets no answer, because its serial number is unknown."""
         self.bad_frames += 1
         _LOG.debug("%s: unreadable frame: %s", client.transport.peer, error)
 
@@ -381,12 +381,12 @@ class Exchange:
         chassis = self._chassis
         chassis.begin_request(request.type)
         if is_query(request.type):
-            # Read when it is sent: an older value must not follow a newer push.
+            # Read the value when it is sent: an older value must not follow a newer push.
             self._after_delay(request, lambda: self._send_answer(request, self._answer(request)))
             return
         answer = self._answer(request)
-        # Events are pushed before the answer to the request that caused them, changes after it,
-        # unless the chassis pushes them first.
+        # Events are pushed before the answer to the request that caused them. Changed states are
+        # pushed after the answer, or before it if `state_first` is set.
         if chassis.state_first:
             self.report_changes(while_moving=False)
         else:

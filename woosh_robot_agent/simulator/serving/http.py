@@ -1,4 +1,4 @@
-"""Requests over HTTP, on the port of the WebSocket: one request for each call, without pushes.
+"""Requests over HTTP, on the port of the WebSocket: one request per call, without pushes.
 
 POST /woosh/robot/PoseSpeed        the full name of the request's type, with slashes
 {"robotId": 30001}                 its body as JSON; nothing for an empty one
@@ -40,7 +40,7 @@ JSON to the name of its type, with slashes instead of dots, for example
 
 
 class _HttpCodec(JsonCodec):
-    """The envelope over HTTP, which has neither serial number nor time."""
+    """Codec of the envelope over HTTP, which has neither serial number nor timestamp."""
 
     def encode(
         self,
@@ -59,7 +59,7 @@ _CODEC = _HttpCodec(defaults=True)
 
 
 class _HttpTransport:
-    """The server's end of one call: its only frame is the body of the response.
+    """The server's end of one HTTP call, whose only frame is the body of the response.
 
     Args:
         connection: The connection.
@@ -124,7 +124,7 @@ class _HttpTransport:
 
 
 class HttpCalls:
-    """Answers HTTP requests by the handlers that answer frames.
+    """Answers HTTP requests, by the same handlers as requests over a WebSocket.
 
     Args:
         exchange: Executes the requests.
@@ -184,7 +184,7 @@ class HttpCalls:
     async def _execute(
         self, connection: HttpConnection, name: str, data: bytes
     ) -> web.StreamResponse:
-        """Execute the request of a type, and return the response to it."""
+        """Execute the request of the type `name`, and return its response."""
         exchange, status = self._exchange, HTTPStatus.OK
         message, reason = None, ""
         if name not in HANDLERS:
@@ -211,7 +211,7 @@ class HttpCalls:
 
 
 def _refusal(status: HTTPStatus, text: str, **headers: str) -> web.Response:
-    """Return the response to a request that is not even read, and end the connection."""
+    """Return the response to a request whose body is not read, and end the connection."""
     body = _CODEC.encode("error", None, ok=False, msg=text)
     response = web.Response(
         text=body, status=status, content_type="application/json", headers=headers

@@ -1,4 +1,4 @@
-"""The robot with its clients, its ports and its clock: everything that faults can affect."""
+"""The robot with its clients, its ports and its clock, on which faults act."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from woosh_robot_agent.simulator.serving.exchange import Exchange, Hooks
 _LOG = logging.getLogger(__name__)
 
 _MIN_STEP = 0.005
-"""Minimum real duration of a step within which the simulated time advances, in seconds.
+"""Minimum real duration of a step for the simulated time to advance within steps, in seconds.
 
-At a higher speed, it advances only by whole steps.
+At a higher speed, the simulated time advances only by whole steps.
 """
 
 _ROUND = 0.02
@@ -30,9 +30,7 @@ _END_OF_STEP = 0.999 * TIME_STEP
 """Maximum simulated time within a step, in seconds. `Chassis.tick` completes the step."""
 
 _MAX_LAG = 10.0
-"""Maximum lag of the simulation that it catches up, in seconds of real time.
-
-The rest of a longer lag is skipped."""
+"""Maximum lag of the simulation that is caught up, in seconds of real time. The rest is skipped."""
 
 
 class Server:

@@ -1,1 +1,1 @@
-"""The floor and what stands on it: maps, obstacles, collisions, laser and path planner."""
+"""The world of the robot: maps, obstacles, collisions, laser and path planner."""

@@ -1,4 +1,4 @@
-"""What the base can touch: the walls of the map, and round obstacles that are not in it."""
+"""Collisions of the base with the walls of the map, and with round obstacles not in the map."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _CORNERS = 12
 
 
 class Obstacles:
-    """Obstacles that are not in the map. The laser sees them and the base cannot pass them.
+    """Obstacles that are not in the map. The laser sees them, and the base cannot pass them.
 
-    Each is a regular polygon with its corners on a circle. Positions are in the map's frame and
-    do not change when the robot switches to another map.
+    Each obstacle is a regular polygon with its corners on a circle. Positions are in the map's
+    frame, and do not change when the robot switches to another map.
     """
 
     def __init__(self) -> None:
@@ -24,12 +24,12 @@ class Obstacles:
         self._all: tuple[Wall, ...] = ()
 
     def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
-        """Add an obstacle, or move and resize the one of the same name.
+        """Add an obstacle, or move and resize the obstacle of the same name.
 
         Args:
-            name: Name by which it can be moved and removed.
-            x: Position of its centre, in metres.
-            y: Position of its centre, in metres.
+            name: Name by which the obstacle can be moved and removed.
+            x: Position of the centre, in metres.
+            y: Position of the centre, in metres.
             radius: Radius, in metres.
 
         Raises:
@@ -65,13 +65,13 @@ class Obstacles:
 
     @property
     def walls(self) -> tuple[Wall, ...]:
-        """Sides of all obstacles; the same object as long as no obstacle changes."""
+        """Sides of all obstacles; the same tuple object as long as no obstacle changes."""
         return self._all
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest obstacle, in metres.
 
-        It is 0 inside an obstacle and infinite if there is none.
+        It is 0 inside an obstacle, and infinite without obstacles.
         """
         nearest = math.inf
         for name, (centre_x, centre_y, radius) in self._circles.items():
@@ -103,12 +103,13 @@ class CollisionDetector:
         self._centre: Point = (0.0, 0.0)
         """Position at which the clearance was last computed, in metres."""
         self._clearance = 0.0
-        """Clearance at that position, in metres."""
+        """Clearance at `_centre`, in metres."""
 
     def gap(self, outline: Outline, pose: Pose, area: Map, obstacles: Obstacles) -> float:
         """Return the gap in metres between the outline at `pose` and walls and obstacles.
 
-        See `hull` for its definition. It is infinite if nothing is within the outline's radius.
+        The module `geometry` defines the gap. It is infinite if nothing is within the outline's
+        radius.
         """
         shape = hull(outline)
         known = self._surroundings

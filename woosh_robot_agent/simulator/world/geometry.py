@@ -1,8 +1,8 @@
 """Plane geometry: poses, walls, outlines and gaps, in metres and radians (counter-clockwise).
 
 The gap between an outline and walls is the distance by which each side of the outline could be
-moved outwards before it touches something. A negative gap is the depth to which something has
-entered the outline. The gap grows on the way out of a collision, which lets a base leave one.
+moved outwards before it touches a wall. A negative gap is the depth to which a wall has entered the
+outline. The gap grows on the way out of a collision, so that a base can leave a collision.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ Outline = tuple[Point, ...]
 def footprints(original: Outline) -> dict[int, Outline]:
     """Return the outlines of a robot by `woosh.robot.FootPrint`.
 
-    They are the robot as built, with goods on top, a spare one, and for docking.
+    There are outlines of the robot as built, with goods on top, for docking, and a spare outline.
 
     Args:
         original: Outline of the robot as built.

@@ -23,7 +23,7 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 KeepOut: TypeAlias = npt.NDArray[np.bool_]
 
 _FAR = 1e6
-"""Distance to the nearest occupied cell in a grid without any, in cells."""
+"""Distance to the nearest occupied cell in a grid without occupied cells, in cells."""
 
 _OVERSHOOT = 1e-6
 """Distance that a ray advances past a cell's border despite rounding errors, in cells."""
@@ -32,8 +32,7 @@ _OVERSHOOT = 1e-6
 class Grid:
     """The cells of a map.
 
-    The laser sees only occupied cells. Planned paths avoid occupied and unknown cells, and those to
-    keep out of.
+    The laser sees only occupied cells. Planned paths avoid occupied, unknown and keep-out cells.
 
     Attributes:
         cells: Values of type int8, in rows by increasing y, each by increasing x: 0 to 99 is free,
@@ -41,7 +40,7 @@ class Grid:
         resolution: Side of a cell, in metres.
         low: Corner of the grid with the smallest x and y, in metres in the map's frame.
         high: Opposite corner, in metres.
-        keep_out: The cells to keep out of, as `cells`; None if there are none.
+        keep_out: True for each keep-out cell, in the order of `cells`; None without such cells.
     """
 
     def __init__(
@@ -59,14 +58,14 @@ class Grid:
         self.high: Point = (low[0] + columns * resolution, low[1] + rows * resolution)
 
     def kept_out(self, x: float, y: float) -> bool:
-        """Return True if (x, y) is in a cell to keep out of."""
+        """Return True if (x, y) is in a keep-out cell."""
         column, row = (math.floor(value) for value in self._in_cells(x, y))
         rows, columns = self.cells.shape
         inside = 0 <= row < rows and 0 <= column < columns
         return inside and self.keep_out is not None and bool(self.keep_out[row, column])
 
     def keep_out_on(self, raster: Raster) -> KeepOut | None:
-        """Return the cells to keep out of on another raster of the same map and resolution."""
+        """Return the keep-out cells on another raster of the same map and resolution."""
         if self.keep_out is None:
             return None
         found: KeepOut = np.zeros(raster.cells.shape, np.bool_)
@@ -88,7 +87,7 @@ class Grid:
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest occupied cell, in metres.
 
-        It is exact to within a cell.
+        The distance is exact to within a cell.
         """
         if not self._any_occupied:
             return math.inf
@@ -172,7 +171,7 @@ class Grid:
             max_range: Length at which a ray ends, in metres.
 
         Returns:
-            The lengths of the rays in metres, infinite for those that hit nothing.
+            The lengths of the rays in metres, infinite for a ray that hits nothing.
         """
         angles = first + increment * np.arange(count)
         ranges = np.full(count, math.inf)
@@ -211,14 +210,14 @@ class Grid:
 
     @cached_property
     def _to_occupied(self) -> npt.NDArray[np.float32]:
-        """Distance from each cell to the nearest occupied one, centre to centre, in cells."""
+        """Distance from each cell to the nearest occupied cell, centre to centre, in cells."""
         if not self._any_occupied:
             return np.full(self.cells.shape, _FAR, np.float32)
         return _distances(self.cells != OCCUPIED)
 
     @cached_property
     def _to_not_free(self) -> npt.NDArray[np.float32]:
-        """Distance from each cell to the nearest that is not free, centre to centre, in cells."""
+        """Distance from each cell to the nearest cell that is not free, in the same way."""
         free = (self.cells != OCCUPIED) & (self.cells != UNKNOWN)
         if self.keep_out is not None:
             free &= ~self.keep_out
@@ -233,7 +232,7 @@ class Grid:
         found = ndimage.map_coordinates(
             field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"
         )
-        # The field gives distances to the centres of cells, but they end at the border.
+        # The field gives distances to the centres of cells; subtract the half cell to the border.
         return np.maximum(0.0, (found - 0.5) * self.resolution)
 
 

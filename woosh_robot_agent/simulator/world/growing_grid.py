@@ -1,7 +1,8 @@
-"""Cells of maps, and growing occupancy grids, which are made from the scans of a laser.
+"""Make occupancy grids from the scans of a laser; the grids grow with the scans.
 
-Each cell counts evidence: a ray that passes it says that it is free, an echo that it is occupied.
-The pose of each scan is known, so that nothing has to be matched.
+Each cell counts evidence: a ray that passes the cell says that the cell is free, an echo that it is
+occupied.
+The pose of each scan is known, so that no scan matching is needed.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class Raster(NamedTuple):
     """The cells of a map.
 
     Attributes:
-        cells: Values as above, in rows by increasing y, each by increasing x.
+        cells: UNKNOWN or FREE to OCCUPIED, in rows by increasing y, each by increasing x.
         resolution: Side of a cell, in metres.
         low: Corner of the raster with the smallest x and y, in metres in the map's frame.
     """
@@ -40,19 +41,19 @@ RESOLUTION = 0.05
 """Side of a cell of a new map, in metres."""
 
 _ECHO, _MAX_EVIDENCE, _MIN_EVIDENCE = 2, 20, -10
-"""Evidence of one echo, and limits of the evidence, so that a cell can change. A ray counts -1."""
+"""Evidence of one echo, and limits of the evidence of a cell, which thereby can still change. A ray
+that passes counts -1."""
 
 _INTO_WALL = 0.0125
-"""Distance in metres by which an echo is moved on along its ray.
+"""Distance in metres by which an echo is moved further along its ray.
 
-It is more than the noise of the laser, so that all echoes of a wall are in the same cell.
+It exceeds the noise of the laser, so that all echoes of a wall are in the same cell.
 """
 
 _MARGIN = 64
-"""Number of cells by which the grid grows more than it has to."""
-
+"""Number of additional cells by which the grid grows, so that it grows seldom."""
 _EDGE = 10
-"""Number of unknown cells around the known ones in the raster."""
+"""Number of unknown cells around the known cells in the raster."""
 
 _MAX_CELLS = 4096 * 4096
 """Maximum number of cells, as for a map that is read from a picture."""
@@ -64,11 +65,11 @@ class GrowingGrid:
     """An occupancy grid that grows with the scans of a laser.
 
     Args:
-        base: Map to continue, None for a new one.
+        base: Map to continue, None for a new map.
 
     Attributes:
         resolution: Side of a cell, in metres.
-        full: A scan was left out because the grid would have become too large.
+        full: True if a scan was left out because the grid would have become too large.
     """
 
     def __init__(self, base: Raster | None = None) -> None:
@@ -96,7 +97,7 @@ class GrowingGrid:
             laser: Pose of the laser.
             first: Angle of the first ray from straight ahead, in radians.
             increment: Angle between two rays, in radians.
-            ranges: Lengths of the rays in metres, infinite for those without an echo.
+            ranges: Lengths of the rays in metres, infinite for a ray without an echo.
         """
         lengths = np.array(ranges)
         echoes = np.isfinite(lengths)
@@ -109,13 +110,13 @@ class GrowingGrid:
         self._add(np.append(columns, column), np.append(rows, row), columns[echoes], rows[echoes])
 
     def add_floor(self, corners: Sequence[Point]) -> None:
-        """Add free floor inside a polygon, such as that on which the robot stands."""
+        """Add free floor inside a polygon, e.g. the outline of the robot."""
         x, y = np.array(corners).T
         columns, rows = self._indices(x, y)
         self._add(columns, rows, columns[:0], rows[:0])
 
     def raster(self) -> Raster:
-        """Return the current map: its known cells with an edge of unknown ones around them."""
+        """Return the current map: its known cells with an edge of unknown cells around them."""
         evidence = self._evidence
         rows, columns = (np.flatnonzero((evidence != 0).any(axis=axis)) for axis in (1, 0))
         if not rows.size:
@@ -141,7 +142,7 @@ class GrowingGrid:
     def _add(
         self, columns: Indices, rows: Indices, echo_columns: Indices, echo_rows: Indices
     ) -> None:
-        """Add the free cells inside a polygon, without those on its sides, and some echoes."""
+        """Add the free cells inside a polygon, but not on its sides, and some echoes."""
         left, right = int(columns.min()), int(columns.max())
         bottom, top = int(rows.min()), int(rows.max())
         if not self._reserve(left, bottom, right, top):
@@ -149,7 +150,7 @@ class GrowingGrid:
             return
         image = Image.new("L", (right - left + 1, top - bottom + 1))
         corners = np.stack((columns - left, rows - bottom), axis=1).ravel().tolist()
-        # The sides run along walls, of which distant echoes show only some cells.
+        # Not the sides: they run along walls, and distant echoes hit only some cells of a wall.
         ImageDraw.Draw(image).polygon(corners, fill=1, outline=0)
         passed = np.array(image).view(np.int8)
         passed[rows - bottom, columns - left] = 0

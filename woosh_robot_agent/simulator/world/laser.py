@@ -59,7 +59,7 @@ class Laser:
     def scan(
         self, base: Pose, walls: Sequence[Wall], rng: random.Random, grid: Grid | None = None
     ) -> list[float]:
-        """Return the ranges of a scan by a base at `base`, in metres, first ray first."""
+        """Return the ranges of a scan from a base at `base`, in metres, first ray first."""
         origin = base.moved(self.forward, 0.0, 0.0)
         if grid:
             first = origin.theta + self.angle_min

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
 
 
 class MarkKind(Enum):
-    """Kind of a mark, by its category in `woosh.map.mark.Storage`. BASE has none there."""
+    """Kind of a mark, named like its category in `woosh.map.mark.Storage`; BASE has no category."""
 
     BASE = "base"
     RACK = "rack"
@@ -34,11 +34,11 @@ class Mark:
 
     Attributes:
         id: Identifier, unique in its map.
-        number: Number by which tasks name it; any string.
+        number: Number by which tasks name the mark; any string.
         pose: Pose of a robot that stands at the mark, in the map's frame.
         kind: Kind of the mark.
         description: Description for people.
-        storage: All data of the mark, if a client has given more than the above.
+        storage: All data of the mark, if a client has given more than the other attributes.
     """
 
     id: int
@@ -66,8 +66,8 @@ class Map:
         other_marks: Marks of other kinds, such as beacons, which the robot only stores.
         end: Pose of the robot when it was last on the map, or at the end of its mapping; None if
             that is not known.
-        ground_truth: The hall in which the map was made by driving: it has the real walls. None if
-            the map itself is the hall.
+        ground_truth: For a map that the robot made: the map of the hall, with the real walls. None
+            if the map itself is the hall.
     """
 
     id: int

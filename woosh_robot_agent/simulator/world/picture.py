@@ -1,4 +1,4 @@
-"""Draws a map as a picture with the grey values of nav2's map_saver."""
+"""Draw a map as a picture with the grey values of nav2's map_saver."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _GREY_OCCUPIED, _GREY_UNKNOWN, _GREY_FREE = 0, 205, 254
 """Grey values of map_saver. A `free_thresh` of 0.196 distinguishes unknown from free."""
 
 _GREY_ALLOWED = 216
-"""Grey value in the picture of keep-out areas of the floor that belongs to none, as on a robot."""
+"""Grey value of allowed floor in the picture of keep-out areas, as in a robot's pictures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,8 @@ class Picture:
         png: The picture as PNG. Its last row has the smallest y.
         resolution: Side of a pixel, in metres.
         low: Lower left corner of the picture, in metres in the map's frame.
-        keepout: Picture of the same size in which areas to keep out of are black; empty if there
-            are none.
+        keepout: Picture of the same size in which keep-out areas are black; empty without such
+            areas.
     """
 
     png: bytes

@@ -1,4 +1,4 @@
-"""Path planner: A* on a lattice of the map's free floor, then a straightening of the path."""
+"""Path planner: A* on a lattice of places on the map's free floor, then a straightening."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ _MIN_CLEARANCE = 1e-3
 """Clearance that even a start close to a wall needs, in metres."""
 
 _MAX_PLACES = 300_000
-"""Number of places that one path may visit: about a second, enough to search 100 x 100 m."""
+"""Maximum number of places that the search of a path visits: it takes about a second, and is enough
+for 100 x 100 m."""
 
 _DIAGONAL_EXTRA = math.sqrt(2.0) - 1.0
-"""Extra length of a diagonal step, as a fraction of a straight one."""
+"""Extra length of a diagonal step, as a fraction of a straight step."""
 
 
 class SearchBudgetError(Exception):
@@ -34,7 +35,7 @@ class SearchBudgetError(Exception):
 
 
 class SearchBudget:
-    """Limit of the computation for one path, all its legs together. It blocks the simulator.
+    """Limit of the computation for one path, all its legs together. Planning blocks the simulator.
 
     Attributes:
         left: Number of places that may still be visited.
@@ -57,8 +58,8 @@ class SearchBudget:
 class Lattice:
     """The regular places on a map that a search visits.
 
-    They are numbered row by row, from the lower left corner. A border of blocked places keeps the
-    search inside.
+    The places are numbered row by row, from the lower left corner. A border of blocked places keeps
+    the search inside.
     """
 
     def __init__(self, area: Map) -> None:
@@ -118,7 +119,7 @@ class Lattice:
         """Return the shortest path found by A*, or None if there is none.
 
         Args:
-            first: Places where the path can start, with their distances from its start in metres.
+            first: Places where the path can start, with their distances from the start in metres.
             last: Places where the path can end.
             goal: Position of the goal, in metres.
             blocked: Places that the path must avoid, as from `blocked`.
@@ -198,12 +199,12 @@ class Planner:
         obstacles: Sequence[Wall] = (),
         budget: SearchBudget | None = None,
     ) -> list[Point] | None:
-        """Return the corners of a free path, or None if there is none.
+        """Return the corners of a free path, or None if there is no path.
 
         Args:
-            start: Start of the path, in metres. It is not one of the corners.
+            start: Start of the path, in metres. It is not among the corners.
             goal: End of the path, in metres. It is the last corner.
-            obstacles: Walls to avoid in addition to those of the map.
+            obstacles: Walls to avoid in addition to the walls of the map.
             budget: Limit of the computation. The legs of one path share it.
 
         Raises:
@@ -279,8 +280,8 @@ class Planner:
 def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
     """Return a number from `good` to `last` that fits, usually the largest.
 
-    It is the largest if all fitting numbers are contiguous. The search doubles its steps until
-    a number does not fit, then bisects. `good` must fit.
+    The number is the largest if all fitting numbers are contiguous. The search doubles its steps
+    until a number does not fit, then bisects. `good` must fit.
     """
     step = 1
     bad = last + 1

@@ -1,4 +1,4 @@
-"""Who may open the page, and how much a browser may send."""
+"""Decide who may open the page, and limit how much a browser may send."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SECURITY_HEADERS = MappingProxyType(
         "Cache-Control": "no-store",
     }
 )
-"""Headers of each response: the page loads nothing from other hosts, and no other one embeds it."""
+"""Headers of each response: the page loads nothing from other hosts, and no page may embed it."""
 _TOKEN_BYTES = 16
 """Length of a token, in random bytes."""
 _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[\w.-]+)(:\d{1,5})?", re.ASCII | re.IGNORECASE)
@@ -42,7 +42,7 @@ _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[\w.-]+)(:\d{1,5})?", re.ASCII | re.IGNORE
 
 
 class Role(Enum):
-    """What somebody may do who opens the page."""
+    """Permission of a visitor of the page."""
 
     LOOK = "look"
     CONTROL = "control"
@@ -58,9 +58,9 @@ def new_tokens() -> dict[Role, str]:
 
 
 def kept_tokens(path: Path) -> dict[Role, str]:
-    """Return the tokens in a file, which is made with new ones if it is missing.
+    """Return the tokens in a file, which is created with new tokens if it is missing.
 
-    With it, an address stays valid when the program is started again.
+    With such a file, the printed addresses stay valid when the program is started again.
 
     Raises:
         TokenFileError: the file cannot be read or made, others can read it, or it has no tokens.
@@ -84,22 +84,22 @@ def kept_tokens(path: Path) -> dict[Role, str]:
 
 
 class Access:
-    """Decides which requests are answered, and what may be done by those who made them.
+    """Decides which requests are answered, and which role their sender has.
 
     1. A page of another site cannot read or command anything: WebSockets need the origin of the
        page itself. On this machine, the `Host` header must name this machine, so that no other
        site's name can be redirected here.
     2. If other machines can connect, every request needs a token: from a printed address, and
-       then from the cookie that the page sets. One token is to look, another one to control.
+       then from the cookie that the page sets. Each role has its own token.
 
     Args:
         host: the address that is listened on.
-        is_encrypted: the page is served over HTTPS.
-        control: somebody may control the robots.
+        is_encrypted: True if the page is served over HTTPS.
+        control: True if the role CONTROL exists.
         tokens: tokens of the roles.
 
     Attributes:
-        tokens: tokens of the roles that there are; empty if only this machine can connect.
+        tokens: tokens of the existing roles; empty if only this machine can connect.
         port: port that is listened on, known once the server listens.
         scheme: `http` or `https`.
     """
@@ -133,7 +133,7 @@ class Access:
         return ""
 
     def role(self, request: web.BaseRequest) -> Role | None:
-        """Return what may be done by whom a request comes from; None if it has no valid token."""
+        """Return the role of the sender of a request; None if it has no valid token."""
         if not self.tokens:
             return self._highest
         if role := self._role_of(request.query.get("token", "")):
@@ -144,7 +144,7 @@ class Access:
             return None
 
     def cookie(self, request: web.BaseRequest) -> dict[str, str]:
-        """Return the header that sets the cookie for the page's own requests, if it needs one."""
+        """Return the header that sets the cookie with the token; empty without a token."""
         role = self._role_of(request.query.get("token", ""))
         if role is None:
             return {}
@@ -176,7 +176,7 @@ def _names_this_machine(host: str) -> bool:
 _MAX_OPENING = 64
 """Maximum number of connections that have not opened a WebSocket."""
 _INPUT_RATE = 16 * 1024
-"""Rate at which a browser may send for long, in bytes per second."""
+"""Rate at which a browser may send permanently, in bytes per second."""
 _INPUT_BURST = 64 * 1024
 """Number of bytes that a browser may send at once."""
 
@@ -185,7 +185,7 @@ class LimitedConnection(asyncio.Protocol):
     """A connection of a browser: passes everything on to aiohttp, with limits.
 
     1. Of the connections that are no WebSockets (yet), only the newest `_MAX_OPENING` are kept.
-    2. A connection on which too much arrives is cut, whatever it is: requests, messages, pings.
+    2. A connection on which too many bytes arrive is cut: requests, messages and pings count.
 
     Args:
         inner: the protocol of aiohttp.

@@ -29,7 +29,7 @@ async def dashboard_beside(simulator: SimulatedChassis, port: int) -> AsyncItera
 
     Args:
         simulator: the chassis, which listens.
-        port: port of the page; 0 takes a free one.
+        port: port of the page; 0 takes a free port.
 
     Yields:
         The address of the page.
@@ -68,7 +68,7 @@ class FaultCommands:
         ]
 
     def data(self) -> dict[str, Any]:
-        """Return the faults that exist, and those that are active."""
+        """Return all kinds of faults, and the active faults."""
         return {"known": self._known, "faults": [_entry(each) for each in self._simulator.faults]}
 
     def _clear(self, _args: Args) -> Outcome:

@@ -1,4 +1,4 @@
-"""The commands that a page can give a robot, and the requests that they stand for."""
+"""The commands that a page can give a robot, and the request that each command sends."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def number(args: Args, name: str, limit: float, least: float | None = None) -> f
     """Return an argument that is a number.
 
     Raises:
-        CommandError: it is not a number within `least`, by default -`limit`, to `limit`.
+        CommandError: it is not a number from `least` (by default -`limit`) to `limit`.
     """
     value, least = args.get(name), -limit if least is None else least
     valid = isinstance(value, int | float) and not isinstance(value, bool)
@@ -103,7 +103,7 @@ def set_pose(pose: Any, args: Args) -> None:
     """Set a pose from arguments.
 
     Raises:
-        CommandError: they are not valid.
+        CommandError: the arguments are not valid.
     """
     pose.x = number(args, "x", _MAX_COORDINATE)
     pose.y = number(args, "y", _MAX_COORDINATE)
@@ -149,7 +149,7 @@ def _charge(args: Args, _info: RobotInfo) -> Message:
 
 
 def _tell_pose(args: Args, info: RobotInfo) -> Message:
-    """Return the request that tells the robot its pose; before the initialisation, another one."""
+    """Return the request that sets the robot's pose: before the initialisation, InitRobot."""
     request = InitRobot() if info.state == robot.kUninit else SetRobotPose()
     set_pose(request.pose, args)
     return request
@@ -192,9 +192,10 @@ class Command(NamedTuple):
     """A command that the page can give.
 
     Attributes:
-        request: makes the request from the arguments and the state of the robot; it raises a
+        request: makes the request from the arguments and the state of the robot; raises a
             `CommandError` if the arguments are not valid.
-        interrupts: it only ends or interrupts a motion, so it is never too old to be sent.
+        interrupts: True if the command only ends or interrupts a motion, so that it is never too
+            old to be sent.
     """
 
     request: Callable[[Args, RobotInfo], Message]
@@ -224,4 +225,4 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
         "collectMark": Command(lambda *_: Deployment(type=kMark, mode=kDepCollect)),
     }
 )
-"""All commands that stand for one request to the robot, by name."""
+"""All commands that send one request to the robot, by name."""

@@ -1,4 +1,7 @@
-"""Who may command a robot from a page, and its stick: all through the gate for motion."""
+"""Control a robot from the page: by commands, and by the stick, i.e. the joystick on the page.
+
+All commands pass through the motion gate.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +34,12 @@ from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 
 class Outcome(NamedTuple):
-    """What has become of a command.
+    """The outcome of a command.
 
     Attributes:
-        ok: it succeeded.
+        ok: True if the command succeeded.
         text: a text for the viewer.
-        data: what the page has asked for.
+        data: data that the page requested; otherwise None.
     """
 
     ok: bool
@@ -51,13 +54,13 @@ STOP = "stop"
 SPEED_LIMIT = "speedLimit"
 """Name of the command that limits the speed of the robot."""
 TOO_SLOW = Text("reason.tooSlow")
-"""Reason why something from the page is too old to be sent."""
+"""Reason for a command or velocity from the page that is too old to be sent."""
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
 _MAX_AGE = 0.5
-"""Age of the newest time known to the page from which what it sends is too old, in seconds."""
+"""Maximum age of the newest time known to the page for its commands to be sent, in seconds."""
 _MAX_COUNT = 1e15
-"""Greatest time, in milliseconds, and number of a press in a message of the page."""
+"""Largest number of a press, and largest time in milliseconds, in a message of the page."""
 _LEAST_SPEED = 0.05
 """Smallest limit of the speed, in m/s."""
 _GREATEST_SPEED = 3.0
@@ -93,24 +96,24 @@ class Control:
 
     1. The first viewer to give a command gets the control. It keeps the control until it gives it
        back, hides the page, disconnects, watches another robot, or gives no command for a minute.
-    2. The others are told who has the control. All that may control may stop the robot.
+    2. The other viewers are told who has the control. All that may control may stop the robot.
     3. When a viewer loses the control, its stick stops the robot.
     4. The stick drives only while the page repeats the velocity; see `VelocityDriver`.
     5. The page repeats the newest time that it got from this process. If that time is old, the
        connection is slow in one direction or the other, and neither a velocity nor a command that
-       may start something is sent. The same holds for a time before the last stop: the viewer did
-       not know of the stop.
+       may start a motion is sent. The same holds for a time before the last stop, of which the
+       viewer did not know.
     6. Each press of the stick has a number. A stop, a refused velocity, a robot that sends nothing
        or a gap between the velocities ends the press. Only another press drives again.
-    7. A robot that hangs may execute later what it gets now. While it sends nothing, it gets no
-       command that may start something.
+    7. A robot that hangs may execute a command later. While it sends nothing, it gets no command
+       that may start a motion.
 
     Args:
         robot: the robot.
         config: limits and timeouts.
 
     Attributes:
-        owner: the viewer that has the control; None without any.
+        owner: the viewer that has the control; None if no viewer has it.
     """
 
     def __init__(self, robot: Robot, config: ControlConfig) -> None:
@@ -143,9 +146,9 @@ class Control:
         self._stopped_at = -math.inf
         """Loop time of the last stop."""
         self._press = -1
-        """Number of the press that drives; -1 if none does."""
+        """Number of the press that drives; -1 if no press drives."""
         self._driven_at = -math.inf
-        """Loop time of the last velocity of this press."""
+        """Loop time of the last velocity of the press `_press`."""
         self._stick_task: asyncio.Task[None] | None = None
         robot.parts.add("control", self._data, each_second=True)
 
@@ -231,7 +234,7 @@ class Control:
         self._stick.drive(linear, 0.0, angular)
 
     def release(self, viewer: Viewer) -> None:
-        """Take the control from a viewer that has it, and stop what its stick drives."""
+        """Take the control from a viewer, and stop the robot if the viewer's stick drives it."""
         if viewer is self.owner:
             self._stick.drive(0.0, 0.0, 0.0)
             self.owner = None
@@ -245,7 +248,7 @@ class Control:
             self.release(self.owner)
 
     def _claim(self, viewer: Viewer) -> Text | None:
-        """Give the control to a viewer; return the reason why not."""
+        """Give the control to a viewer; return the reason if that is not possible."""
         self._release_idle()
         if self.owner not in (None, viewer):
             return Text("reason.controlled", name=self.owner.name)
@@ -258,7 +261,7 @@ class Control:
         return None
 
     def _outdated(self, clock: float) -> Text | None:
-        """Return the reason why something is too old to be sent; None if it is not.
+        """Return the reason why a command or velocity is too old to be sent; None if it is not.
 
         Args:
             clock: newest time that the page knew, in milliseconds.
@@ -293,7 +296,7 @@ class Control:
         try:
             request = self._robot.requests.address(request)
             answer = await self._gate.request(request, sender=Sender(name))
-        except LinkError as error:  # if the robot has got it, its reports tell
+        except LinkError as error:  # if the robot has got the request, its reports will show that
             return Outcome(False, Text("reply.refused", command=_name(name), text=str(error)))
         if isinstance(request, ExecTask):
             self._tasks.answered(request.task_id, answer.ok)
@@ -355,7 +358,7 @@ def _name(command: str) -> Text:
 
 
 class _Stick(VelocityDriver):
-    """A stream of velocities that tells the viewer why it does not drive, instead of the log."""
+    """A stream of velocities that tells refusals to the viewer instead of the log."""
 
     def __init__(
         self,

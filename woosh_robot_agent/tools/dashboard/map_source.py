@@ -33,8 +33,8 @@ class MapPicture:
 
     Attributes:
         png: the picture.
-        keepout_png: picture of the same size, whose dark pixels the robot keeps out of; or empty.
-        problem: why the keep-out areas are not shown; empty if they are, or if there are none.
+        keepout_png: picture of the same size in which keep-out areas are dark; empty without them.
+        problem: why the keep-out areas cannot be shown; empty without a problem.
         data: resolution, origin, marks and zones, for the page.
     """
 
@@ -45,13 +45,13 @@ class MapPicture:
 
 
 class MapSource:
-    """Requests the map that the robot uses, and receives the one that it is making.
+    """Requests the map that the robot uses, and receives the map that the robot is making.
 
     Call `update` repeatedly while somebody watches.
 
     Args:
         chassis: the link.
-        on_change: called when there is another picture.
+        on_change: called when the picture, the error or the list of scenes has changed.
 
     Attributes:
         picture: the picture; None if there is no map.
@@ -79,14 +79,14 @@ class MapSource:
         """Loop time from which the list of scenes is requested again."""
 
     def data(self) -> dict[str, Any]:
-        """Return the part of the map for the page."""
+        """Return the data of the part `map` of the page."""
         if self.picture is None:
             return {"number": self.number, "error": self.error}
         error = self.error or self.picture.problem
         return {"number": self.number, "error": error, **self.picture.data}
 
     def scenes_data(self) -> list[dict[str, Any]]:
-        """Return the part of the scenes on the robot, for the page."""
+        """Return the data of the part `scenes` of the page."""
         return [{"name": each.name, "maps": list(each.maps)} for each in self._scenes]
 
     def close(self) -> None:
@@ -98,7 +98,7 @@ class MapSource:
         self._end_growing()
 
     def update(self, scene: Scene, mapping: bool) -> None:
-        """Request the map if it is another one than that of the picture.
+        """Request the robot's map, unless the picture already shows this map.
 
         Args:
             scene: scene and map that the robot uses.
@@ -159,7 +159,7 @@ class MapSource:
         self._not_before = self._list_at = -math.inf
 
     def _growing(self, body: Body) -> None:
-        if self._task is None or self._task.done():  # a slow picture skips the next ones
+        if self._task is None or self._task.done():  # while a picture is made, others are skipped
             self._start(self._show_growing(body))
 
     async def _show_growing(self, body: Body) -> None:
@@ -167,7 +167,7 @@ class MapSource:
             report: BuildMapData = body.message()
             origin = report.origin_x, report.origin_y, 0.0
             self._set(await _picture(report.map_data, b"", report.resolution, origin, {}))
-        except (FrameError, MapError):  # the next one comes within a second
+        except (FrameError, MapError):  # the next report comes within a second
             return
 
     def _end_growing(self) -> None:

@@ -1,6 +1,6 @@
-"""The parts of the page's data: numbers, names and lists, ready for JSON, and the binary scan.
+"""Make the data of the page's parts: numbers, names and lists for JSON, and the binary scan.
 
-The page has the words for what has a name here, in each language.
+Names of states and modes are English words; the page translates them into its language.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
 
 
 def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
-    """Return what changes rarely or interests only a technician: network, parts, link."""
+    """Return values for technicians: software, network, hardware that is not normal, link."""
     info, stats = view.info, chassis.stats
     return {
         "address": chassis.config.address,
@@ -119,11 +119,11 @@ def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
 
 
 def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str, Any]:
-    """Return what the card of a robot shows, and where the robot is.
+    """Return the data of a robot's card in the overview of all robots.
 
     Args:
         view: state of the robot.
-        chassis: its link.
+        chassis: link of the robot.
         silence: whole seconds for which the robot has sent nothing.
     """
     info = view.info
@@ -146,7 +146,7 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
 
 
 def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
-    """Return where a robot is, for the maps of the others; None if that is not known."""
+    """Return map and pose of a robot, for the pages of other robots; None if it is not known."""
     pose = pose_data(info)
     if pose is None or pose["doubt"]:
         return None
@@ -180,7 +180,7 @@ def codes_data(view: RobotView, clock_offset: float | None) -> list[dict[str, An
 
 
 def code_data(code: StatusCode) -> dict[str, Any]:
-    """Return a status code: its number, its level, the robot's text and what it means."""
+    """Return number, level, text and meaning of a status code."""
     return {
         "code": str(code.code),
         "level": enum_name(StatusCode.Level, code.level),
@@ -201,7 +201,7 @@ def path_data(view: RobotView) -> list[list[float]]:
 
 
 def points_data(points: Any) -> list[list[float]]:
-    """Return points for the page, in metres: every nth if there are too many."""
+    """Return points for the page, in metres: every nth point if there are too many."""
     step = math.ceil(len(points) / _MAX_POINTS) or 1
     return [
         [round(each.x, 3), round(each.y, 3)]
@@ -211,7 +211,7 @@ def points_data(points: Any) -> list[list[float]]:
 
 
 def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
-    """Return the marks of a map: number, description, type, and the pose of a robot there."""
+    """Return the marks of a map: number, description, type, and the pose of a robot at the mark."""
     marks = []
     for storage in area.mark_info.storages[:_MAX_MARKS]:
         pose = storage.pose.dock
@@ -230,7 +230,7 @@ def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
 
 
 def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
-    """Return the zones of a map: kind, corners, and the maximum speed there, in m/s, or 0."""
+    """Return the zones of a map: kind, corners, and maximum speed in m/s; 0 without a limit."""
     zones = []
     for field, fields in area.field_info.ListFields():
         if field.name == "guide_markers":
@@ -253,7 +253,7 @@ def lanes_data(area: SceneData.Map) -> list[list[list[float]]]:
 def task_types_data(scene: SceneData) -> list[dict[str, Any]]:
     """Return the kinds of tasks of a scene: type, number and name; empty if they are not known.
 
-    They are in a file that the robot passes on as it is.
+    They are in the scene's file action_groups.json, which the robot passes on unchanged.
     """
     found: dict[tuple[str, int], str] = {}
     try:
@@ -322,7 +322,7 @@ def _action(view: RobotView, name: str) -> dict[str, Any]:
 
 
 def _parts(hardware: HardwareState) -> list[dict[str, str]]:
-    """Return the parts of the robot that are not normal, with their states."""
+    """Return the hardware parts of the robot that are not normal, with their states."""
     found = []
     for field, value in hardware.ListFields():
         if field.enum_type is None:

@@ -1,4 +1,4 @@
-"""Stores of what viewers see: the newest message of each part."""
+"""Data that the page shows, in named parts that are sent to the viewers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ SCAN = "scan"
 
 
 class Parts:
-    """What viewers see of a robot, or of all of them: a message for each part.
+    """The parts of one robot, or the parts about all robots, and their viewers.
 
-    It is sent again when it changes.
+    A part is one named section of the page's data, e.g. the laser scan. A viewer is a page in a
+    browser. A part is sent to the viewers when its data has changed.
 
     Attributes:
-        messages: last message of each part, by its name: JSON as text, or binary.
+        messages: last message of each part, by name: JSON as text, or binary.
     """
 
     def __init__(self) -> None:
@@ -40,13 +41,14 @@ class Parts:
         on_change: bool = True,
         each_second: bool = False,
     ) -> None:
-        """Add a part.
+        """Register a part and the function that returns its data.
 
         Args:
             name: name of the part.
             source: returns the data of the part.
-            on_change: make it anew soon after each call of `changed`.
-            each_second: make it anew once a second, because it changes without such a call.
+            on_change: rebuild the part after each call of `changed`.
+            each_second: rebuild the part every second, for data that changes without a call of
+                `changed`.
         """
         self._sources[name] = source
         if on_change:
@@ -55,17 +57,17 @@ class Parts:
             self._each_second.append(name)
 
     def changed(self) -> None:
-        """Tell that the data of parts may have changed."""
+        """Note that the data of parts may have changed."""
         self._changed.set()
 
     def put(self, name: str, message: bytes) -> None:
-        """Set the message of a binary part."""
+        """Set the message of a binary part, and send it to the viewers if it has changed."""
         if self.messages.get(name) != message:
             self.messages[name] = message
             self._tell({name})
 
     def publish(self, *names: str) -> None:
-        """Make the messages of parts, and tell the viewers which ones have changed."""
+        """Rebuild the messages of parts, and tell the viewers which parts have changed."""
         changed = set()
         for name in names:
             content = {"part": name, "data": self._sources[name]()}
@@ -76,10 +78,10 @@ class Parts:
         self._tell(changed)
 
     async def publish_changes(self, period: float) -> None:
-        """Publish parts whenever they may have changed, while somebody watches.
+        """Publish the parts with `on_change` after calls of `changed`, while somebody watches.
 
         Args:
-            period: shortest time between two times, in seconds.
+            period: minimum time between two publications, in seconds.
         """
         while True:
             await self._watched.wait()
@@ -89,14 +91,17 @@ class Parts:
             await asyncio.sleep(period)
 
     async def publish_each_second(self) -> None:
-        """Publish the parts that change without a call of `changed`, while somebody watches."""
+        """Publish the parts with `each_second`, while somebody watches."""
         while True:
             await self._watched.wait()
             self.publish(*self._each_second)
             await asyncio.sleep(1.0)
 
     def watch(self, viewer: object, callback: Callable[[Set[str]], None]) -> None:
-        """Call `callback` with the names of parts that have changed, at first with all of them."""
+        """Call `callback` with the names of parts that have changed.
+
+        It is called at once with all parts, except the scan, which is sent when the next one comes.
+        """
         self._viewers[viewer] = callback
         self._watched.set()
         self.changed()

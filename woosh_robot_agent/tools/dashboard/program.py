@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; 1 if the page cannot be served.
@@ -116,7 +116,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _tls(parser: argparse.ArgumentParser, options: argparse.Namespace) -> ssl.SSLContext | None:
-    """Return the certificate for HTTPS; None for HTTP. An unusable one ends the program."""
+    """Return the certificate for HTTPS; None for HTTP. An unusable certificate ends the program."""
     if options.tls_cert is None:
         if options.tls_key is not None:
             parser.error("--tls-key needs --tls-cert")

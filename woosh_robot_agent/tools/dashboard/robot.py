@@ -1,4 +1,4 @@
-"""One robot of the page: its link, its map, its history, and what its viewers see."""
+"""One robot of the page: its link, its map, its history, and its parts for the viewers."""
 
 from __future__ import annotations
 
@@ -39,18 +39,19 @@ M = TypeVar("M", bound=Message)
 SAMPLE_PERIOD = 2.0
 """Time between two samples of the history, in seconds."""
 _MAX_SAMPLES = 900
-"""Number of samples that are kept: those of 30 minutes."""
+"""Number of samples that are kept, for 30 minutes."""
 _MAP_PERIOD = 1.0
-"""Time between two looks whether the robot uses another map, in seconds."""
+"""Time between two checks whether the robot uses another map, in seconds."""
 _LISTEN_PERIOD = 0.1
-"""Time between two looks whether the robot has sent something, in seconds."""
+"""Time between two checks whether the robot has sent a frame, in seconds."""
 _PROBE_AFTER = 0.5
-"""Silence after which the robot is asked for something, in seconds.
+"""Silence after which a small value is requested from the robot, in seconds.
 
 A standing robot pushes nothing, and scans may be rare.
 """
 _BUSY = 0.3
-"""Delay of a look from which this program was busy, in seconds; that is no silence of the robot."""
+"""A check that is late by more than this was delayed by this program, in seconds. That delay does
+not count as silence of the robot."""
 READ_ONLY = Text("reason.readOnly")
 """Reason for which commands are refused."""
 
@@ -63,20 +64,20 @@ class Robot:
     Args:
         config: address and timeouts of the robot.
         shared: parts of all robots, which each viewer watches.
-        control: the robot may be commanded. Otherwise the client of the link refuses every request
-            that could change something.
+        control: True if the robot may be commanded. Otherwise the client of the link refuses every
+            request that could change or move something.
         scan_rate: rate at which scans are requested, in Hz.
-        update_period: shortest time between two updates of the viewers, in seconds.
+        update_period: minimum time between two updates of the viewers, in seconds.
 
     Attributes:
         chassis: the link.
         view: state of the robot as received so far.
-        requests: puts the robot's id into requests, if there is one.
+        requests: puts the robot's id into requests, if an id is configured.
         map: the map of the robot.
-        parts: what viewers see of the robot.
+        parts: the parts of the page for this robot.
         silence: whole seconds for which the robot has sent nothing although it is connected;
             measured while somebody watches any robot.
-        order: returns the order that a fleet manager has given the robot; None without one.
+        order: returns the order that a fleet manager has given the robot; None without an order.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class Robot:
         self._scan_rate = scan_rate
         self._update_period = update_period
         self._samples: deque[list[Any]] = deque(maxlen=_MAX_SAMPLES)
-        """Time, and what `_sample` returns."""
+        """Samples as returned by `_sample`, oldest first."""
         self._fastest = 0.0
         """Greatest speed since the last sample, in m/s."""
         for name, source in (
@@ -140,7 +141,7 @@ class Robot:
 
     @property
     def no_data(self) -> Text | None:
-        """For how long the robot has sent nothing; None if it does."""
+        """Text that the robot has sent nothing for some seconds; None if it sends frames."""
         return Text("reason.noData", seconds=self.silence) if self.silence else None
 
     @property
@@ -229,7 +230,7 @@ class Robot:
                     self.parts.put(SCAN, frame)
 
     async def _listen(self) -> None:
-        """Measure the silence of the robot, and tell the viewers of each second of it."""
+        """Measure the silence of the robot, and update the viewers after each second of silence."""
         loop = asyncio.get_running_loop()
         received, heard_at = 0, loop.time()
         asking: asyncio.Task[None] | None = None
@@ -260,7 +261,7 @@ class Robot:
             self._received(state)
 
     async def _request(self, cls: type[M]) -> M | None:
-        """Request a value; return None if there is none, because the page shows why."""
+        """Request a value; return None without an answer: the page shows the state of the link."""
         if self.chassis.state is not LinkState.READY:
             return None
         try:

@@ -35,20 +35,21 @@ _LOG = logging.getLogger(__name__)
 _METHODS = ("GET", "HEAD")
 mimetypes.add_type("text/javascript", ".js")  # some systems say something else
 _SILENT = logging.getLogger(f"{__name__}.http")
-"""Logger of aiohttp, which reports every request that cannot be parsed: port scans fill the log."""
+"""Logger of aiohttp. It is off, because aiohttp logs every request that it cannot parse, so that a
+port scan would fill the log."""
 _SILENT.disabled = True
 _MAX_MESSAGE = 4096
 """Largest message that is read from a page, in bytes."""
 _MAX_COMMANDS = 8
-"""Maximum number of commands of one viewer that wait for their answer; a stop is never too many."""
+"""Maximum number of commands of one viewer that wait for answers; a stop is always allowed."""
 _MAX_CLOCK = 10**15
 """Greatest time in a message of the page, in milliseconds."""
 _PLACES_PERIOD = 0.2
-"""Shortest time between two messages about where the other robots are, in seconds."""
+"""Minimum time between two messages with the places of the other robots, in seconds."""
 _CLOCK_PERIOD = 0.1
 """Time between two messages to the viewers with the time of this process, in seconds."""
 _HEARTBEAT = 8.0
-"""Silence of a page after which it is pinged, in seconds; it has half of that to answer."""
+"""Silence of a page after which it is pinged, in seconds; it must answer within half this time."""
 _KEEPALIVE_TIMEOUT = 10.0
 """Time for which a connection is kept for further requests, in seconds."""
 _CLOSE_TIMEOUT = 1.0
@@ -62,13 +63,13 @@ class DashboardConfig:
 
     Attributes:
         host: address to listen on.
-        port: port to listen on; 0 takes a free one.
+        port: port to listen on; 0 takes a free port.
         tls: certificate for HTTPS; None for HTTP.
-        control: viewers may command the robots.
-        tokens: tokens of the addresses, if other machines can connect.
+        control: True if viewers may command the robots.
+        tokens: tokens of the roles, used if other machines can connect.
         control_config: limits and timeouts of the control.
         scan_rate: rate at which laser scans are requested while somebody watches, in Hz.
-        max_viewers: maximum number of viewers, besides one for each robot.
+        max_viewers: maximum number of viewers, in addition to one for each robot.
     """
 
     host: str = "127.0.0.1"
@@ -87,8 +88,8 @@ class Dashboard:
     Args:
         robots: address and timeouts of each robot.
         config: the options.
-        more_commands: further commands of the page, such as those of a simulator, by name. They
-            take the arguments of the command.
+        more_commands: functions for further commands of the page, e.g. for a simulator, by name.
+            They take the arguments of the command.
 
     Attributes:
         robots: the robots.
@@ -137,7 +138,7 @@ class Dashboard:
         """Start listening, and connecting to the robots.
 
         Raises:
-            OSError: it cannot listen at the address.
+            OSError: the server cannot listen at the address.
         """
         loop, config = asyncio.get_running_loop(), self._config
         http = web.Server(
@@ -188,12 +189,12 @@ class Dashboard:
 
     @property
     def url(self) -> str:
-        """Address of the page, with the token for the most that may be done there, if any."""
+        """Address of the page, with the token of the highest role, if tokens are needed."""
         return self.urls[Role.CONTROL if self._config.control else Role.LOOK]
 
     @property
     def urls(self) -> dict[Role, str]:
-        """Address of the page for each role. Where no token is needed, they are the same."""
+        """Address of the page for each role; the same address if no token is needed."""
         host = _reachable(self._config.host)
         shown = f"[{host}]" if ":" in host else host
         page = f"{self._access.scheme}://{shown}:{self._access.port}/"
@@ -272,7 +273,7 @@ class Dashboard:
         )
         await socket.prepare(request)
         transport = request.transport
-        if transport is None:  # it has gone already
+        if transport is None:  # the viewer has disconnected already
             return socket
         connection = transport.get_protocol()
         assert isinstance(connection, LimitedConnection)
@@ -301,7 +302,9 @@ class Dashboard:
         return socket
 
     def _make_room(self) -> bool:
-        """Disconnect a viewer that does not drive, so that a new one can always come, and stop.
+        """Disconnect a viewer without control if there are too many.
+
+        So a new viewer can always connect, and stop a robot.
 
         Returns:
             False if there is no room, because all viewers have control.
@@ -336,7 +339,7 @@ class Dashboard:
         }
 
     def _watch(self, viewer: Viewer, index: int) -> None:
-        viewer.note(part="watching", data=index)  # the parts that follow are those of this robot
+        viewer.note(part="watching", data=index)  # the following parts are of this robot
         viewer.watch(self.robots[index])
 
     def _release(self, viewer: Viewer) -> None:
@@ -404,7 +407,7 @@ class Dashboard:
             CommandError: the command is refused.
         """
         robot = viewer.robot
-        assert robot is not None  # it has watched one since it connected
+        assert robot is not None  # a viewer watches a robot from its connection on
         if name == "history":
             return self._history(robot)
         if not viewer.may_control:
@@ -436,7 +439,7 @@ class Dashboard:
 
 
 def _reachable(host: str) -> str:
-    """Return an address at which other machines reach what listens on `host`.
+    """Return an address at which other machines reach a server that listens on `host`.
 
     For the wildcard address, that is the address of this machine in its default network.
     """
@@ -456,7 +459,7 @@ def _parse(text: str) -> dict[str, Any]:
     """Parse a message of the page.
 
     Raises:
-        ValueError: it is not a JSON object.
+        ValueError: the text is not a JSON object.
     """
     try:
         message = json.loads(text)

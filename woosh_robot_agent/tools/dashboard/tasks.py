@@ -1,4 +1,4 @@
-"""What has become of a robot's tasks, also of those that other programs gave."""
+"""The log of a robot's tasks, including the tasks from other programs, for the page."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.robot import Robot
 
 _MAX_TASKS = 50
-"""Number of tasks that are remembered, as a robot does."""
+"""Number of tasks that are remembered; a robot's own history has as many."""
 _SAME_MOMENT = 2.0
-"""Longest time between the end of a task and its status code, in seconds."""
+"""Maximum time between the end of a task and its status code, in seconds."""
 
 
 @dataclass
@@ -29,12 +29,12 @@ class _Task:
     """A task.
 
     Attributes:
-        command: name and arguments of the command of the page that gave it; empty if none did.
-        by: name of what gave it, as in `Driver`, or of the viewer; empty if that is not known.
-        known: the robot has accepted or reported it.
-        report: last report about it; without a state, its end was not seen.
-        begun: Unix time at which it was given or first seen, in milliseconds; 0 if it was not.
-        changed: Unix time at which it got its present state, in milliseconds.
+        command: name and arguments of the page's command that gave the task; empty for other tasks.
+        by: source of the task: the viewer's name, or a name as in `Driver`; empty if unknown.
+        known: True if the robot has accepted or reported the task.
+        report: last report about the task; without a state, the end of the task was not seen.
+        begun: Unix time at which the task was given or first seen, in milliseconds; 0 if unknown.
+        changed: Unix time at which the task got its present state, in milliseconds.
     """
 
     command: Mapping[str, Any] = field(default_factory=dict)
@@ -53,8 +53,8 @@ class _Task:
 class TaskLog:
     """Follows the tasks of a robot, and adds the part `tasks`: a list, the newest first.
 
-    A real robot reports the end of a task for a few milliseconds only. What happened without a
-    link is in its history.
+    A real robot reports the end of a task for a few milliseconds only. Tasks that ended while there
+    was no link are taken from the robot's history.
 
     Args:
         robot: the robot.
@@ -77,7 +77,7 @@ class TaskLog:
             task_id: id of the task.
             by: name of the viewer.
             command: name of the command.
-            args: its arguments.
+            args: arguments of the command.
         """
         given = _Task({"name": command, "args": dict(args)}, by, begun=part_data.now())
         self._tasks[task_id] = given
@@ -116,7 +116,7 @@ class TaskLog:
             known = self._tasks[report.robot_task_id] = _Task()
             if is_running(report):
                 known.begun = now
-                # after the other consumers of this report, which know who drives
+                # later, because `WhoDrives` must process this report first
                 asyncio.get_running_loop().call_soon(self._ask_driver, known)
         if known.report.state != report.state:
             known.changed = now
@@ -151,7 +151,7 @@ class TaskLog:
         }
 
     def _failure(self, report: TaskProc) -> dict[str, Any] | None:
-        """Return the status code with which a task failed; None if none is known."""
+        """Return the status code that gives the reason of a failed task; None if unknown."""
         for code in reversed(self._robot.view.codes):
             of_task = code.robot_task_id == report.robot_task_id
             at_its_end = not code.robot_task_id and (

@@ -10,17 +10,17 @@ from typing import Any, Union
 PAGE = Path(__file__).with_name("page")
 """Folder of the page."""
 Value = Union[str, int, float, "Text"]
-"""What can be put into a text."""
+"""Type of the values that can be put into a text."""
 
 
 class Text:
-    """A text of the files in `page/texts`, which have the same keys in each language.
+    """A text in the files `page/texts/*.json`, which have the same keys in each language.
 
-    As a `str`, it is in English.
+    `str` returns the text in English.
 
     Args:
         key: key of the text.
-        **values: what is put into it, by the names in braces.
+        **values: values for the placeholders of the text, by name.
     """
 
     def __init__(self, key: str, **values: Value) -> None:

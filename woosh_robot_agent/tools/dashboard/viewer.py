@@ -15,24 +15,25 @@ from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.texts import Text
 
 _MAX_NOTES = 100
-"""Maximum number of notes that wait; a viewer for which there are more is disconnected."""
+"""Maximum number of waiting notes; a viewer with more waiting notes is disconnected."""
 
 
 class Viewer:
     """Sends one viewer the parts of the robot that it watches, and notes.
 
-    A slow viewer gets fewer messages: of each part only the newest one. It delays nobody else.
+    A note is a message that must not be left out, e.g. the reply to a command. A slow viewer gets
+    fewer messages: of each part only the newest one. It delays no other viewer.
 
     Args:
         socket: the WebSocket.
-        transport: its connection.
+        transport: connection of the WebSocket.
         number: number of the viewer, from 1.
         shared: parts of all robots, which each viewer watches.
-        may_control: the viewer may command robots.
+        may_control: True if the viewer may command robots.
 
     Attributes:
         name: name of the viewer, for other viewers: its number and its address.
-        may_control: the viewer may command robots.
+        may_control: True if the viewer may command robots.
         robot: the robot that the viewer watches; None at first.
         visible: False while the page is hidden.
         commands: tasks of the commands that wait for their answer.
@@ -60,18 +61,18 @@ class Viewer:
         self.commands: set[asyncio.Task[None]] = set()
         self.ended_press = -1
         self._tells_time = False
-        """True if the time is to be sent."""
+        """True if the time has to be sent."""
         self._stale: dict[tuple[Parts, str], None] = {}
-        """Stores and names of the parts to send, in the order in which they changed."""
+        """Parts to send, as `Parts` object and name, in the order in which they changed."""
         self._notes: list[str] = []
-        """Messages to send, none of which may be left out."""
+        """Notes to send."""
         self._wake = asyncio.Event()
         self._closing: asyncio.Task[bool] | None = None
-        """The task that closes the WebSocket, because the loop keeps only a weak reference."""
+        """The task that closes the WebSocket; kept, because the loop has only a weak reference."""
         self.heard_at = asyncio.get_running_loop().time()
 
     def watch(self, robot: Robot) -> None:
-        """Watch a robot instead of the one before."""
+        """Watch a robot instead of the current robot."""
         self.unwatch()
         self.robot = robot
         self._watch()
@@ -98,7 +99,7 @@ class Viewer:
                 parts.watch(self, partial(self._changed, parts))
 
     def note(self, **content: Any) -> None:
-        """Send a message to the page."""
+        """Send a note to the page."""
         if len(self._notes) < _MAX_NOTES:
             self._notes.append(json.dumps(content, separators=(",", ":")))
             self._wake.set()
@@ -122,12 +123,12 @@ class Viewer:
         self._wake.set()
 
     def end_press(self, press: int, reason: Text) -> None:
-        """Drive no more with the current press of the stick, and tell the page why."""
+        """End a press of the stick, and tell the page why."""
         self.ended_press = max(self.ended_press, press)
         self.note(part="stick", data=reason.data)
 
     async def send(self) -> None:
-        """Send what is to be sent, until the WebSocket ends or this is cancelled."""
+        """Send notes, the time and changed parts, until the WebSocket ends or this is cancelled."""
         try:
             while True:
                 await self._wake.wait()
@@ -144,7 +145,8 @@ class Viewer:
     def _next(self) -> str | bytes:
         if self._notes:
             return self._notes.pop(0)
-        if self._tells_time:  # after the notes: a page that knows a time after a stop knows it too
+        # after the notes: a page that knows a time after a stop has also got the note of the stop
+        if self._tells_time:
             self._tells_time = False
             return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
         parts, name = next(iter(self._stale))

@@ -68,7 +68,7 @@ class Result:
 
 
 class CheckFailedError(Exception):
-    """A check failed on which all later ones depend.
+    """A check failed on which all later checks depend.
 
     Attributes:
         result: Result of the check.
@@ -80,18 +80,18 @@ class CheckFailedError(Exception):
 
 
 class SurveyError(Exception):
-    """A survey cannot be made, or its folder not be written."""
+    """A survey cannot be made, or its folder cannot be written."""
 
 
 _MAX_BODY = 1024 * 1024
-"""Number of bytes from which on no more is read of a response over HTTP."""
+"""Number of bytes after which the rest of an HTTP response is not read."""
 
 _SN = 1
-"""Serial number of the request."""
+"""Serial number of the request for RobotInfo."""
 
 
 class RobotInfoAnswer(NamedTuple):
-    """The robot's answer.
+    """The robot's answer to the request for RobotInfo.
 
     Attributes:
         info: Body of the answer.
@@ -215,7 +215,7 @@ def check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
 
 
 async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
-    """Return the first address of the robot with an open port, or else a reachable one.
+    """Return the first address of the robot with an open port, or else a reachable address.
 
     A name can have several addresses, and the robot need not listen on the first one.
 
@@ -223,7 +223,7 @@ async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
         The numeric address, and why its port is closed; empty if it is open.
 
     Raises:
-        CheckFailedError: The host name has no address, or none is reachable.
+        CheckFailedError: The host name has no address, or no address is reachable.
     """
     loop = asyncio.get_running_loop()
     lookup = loop.getaddrinfo(config.ip, config.effective_port, type=socket.SOCK_STREAM)
@@ -282,7 +282,8 @@ async def open_link(config: LinkConfig) -> Transport:
     """Open the configured transport.
 
     Raises:
-        CheckFailedError: The other end does not speak it, does not answer, or disconnects.
+        CheckFailedError: The other end does not speak the transport, does not answer, or
+            disconnects.
     """
     try:
         return await open_transport(config)
@@ -307,10 +308,10 @@ async def open_link(config: LinkConfig) -> Transport:
 
 
 async def _explained(config: LinkConfig, text: str, remedy: str) -> CheckFailedError:
-    """Return the error of a WebSocket that did not open, with what answers HTTP at its address.
+    """Return the error for a link that did not open, which tells what answers HTTP at its address.
 
-    A chassis answers HTTP there too, so a proxy or firewall that refuses WebSockets can be told
-    from another program.
+    A chassis answers HTTP on the same port, so that a proxy or firewall that refuses WebSockets can
+    be told from another program.
     """
     is_http = config.transport == "websocket"
     answer = await ask_over_http(config, full_name(RobotInfo)) if is_http else None
@@ -374,12 +375,12 @@ async def ask_over_http(config: LinkConfig, name: str) -> HttpAnswer | None:
                     break
             server = response.headers.get("Server", "")
             return HttpAnswer(response.status, server, body, time.monotonic() - began)
-    except (aiohttp.ClientError, TimeoutError, OSError):  # it does not speak HTTP either
+    except (aiohttp.ClientError, TimeoutError, OSError):  # nothing answers HTTP
         return None
 
 
 def _info_in(body: bytes) -> RobotInfo | None:
-    """Return the RobotInfo in a response over HTTP, None if it is none."""
+    """Return the RobotInfo in a response over HTTP, None if it has none."""
     try:
         envelope = JSON.decode(body)
         return JSON.body(envelope, RobotInfo) if envelope.type == full_name(RobotInfo) else None
@@ -455,7 +456,7 @@ def check_taskable(info: RobotInfo) -> Result:
 
 
 def check_codes(info: RobotInfo) -> Result:
-    """Report the problems that the robot has reported and that are not resolved."""
+    """Report the unresolved problems in AbnormalCodes."""
     codes = [explained(code.code, code.msg) for code in info.abnormal_codes.scs]
     if codes:
         return Result(Status.WARN, "; ".join(codes), "resolve what the codes report")

@@ -1,6 +1,6 @@
-"""A profile of the simulator from what a robot has shown.
+"""Learn a profile of the simulator from the frames of a robot.
 
-Each value comes with the number of samples behind it. What the robot has not shown is as in the
+Each learned value has its number of samples. Values that the frames do not show are those of the
 profile `tr200`.
 """
 
@@ -36,7 +36,7 @@ from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
 from woosh_robot_agent.tools.doctor.observations import Observations, Seen, busiest
 
 REFERENCE = "tr200"
-"""Profile that has all values which a robot has not shown."""
+"""Profile from which values are taken that cannot be learned."""
 
 Keys = tuple[str, ...]
 """Keys of a value in a profile, e.g. `("rates", "scan")`."""
@@ -47,7 +47,7 @@ class Learned(NamedTuple):
 
     Attributes:
         value: The value, as in the file of a profile.
-        samples: Number of samples behind it.
+        samples: Number of samples from which the value was learned.
     """
 
     value: Any
@@ -67,7 +67,7 @@ def quantile(values: Sequence[float], share: float) -> float:
 
 
 def learn(seen: Observations) -> Values:
-    """Return what a robot has shown of its profile."""
+    """Return all values of a profile that can be learned from the observations."""
     parts = (_model, _tasks, _answers, _mapping, _rates, _laser, _driving, _battery, _refusals)
     return {path: found for part in parts for path, found in part(seen)}
 
@@ -75,11 +75,11 @@ def learn(seen: Observations) -> Values:
 _Found = Iterator[tuple[Keys, Learned]]
 
 _MIN_SAMPLES = 3
-"""Number of samples from which on a distribution is learned."""
+"""Minimum number of samples to learn a distribution."""
 
 
 _MAX_SIZE = 100_000
-"""Maximum of a size in mm, or of a weight in kg, that can be meant."""
+"""Maximum plausible size in mm, or weight in kg."""
 
 
 def _model(seen: Observations) -> _Found:
@@ -103,7 +103,7 @@ _MAX_FIRST_REPORT = 30.0
 _MAX_EFFECT = 5.0
 """Maximum time from an order to its effect, in seconds."""
 _MAX_EMPTY = 0.5
-"""Maximum time from the last report of a task to the empty one, in seconds."""
+"""Maximum time from the last report of a task to the following empty report, in seconds."""
 _FIRST_REPORTS = 8
 """Maximum number of values of `tasks.first_report`."""
 
@@ -143,7 +143,7 @@ def _tasks(seen: Observations) -> _Found:
 
 
 _SLOW = {cls.DESCRIPTOR.full_name for cls in (pack.InitRobot, pack.BuildMap)}
-"""Requests whose answers come when they are done. Other fields describe them."""
+"""Requests that are answered when they are done. Other fields of the profile describe them."""
 _FREQUENT = {cls.DESCRIPTOR.full_name for cls in (pack.Twist, ScannerData)}
 """Requests that are sent so often that they would outweigh all others."""
 
@@ -167,9 +167,9 @@ def _answers(seen: Observations) -> _Found:
 
 
 def _mapping(seen: Observations) -> _Found:
-    periods = _gaps([t for t, _ in seen.pushed(pack.BuildMapData)], longest=10.0)
+    periods = _gaps([t for t, _ in seen.pushed(pack.BuildMapData)], ignore_above=10.0)
     if len(periods) >= _MIN_SAMPLES:
-        period = Learned(_milliseconds(quantile(periods, 0.5)), len(periods))
+        period = Learned(_round_to_ms(quantile(periods, 0.5)), len(periods))
         yield ("mapping", "picture_period"), period
     kinds: dict[int, list[float]] = {}
     for each in seen.answered(pack.BuildMap):
@@ -185,13 +185,13 @@ def _mapping(seen: Observations) -> _Found:
 
 
 _MAX_GAP_MOVING = 2.0
-"""Time between two pushes of PoseSpeed from which on the robot stood, in seconds."""
+"""Longer gaps between two pushes of PoseSpeed mean that the robot stood, in seconds."""
 _SAME_PERIOD = 0.7
-"""Share of the time between two pushes from which on each scan is pushed."""
+"""Scan period divided by push period from which on every scan counts as pushed."""
 
 
 def _rates(seen: Observations) -> _Found:
-    moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], longest=_MAX_GAP_MOVING)
+    moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], ignore_above=_MAX_GAP_MOVING)
     if len(moving) >= _MIN_SAMPLES:
         yield ("rates", "pose_speed"), _median(moving)
     pushed = _gaps([each.t for each in busiest([each for each in seen.scans if each.pushed])])
@@ -221,7 +221,7 @@ def _scan_period(seen: Observations) -> Learned | None:
         if len(changes) > 1 and len(series) >= 2 * len(changes):
             time += changes[-1] - changes[0]
             count += len(changes) - 1
-    return Learned(_milliseconds(time / count), count) if count >= _MIN_SAMPLES else None
+    return Learned(_round_to_ms(time / count), count) if count >= _MIN_SAMPLES else None
 
 
 def _laser(seen: Observations) -> _Found:
@@ -246,7 +246,7 @@ def _laser(seen: Observations) -> _Found:
 _STANDING = 0.01
 """Speed up to which a robot stands, in m/s or rad/s."""
 _MIN_MOVING = 10
-"""Number of reports of a moving robot from which on its maximum speeds are learned."""
+"""Minimum number of reports of a moving robot to learn its maximum speeds."""
 _MAX_START = 3.0
 """Maximum time from a velocity to the first motion, in seconds."""
 
@@ -308,26 +308,28 @@ def _codes(body: Any) -> Sequence[StatusCode]:
     return body.scs if isinstance(body, AbnormalCodes) else []
 
 
-def _gaps(times: Sequence[float], longest: float = math.inf) -> list[float]:
-    gaps = [after - before for before, after in pairwise(times)]
-    return [each for each in gaps if each <= longest]
+def _gaps(timestamps: Sequence[float], ignore_above: float = math.inf) -> list[float]:
+    gaps = [after - before for before, after in pairwise(timestamps)]
+    return [each for each in gaps if each <= ignore_above]  # longer gaps are pauses
 
 
-def _milliseconds(seconds: float) -> float:
+def _round_to_ms(seconds: float) -> float:
     return round(seconds, 3)
 
 
-def _median(times: Sequence[float]) -> Learned:
-    return Learned(_milliseconds(quantile(times, 0.5)), len(times))
+def _median(durations: Sequence[float]) -> Learned:
+    return Learned(_round_to_ms(quantile(durations, 0.5)), len(durations))
 
 
-def _distribution(times: Sequence[float]) -> Learned:
+def _distribution(durations: Sequence[float]) -> Learned:
+    """Return the median, the 90 % quantile and the maximum."""
     shares = (0.5, 0.9, 1.0)
-    return Learned([_milliseconds(quantile(times, each)) for each in shares], len(times))
+    return Learned([_round_to_ms(quantile(durations, each)) for each in shares], len(durations))
 
 
-def _interval(times: Sequence[float]) -> Learned:
-    return Learned([_milliseconds(min(times)), _milliseconds(max(times))], len(times))
+def _interval(durations: Sequence[float]) -> Learned:
+    """Return the minimum and the maximum."""
+    return Learned([_round_to_ms(min(durations)), _round_to_ms(max(durations))], len(durations))
 
 
 @lru_cache
@@ -341,11 +343,11 @@ def reference() -> dict[str, dict[str, Any]]:
 _TIMES = {"answers", "mapping", "rates", "tasks"}
 """Sections with times, which depend on this computer and the network, too."""
 _TOLERANCES = {True: (0.1, 0.02), False: (0.01, 0.0)}
-"""Share of a number, and difference in seconds, up to which two times or other numbers agree."""
+"""Relative and absolute difference up to which two numbers agree, for times (True) and others."""
 
 
 def known_value(path: Keys) -> Any:
-    """Return the value of `tr200` in place of a learned one."""
+    """Return the value of `tr200` for the same keys as a learned value."""
     known: Any = reference()
     for key in path:
         known = known.get(key) if isinstance(known, dict) else None
@@ -354,7 +356,7 @@ def known_value(path: Keys) -> Any:
 
 
 def differs(path: Keys, value: Any) -> bool:
-    """Return True if a learned value differs from that of `tr200`."""
+    """Return True if a learned value differs from the value of `tr200`."""
     known = known_value(path)
     if path == ("tasks", "first_report"):  # in any order
         value, known = sorted(value), sorted(known)
@@ -375,8 +377,8 @@ def profile_text(values: Mapping[Keys, Learned], source: str) -> str:
     """Return the file of a profile.
 
     Args:
-        values: What the robot has shown.
-        source: Where it comes from, for the heading.
+        values: The learned values.
+        source: Name of the source of the values, for the heading.
 
     Raises:
         DataFileError: The values do not make a profile.
@@ -421,7 +423,7 @@ class _Entry:
 
 @dataclass(frozen=True)
 class _Survey:
-    """The part of the file of a survey that is read."""
+    """The part of the survey file that this module reads."""
 
     profile: tuple[_Entry, ...]
 
@@ -429,7 +431,7 @@ class _Survey:
 SURVEY_FILE = "survey.json"
 """File with the results of a survey, in its folder."""
 _MAX_SURVEY = 16 * 1024 * 1024
-"""Maximum size of this file, in bytes."""
+"""Maximum size of the survey file, in bytes."""
 
 
 def learn_profile(source: Path, target: Path) -> str:
@@ -437,10 +439,10 @@ def learn_profile(source: Path, target: Path) -> str:
 
     Args:
         source: A recording, or the folder of a survey.
-        target: The file, which must not exist.
+        target: Path of the profile, which must not exist.
 
     Returns:
-        What was done.
+        A text that says what was written.
 
     Raises:
         DataFileError: The source cannot be used, shows nothing, or the file cannot be written.
@@ -469,12 +471,12 @@ def learn_profile(source: Path, target: Path) -> str:
 
 
 def observe_recording(path: Path) -> Observations:
-    """Return what a recording shows.
+    """Return the observations in a recording.
 
     Raises:
-        DataFileError: It cannot be read.
+        DataFileError: The recording cannot be read.
     """
-    # it needs mcap, which surveys do not
+    # imported here, because it needs mcap, and surveys do not
     from woosh_robot_agent.tools.recording.layout import Frame, RecordingError
     from woosh_robot_agent.tools.recording.reader import read_recording
 

@@ -1,4 +1,4 @@
-"""What the frames of a robot show: requests and answers, pushes, clock, and gaps of the schema."""
+"""Extract observations from a robot's frames, e.g. answers, pushes, clock and unknown fields."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 _LARGE = 64 * 1024
 """Size of a frame whose body is not kept, in bytes."""
 _EXAMPLES = 3
-"""Number of values that are kept of an unknown field."""
+"""Maximum number of values that are kept of an unknown field."""
 _MAX_NAMES = 20_000
 """Maximum number of names that are kept."""
 _OPEN_FIELDS = {"action", "adapter", "display_model", "msg", "rc", "system", "urdf_name"}
-"""Fields of text that say nothing about a site."""
+"""Text fields that reveal nothing about a site."""
 _NUMBERS = {"robot_id", "serial_number"}
 """Fields with numbers by which a robot can be recognised."""
 
@@ -37,9 +37,9 @@ class Seen(NamedTuple):
     """A frame.
 
     Attributes:
-        t: Unix time at which it passed, in seconds.
-        connection: Number of its connection.
-        by_robot: True if the robot sent it, False for a client.
+        t: Unix time at which the frame was sent or received, in seconds.
+        connection: Number of the connection.
+        by_robot: True if the robot sent the frame, False if a client did.
         data: Text of a text frame, bytes of a binary frame.
     """
 
@@ -61,7 +61,7 @@ class Answered(NamedTuple):
         ok: True if the request was accepted.
         text: Text of the answer.
         type: Type of the answer.
-        body: Its body; None if it is large, could not be read, or has an unknown type.
+        body: Body of the answer; None if it is large, could not be read, or has an unknown type.
         size: Size of the answer's frame, in bytes.
     """
 
@@ -78,7 +78,7 @@ class Answered(NamedTuple):
 
 
 class Pushed(NamedTuple):
-    """A push; see `Answered` and `Seen`."""
+    """A push; the attributes are as in `Answered` and `Seen`."""
 
     t: float
     connection: int
@@ -94,7 +94,7 @@ class Scan(NamedTuple):
         t: Unix time, in seconds.
         connection: Number of the connection.
         pushed: True if it was pushed, False if it was requested.
-        ranges: Hash of its ranges.
+        ranges: Hash of the ranges.
         settings: The scan without its ranges.
     """
 
@@ -107,7 +107,7 @@ class Scan(NamedTuple):
 
 @dataclass
 class Unknown:
-    """Something that the schema lacks.
+    """A field or type that the schema lacks.
 
     Attributes:
         count: Number of occurrences.
@@ -124,7 +124,7 @@ class Unknown:
 
 
 class Observations:
-    """Everything that the frames have shown so far.
+    """Everything that was observed in the frames so far.
 
     Attributes:
         asked: Number of requests, by their type.
@@ -132,8 +132,8 @@ class Observations:
         pushes: Pushes, in order.
         scans: Laser scans, in order.
         subscribed: Types that clients have subscribed to.
-        unknown_fields: Fields that the schema lacks, by message type and path. Only frames in JSON
-            name them.
+        unknown_fields: Fields that the schema lacks, by message type and path; only from JSON
+            frames, which have the names of fields.
         unknown_types: Types that the schema lacks, with their bodies.
         unreadable: Frames and bodies that could not be read, by reason.
         offsets: Time by which each timestamp of the robot is ahead of this computer's clock, in
@@ -162,7 +162,7 @@ class Observations:
             self.add(frame)
 
     def add(self, seen: Seen) -> Answered | None:
-        """Add a frame; return the answer in it, if it is one."""
+        """Add a frame; return the answer in it, or None."""
         self.frames += seen.by_robot
         try:
             envelope = server_codec(seen.data).decode(seen.data)
@@ -175,7 +175,7 @@ class Observations:
         return None
 
     def latest(self, cls: type[_M]) -> tuple[_M | None, int]:
-        """Return the last message of a class, and the number of messages of it."""
+        """Return the last message of a class, and the number of messages of this class."""
         name = cls.DESCRIPTOR.full_name
         return self._latest.get(name), self._counts[name]  # type: ignore[return-value]
 
@@ -185,7 +185,7 @@ class Observations:
         yield from (each.body for each in self.pushes)
 
     def pushes_of(self, name: str) -> list[Pushed]:
-        """Return the pushes of a type to one client, the one that has got the most of them."""
+        """Return the pushes of a type to one client: the client with the most such pushes."""
         return busiest([each for each in self.pushes if each.type == name])
 
     def pushed(self, cls: type[_M]) -> list[tuple[float, _M]]:
@@ -241,7 +241,7 @@ class Observations:
         return None
 
     def _body(self, seen: Seen, envelope: Envelope) -> Message | None:
-        """Return the body of a frame, and note what the schema lacks."""
+        """Return the body of a frame, and note types and fields that the schema lacks."""
         cls = message_types().get(envelope.type)
         if cls is None:
             if seen.by_robot and envelope.type != "error":
@@ -281,7 +281,10 @@ _Item = TypeVar("_Item", Pushed, Scan)
 
 
 def busiest(items: list[_Item]) -> list[_Item]:
-    """Return the items of the connection that has the most: several clients get the same pushes."""
+    """Return the items of the connection with the most items.
+
+    Several clients get the same pushes, which must not be counted twice.
+    """
     counts = Counter(each.connection for each in items)
     number, _ = counts.most_common(1)[0] if counts else (0, 0)
     return [each for each in items if each.connection == number]
@@ -340,15 +343,15 @@ def _plain(body: object) -> Any:
 
 
 _ADDRESS = re.compile(r"\b(?:\d{1,3}(?:\.\d{1,3}){3}|(?:[0-9a-f]{2}:){5}[0-9a-f]{2})\b", re.I)
-"""An address of IPv4 or of Ethernet."""
+"""An IPv4 address or a MAC address."""
 _TELLING = re.compile(r"name|serial|sn$|id$|no$|addr|mac|ip$|wifi|ssid|pass|pwd|token|key", re.I)
-"""Keys whose values could tell whose robot it is."""
+"""Keys whose values could identify the robot or its site."""
 _PLAIN_KEY = re.compile(r"[a-z]\w{0,40}")
-"""A key that is the name of a field, and not itself a name."""
+"""A key that looks like the name of a field."""
 
 
 class Hider:
-    """Removes what could tell whose robot it is.
+    """Removes names, addresses and ids that could identify the robot or its site.
 
     Args:
         names: The names, as in `Observations.names`.
@@ -356,7 +359,7 @@ class Hider:
 
     def __init__(self, names: Iterable[str]) -> None:
         found = "|".join(re.escape(each) for each in sorted(names, key=len, reverse=True))
-        # a name inside the name of a type is none
+        # not inside of a type name, e.g. woosh.robot.PoseSpeed
         self._names = re.compile(rf"(?<![\w.])(?:{found})(?!\w|\.\w)") if found else None
 
     def text(self, text: str) -> str:
@@ -368,7 +371,7 @@ class Hider:
         """Return a JSON value without texts, and without numbers that could be ids.
 
         Args:
-            key: Name of its field.
+            key: Name of the field.
             value: The value.
         """
         if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""The program `doctor`: all checks, in order. It never commands the robot."""
+"""The program `doctor`, which runs all checks in order. It never commands the robot."""
 
 from __future__ import annotations
 
@@ -104,8 +104,8 @@ doctor requests RobotInfo once and never commands the robot. Where ROS is
 available, it also looks for nodes that do not get the last value of a topic.
 
 With --survey it then asks all queries and listens to all pushes, and writes
-what the robot answers, how fast, and what is unknown of it. This moves and
-changes nothing either; Ctrl-C ends it early. See docs/survey.md.
+what the robot answers, how fast, and which fields and types are unknown. This
+moves and changes nothing either; Ctrl-C ends it early. See docs/survey.md.
 
 Exit status: 0 if no check failed (there may be warnings), 1 if a check failed
 or the output was not read to its end, 2 if the command line is invalid."""
@@ -115,10 +115,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Check one robot and print a line for each check.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
 
     Returns:
-        The exit status: 0 if no check failed, 1 if one failed.
+        The exit status: 0 if no check failed, 1 if a check failed.
     """
     parser = argparse.ArgumentParser(
         prog="doctor",
@@ -162,7 +162,7 @@ def _minutes(text: str) -> float:
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
-    """Run the checks, and the survey if it is wanted; return the exit status."""
+    """Run the checks, and with --survey the survey; return the exit status."""
     if options.survey:
         # slow to load, and seldom needed
         from woosh_robot_agent.tools.doctor import survey

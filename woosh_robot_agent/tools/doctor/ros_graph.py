@@ -23,7 +23,7 @@ async def check_subscribers(domain: int | None = None) -> Result:
     only with the durability TRANSIENT_LOCAL, and a robot that stands still changes nothing.
 
     Args:
-        domain: ROS_DOMAIN_ID; by default that of the environment.
+        domain: ROS_DOMAIN_ID; by default from the environment.
     """
     try:
         from woosh_robot_agent.tools.ros_node import NodeThread
@@ -50,9 +50,9 @@ async def check_subscribers(domain: int | None = None) -> Result:
 
 
 def _volatile_subscribers(node: Any) -> tuple[list[str], set[str]]:
-    """Return the subscribers with the wrong durability, and the nodes of the agents."""
+    """Return the subscribers with volatile durability, and the names of the agents' nodes."""
     topics = dict(node.get_topic_names_and_types())
-    topics.pop("/rosout", None)  # its readers want no old messages
+    topics.pop("/rosout", None)  # its subscribers want no old messages
     publishers = {
         topic: {
             _full_name(each)

@@ -1,4 +1,4 @@
-"""The survey of a robot: it asks every query, listens to every push, and commands nothing."""
+"""Survey a robot: send every query, and listen to every push. It commands nothing."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, HttpResult
 from woosh_robot_agent.tools.options import stop_event
 
 LARGE_QUERIES = frozenset(full_name(cls) for cls in (SceneDataEasy, SceneData, SceneMd5, Download))
-"""Queries with large answers, which are asked a few times only."""
+"""Queries with large answers, which are sent only a few times."""
 _LARGE_ROUNDS = 3
-"""Number of rounds in which these are asked."""
+"""Number of rounds in which `LARGE_QUERIES` are sent."""
 _PAUSE = 0.1
 """Time between two queries, in seconds."""
 _POLLS = 60
 """Number of scans that are requested in each round."""
 _POLL_PERIOD = 0.04
-"""Time between two of these requests, in seconds: some times less than between two scans."""
+"""Time between two requests for a scan, in seconds: a fraction of the time between two scans."""
 _MAX_UNANSWERED = 2
-"""Number of queries of one type without an answer after which it is not asked again."""
+"""Number of unanswered queries of a type after which that type is not sent again."""
 _RETRY = 1.0
 """Time until a lost connection is opened again, in seconds."""
 _LINK = 1
-"""Number of the connection; all have the same one, because no serial number is used twice."""
+"""Number of every connection: one suffices, because no serial number is used twice."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ class SurveyOptions:
     Attributes:
         folder: Folder for the results, which must not exist or be empty.
         minutes: Duration, in minutes.
-        with_names: Keep names, addresses, texts and numbers by which the robot can be recognised.
+        with_names: True to keep names, addresses, texts and numbers by which the robot can be
+            recognised.
     """
 
     folder: Path
@@ -68,10 +69,10 @@ class SurveyOptions:
 
 
 class _Survey:
-    """A survey that runs.
+    """A running survey.
 
     Attributes:
-        seen: What the robot has shown.
+        seen: Observations so far.
         http: Answers over HTTP, by query; None for a query that was not answered.
         lost: Number of connections that were lost.
     """
@@ -90,12 +91,12 @@ class _Survey:
         self._rounds = 0
         self._unanswered: dict[str, int] = {}
         self._scene = ""
-        """Name of the scene, by which its data are requested."""
+        """Name of the current scene, for requests of its data."""
         self._mark = ""
-        """Number of a mark, by which it is requested."""
+        """Number of any mark, for the request Find."""
 
     async def run(self) -> None:
-        """Observe the robot until the task is cancelled; connect again whenever that is needed."""
+        """Observe the robot until the task is cancelled; reconnect when the connection is lost."""
         while True:
             try:
                 self._transport = await open_transport(self._config)
@@ -110,7 +111,7 @@ class _Survey:
                 await self._transport.close(self._config.close_timeout)
 
     async def _observe(self) -> None:
-        """Ask and listen until the connection is lost."""
+        """Send queries and read frames until the connection is lost."""
         reading = asyncio.ensure_future(self._read())
         asking = asyncio.ensure_future(self._ask_all())
         try:
@@ -199,7 +200,7 @@ class _Survey:
         """Ping the robot.
 
         Raises:
-            TransportClosedError: It does not answer.
+            TransportClosedError: The robot does not answer.
         """
         try:
             await run_with_timeout(self._config.request_timeout, self._transport.ping())
@@ -217,7 +218,7 @@ class _Survey:
         return self._start + time.monotonic()
 
     async def _ask_over_http(self) -> None:
-        """Ask each query over HTTP, unless the first ones show that nothing answers there."""
+        """Send each query over HTTP, unless the first queries show that nothing answers HTTP."""
         for query in QUERIES:
             if query.request in LARGE_QUERIES:
                 continue
@@ -240,7 +241,7 @@ def check_folder(folder: Path) -> None:
     """Check that the results can be written to a folder.
 
     Raises:
-        SurveyError: There is something already.
+        SurveyError: The folder is not empty.
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -253,7 +254,7 @@ async def survey(config: LinkConfig, options: SurveyOptions) -> str:
     """Make a survey, until its time is over or a signal arrives, and write its results.
 
     Returns:
-        What was done.
+        A summary for the user.
 
     Raises:
         SurveyError: The robot has not answered, or the folder cannot be written.
@@ -300,7 +301,7 @@ async def survey(config: LinkConfig, options: SurveyOptions) -> str:
 
 @contextlib.contextmanager
 def _progress(made: _Survey, seconds: float) -> Iterator[None]:
-    """Show the progress on stderr, if that is a terminal."""
+    """Show the progress on stderr, if stderr is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -28,9 +28,9 @@ REPORT_FILE = "survey.md"
 """File with the report for people, in the folder of a survey."""
 
 _UNKNOWN = re.compile(r"unknown|unsupported|not support|not found|no such|invalid type", re.I)
-"""Text of an answer to a request that the robot does not have."""
+"""Text of an answer to a request that the robot does not know."""
 _NOT_FOUND = 404
-"""HTTP status for a request that the robot does not have."""
+"""HTTP status for a request that the robot does not know."""
 
 
 class HttpResult(NamedTuple):
@@ -38,7 +38,7 @@ class HttpResult(NamedTuple):
 
     Attributes:
         status: Status of the response.
-        ok: True if the query was answered, False if it was refused; None if the body is no answer.
+        ok: True if the query was accepted, False if it was refused; None if the body is no answer.
         text: Text of the answer.
         delay: Time from request to response, in seconds.
     """
@@ -62,13 +62,13 @@ def results(
     """Return the results of a survey as JSON.
 
     Args:
-        seen: What the robot has shown.
+        seen: The observations.
         http: Answers over HTTP, by query; None for a query that was not answered.
         seconds: Duration, in seconds.
-        complete: It was not stopped early.
+        complete: False if the survey was stopped early.
         lost: Number of lost connections.
         address: Address of the robot.
-        with_names: Keep what could tell whose robot it is.
+        with_names: True to keep names and numbers that could identify the robot or its site.
     """
     hider = None if with_names else Hider(seen.names)
     learned = learn(seen)
@@ -191,7 +191,7 @@ def _unknown(path: str, unknown: Unknown, hider: Hider | None) -> dict[str, Any]
 
 
 def _unreadable(reasons: Counter[str], hider: Hider | None) -> dict[str, int]:
-    """Return why something could not be read; without the values, which an error repeats."""
+    """Return the reasons of unreadable frames; with a `hider` without the values in the errors."""
     found: Counter[str] = Counter()
     for reason, count in reasons.items():
         text = ": ".join(reason.split(": ")[:2]).partition(", got ")[0] if hider else reason
@@ -200,7 +200,7 @@ def _unreadable(reasons: Counter[str], hider: Hider | None) -> dict[str, int]:
 
 
 def _codes(seen: Observations, hider: Hider | None) -> Iterator[dict[str, Any]]:
-    """Yield the status codes that the table does not have."""
+    """Yield the status codes that the table of known codes lacks."""
     texts: dict[int, str] = {}
     counts: Counter[int] = Counter()
     for body in seen.bodies():

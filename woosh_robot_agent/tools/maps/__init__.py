@@ -1,1 +1,1 @@
-"""The program `maps`: backs up the maps and marks of a robot, and brings them to a robot."""
+"""The program `maps`: backs up the maps and marks of a robot, and uploads them to a robot."""

@@ -1,4 +1,4 @@
-"""The commands of `maps`, with a progress bar on stderr, if that is a terminal.
+"""The commands of `maps`, with a progress bar if stderr is a terminal.
 
 Each refusal and each lost link is a `MapsError`.
 """
@@ -65,7 +65,7 @@ class Robot:
         self.chassis = chassis
 
     async def scenes(self) -> dict[str, list[str]]:
-        """Return the names of all scenes, each with those of its maps."""
+        """Return the names of all scenes, each with the names of its maps."""
         answer = await self.query(pack.SceneList(), pack.SceneList)
         return {scene.name: list(scene.maps) for scene in answer.scenes}
 
@@ -117,10 +117,10 @@ _PERIOD = 0.1
 async def _progress(
     chassis: ChassisClient, text: str, size: int | None = None
 ) -> AsyncIterator[None]:
-    """Show how many bytes arrive, or with `size` how many of that number of bytes are sent.
+    """Show the number of received bytes; or with `size`, how much of an upload has been sent.
 
-    The total of what arrives is not known in advance. The frame that is sent is larger than the
-    files in it, so the bar shows the share of the frame.
+    The total size of a download is not known in advance. The frame of an upload is larger than the
+    files in it, so the bar shows the sent share of the frame, scaled to `size`.
     """
     bar = Progress(
         TextColumn("{task.description}"),
@@ -190,13 +190,13 @@ async def list_maps(robot: Robot, *, as_json: bool) -> None:
 
 
 async def download(robot: Robot, names: Sequence[str], output: Path, *, force: bool) -> None:
-    """Save scenes in folders: the named ones, or all of them.
+    """Save the named scenes, or all scenes, in folders.
 
     Args:
         robot: The robot.
-        names: Names of scenes, or of maps, whose scenes are saved.
-        output: Folder for the folders of the scenes.
-        force: Replace older folders.
+        names: Names of scenes, or names of maps whose scenes are saved; empty for all scenes.
+        output: Folder in which the folders of the scenes are created.
+        force: True to replace older folders.
     """
     known = await robot.scenes()
     scenes = list(dict.fromkeys(_scene_of(name, known) for name in names)) if names else list(known)
@@ -219,13 +219,13 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
 
 
 async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force: bool) -> None:
-    """Bring saved scenes to the robot.
+    """Upload saved scenes to the robot.
 
     Args:
         robot: The robot.
         folders: Folders of the scenes.
-        new_name: Name of the scene on the robot; empty for its own one.
-        force: Replace scenes that the robot has.
+        new_name: Name of the scene on the robot; empty for its saved name.
+        force: True to replace scenes on the robot.
     """
     saved = [read_scene(folder) for folder in folders]
     names = [new_name or each.name for each in saved]
@@ -281,7 +281,7 @@ async def _upload(robot: Robot, name: str, scene: SavedScene) -> None:
 
 
 async def _bring_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -> None:
-    """Bring edited marks to the robot by one request for each, where no file contains them."""
+    """Upload edited marks by one request per mark, for a map without a file of marks."""
     data = await robot.scene_data(scene)
     old = next((each.mark_info for each in data.maps if each.name == area), MarkInfo())
     new = edited_marks(saved.loose_marks[area], old)
@@ -306,7 +306,7 @@ async def _bring_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -
 
 
 def _scene_of(name: str, known: dict[str, list[str]]) -> str:
-    """Return the scene with a name, or else the one with a map of this name."""
+    """Return the scene with a name, or else the scene with a map of this name."""
     if name in known:
         return name
     found = [scene for scene, maps in known.items() if name in maps]
@@ -317,7 +317,7 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
 
 
 def _described(known: dict[str, list[str]], scene: str, area: str) -> str:
-    """Return a scene or map as a text for people, after a check that the robot has it."""
+    """Check that the robot has a scene or map, and return its description for messages."""
     if scene not in known:
         scenes = ", ".join(known) or "none"
         raise MapsError(f"the robot has no scene {scene}: its scenes are {scenes}")

@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """List, download, upload, rename or delete the maps of one robot.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
 
     Returns:
         The exit status.
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.command == "upload" and options.scene and len(options.folders) > 1:
         parser.error("--scene needs exactly one folder")
     config = replace(link_config(parser, options), max_frame_size=_MAX_FRAME)
-    # The program prints what the link would log.
+    # Silence the link's log: the program prints the errors itself.
     logging.getLogger("woosh_robot_agent").addHandler(logging.NullHandler())
     try:
         asyncio.run(_run(config, options))
@@ -94,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         default=Path(),
         metavar="FOLDER",
-        help="folder in which a folder is made for each scene (default: the current one)",
+        help="folder in which a folder is made for each scene (default: the current folder)",
     )
     download.add_argument("--force", action="store_true", help="replace scenes saved earlier")
 

@@ -6,7 +6,7 @@
 - `marks/NAME.yaml` has the marks of the map, for people to edit.
 
 The names come from a robot, which may call a file `../../.bashrc`. Characters that could make a
-name a path out of the folder, or that some file systems do not have, are written as in URLs.
+name a path out of the folder, or that some file systems do not permit, are percent-encoded.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from woosh_robot_agent.robot.maps import MapError, keepout_files, map_files
 
 
 class MapsError(Exception):
-    """The program cannot do what it was told. The text says why, and what to do."""
+    """The program cannot execute its command. The text says why, and what to do."""
 
 
 _UNSAFE = frozenset('/\\:*?"<>|%')
-"""Characters that a file name does not have. `%` is one, so that names stay different."""
+"""Characters that are encoded in file names; also `%`, so that different names stay different."""
 _MAX_NAME = 200
 """Maximum length of a file name, in bytes. Most file systems have a limit of 255."""
 
@@ -51,7 +51,7 @@ def to_file_name(name: str, suffix: str = "") -> str:
         MapsError: The name is empty or too long.
     """
     quoted = "".join(map(_quoted, name))
-    if quoted.startswith("."):  # hidden, or this folder or the one above
+    if quoted.startswith("."):  # a hidden file, `.` or `..`
         quoted = f"%2E{quoted[1:]}"
     if not name or len((quoted + suffix).encode()) > _MAX_NAME:
         raise MapsError(
@@ -74,7 +74,7 @@ _BASE = "base"
 _MARKS, _OTHERS = "marks", "others"
 """Keys of the file: the storage places, and all other marks."""
 _MAX_MARKS_FILE = 8 * 1024 * 1024
-"""Maximum size of a file, in bytes."""
+"""Maximum size of a file of marks, in bytes."""
 _MAX_MARKS = 100_000
 """Maximum number of marks in a file."""
 _UINT32 = 2**32 - 1
@@ -97,13 +97,13 @@ def write_marks(info: MarkInfo, map_name: str) -> bytes:
 
 
 def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
-    """Return the marks that a file describes; `old` itself if the file describes the same ones.
+    """Return the marks that a file describes; `old` itself if the file describes the same marks.
 
     Args:
         name: Name of the file, for errors.
         data: Content of the file.
-        old: The marks at the time when the file was written. Data that this program does not know
-            are taken from them.
+        old: The marks at the time when the file was written. Data that the file does not contain
+            are taken from these marks.
 
     Raises:
         MapsError: The file cannot be used.
@@ -127,7 +127,7 @@ def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
 
 
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
-    """Return the marks of a file. An unchanged one is the one of `old`."""
+    """Return the marks of a file. For an unchanged mark, the Storage of `old` is returned."""
     unchanged = {storage.identity.no: storage for storage in old}
     storages: list[Storage] = []
     changed: list[Storage] = []
@@ -155,7 +155,7 @@ def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list
 
 
 def _entry(storage: Storage) -> dict[str, Any]:
-    """Return a mark as in the file."""
+    """Return a mark as an entry of the file."""
     fields = MessageToDict(storage, preserving_proto_field_name=True)
     identity, poses = fields.pop("identity", {}), fields.pop("pose", {})
     category = storage.WhichOneof("category")
@@ -224,7 +224,7 @@ def _storage(entry: _MarkEntry) -> Storage:
     storage.identity.desc = entry.description
     given = storage.WhichOneof("category")
     if given and given != entry.type:
-        text = f"details are those of a {given}, but type is {entry.type}"
+        text = f"details have the data of a {given}, but type is {entry.type}"
         raise DataFileError(f"{entry.where}: {text}")
     if entry.type != _BASE:
         getattr(storage, entry.type).SetInParent()
@@ -239,7 +239,7 @@ def _storage(entry: _MarkEntry) -> Storage:
 
 
 def _others(info: MarkInfo) -> dict[str, Any]:
-    """Return everything but the storage places, as in the file."""
+    """Return all marks except the storage places, as in the file."""
     fields = MessageToDict(info, preserving_proto_field_name=True)
     return {key: value for key, value in fields.items() if key not in ("storages", "version")}
 
@@ -258,15 +258,17 @@ def _numbers(pose: dict[str, float] | None) -> list[float] | None:
 
 
 _NAV2, _MARKS_FOLDER = "nav2", "marks"
-"""Folders of this program inside the folder."""
-_SIGNS = (_MARKS_FOLDER, "scene.json")
-"""Names of which a saved scene has one."""
+"""Subfolders of a saved scene that this program writes; the robot has no such files."""
+_SCENE_MARKERS = (_MARKS_FOLDER, "scene.json")
+"""A folder that contains one of these is a saved scene."""
 _MARK_INFO = "mark_info.data"
-"""Name of a robot's file with the marks of the map whose folder it is in."""
+"""Name of the robot's file with the marks of a map, in the folder of the map."""
 
 
 def to_path(name: str) -> str:
     """Return the path of a robot's file in the folder of its scene.
+
+    If a part of the name is empty, `.` or `..`, the whole name becomes one file name.
 
     Raises:
         MapsError: The name cannot be a path.
@@ -275,13 +277,13 @@ def to_path(name: str) -> str:
     if any(part in ("", ".", "..") for part in parts):
         return to_file_name(name)
     paths = [to_file_name(part) for part in parts]
-    if paths[0] in (_NAV2, _MARKS_FOLDER):  # not a robot's
+    if paths[0] in (_NAV2, _MARKS_FOLDER):  # these are the folders of this program
         paths[0] = f"%{ord(paths[0][0]):02X}{paths[0][1:]}"
     return "/".join(paths)
 
 
 def _robot_name(path: str) -> str:
-    """Return the robot's name of a file in the folder."""
+    """Return the robot's name of a file; the inverse of `to_path`."""
     return unquote(path)
 
 
@@ -291,9 +293,8 @@ class SavedScene:
 
     Attributes:
         name: Name of the scene.
-        files: The files of the robot, by its names for them. Edited marks are in them.
-        loose_marks: YAML files of the marks that none of these files contains, by the name of the
-            map.
+        files: The files of the robot, by the robot's names, with the edited marks.
+        loose_marks: YAML files of marks for which `files` has no mark file, by the name of the map.
     """
 
     name: str
@@ -314,7 +315,7 @@ def check_writable(target: Path, *, force: bool) -> None:
     """Check that a scene may be saved in a folder.
 
     Raises:
-        MapsError: There is something that must not be overwritten.
+        MapsError: The path exists, and must not be replaced.
     """
     if not os.path.lexists(target):
         return
@@ -329,17 +330,17 @@ def check_writable(target: Path, *, force: bool) -> None:
 def write_scene(
     target: Path, data: SceneData, files: Mapping[str, bytes], *, force: bool
 ) -> list[str]:
-    """Save a scene in a folder, all of it or nothing.
+    """Save a scene in a folder, atomically.
 
     Args:
         target: The folder, which is created.
         data: The maps with their pictures and marks.
         files: The files of the robot.
-        force: Replace an older folder.
+        force: True to replace an older folder.
 
     Returns:
-        Which maps and masks are not there for nav2 because the robot sent no usable picture, and
-        why.
+        Warnings: maps and masks that were not saved for nav2, because the robot sent no usable
+        picture.
 
     Raises:
         MapsError: The scene cannot be saved.
@@ -355,7 +356,7 @@ def write_scene(
             try:
                 for file, content in of_server(area, name).items():
                     contents[f"{_NAV2}/{file}"] = content
-            except MapError as error:  # the robot's own files may be worth saving all the same
+            except MapError as error:  # the robot's own files are saved nevertheless
                 unusable.append(f"{what} {area.name} is not saved for nav2: {error}")
         in_file = _marks_in_files(area.name, files)
         info = area.mark_info if in_file is None else in_file[1]
@@ -395,11 +396,11 @@ def read_scene(folder: Path) -> SavedScene:
 
 
 def _is_scene(folder: Path) -> bool:
-    return any((folder / sign).exists() for sign in _SIGNS)
+    return any((folder / marker).exists() for marker in _SCENE_MARKERS)
 
 
 def _is_own(path: str) -> bool:
-    """Return True for a file that is not the robot's: one of this program, or a hidden one."""
+    """Return True for a file that the robot does not have: of this program, or hidden."""
     parts = path.split("/")
     return parts[0] in (_NAV2, _MARKS_FOLDER) or any(part.startswith(".") for part in parts)
 
@@ -411,13 +412,13 @@ def _marks_in_files(area: str, files: Mapping[str, bytes]) -> tuple[str, MarkInf
         if f"/{name}".endswith(end):
             try:
                 return name, MarkInfo.FromString(content)
-            except DecodeError:  # its firmware stores them otherwise
+            except DecodeError:  # other firmware may store marks in another format
                 return None
     return None
 
 
 def edited_marks(path: Path, old: MarkInfo) -> MarkInfo:
-    """Return the marks in a YAML file; `old` itself if they are the same.
+    """Return the marks in a YAML file; `old` itself if the marks are the same.
 
     Raises:
         MapsError: The file cannot be used.
@@ -433,7 +434,7 @@ def _read(path: Path) -> bytes:
 
 
 def _write_folder(target: Path, contents: Mapping[str, bytes], *, force: bool) -> None:
-    """Write a folder under another name, then rename it."""
+    """Write a folder under another name, then rename it, so that no incomplete folder is left."""
     target.parent.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=".maps-", dir=target.parent))
     try:

@@ -1,4 +1,4 @@
-"""The program `monitor`, with data from an agent or directly from a chassis."""
+"""The program `monitor`, which gets its data from an agent or directly from a chassis."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from woosh_robot_agent.tools.robot_view import (
 
 
 class Source(Protocol):
-    """Source of a view of one robot. Used in one asyncio event loop.
+    """Source of the state of one robot. Used in one asyncio event loop.
 
     Attributes:
         name: Name of the source, shown as title.
@@ -55,7 +55,7 @@ class Source(Protocol):
 class LinkSource:
     """Receives from one chassis; implements `Source`.
 
-    It requests RobotInfo with each connection and never commands the robot.
+    It requests RobotInfo on each connection and never commands the robot.
 
     Args:
         config: Address and timeouts of the chassis.
@@ -104,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Show the state of one robot until `q`, SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; with `--once`, 1 if the printed state is not up to date.
@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(given[:ros_at])
     if not 0 < options.timeout < 1e6:
         parser.error(f"--timeout must be above 0: {options.timeout}")
-    # The screen shows what the link would log.
+    # Silence the link's log: the screen shows the state of the link.
     logging.getLogger("woosh_robot_agent").addHandler(logging.NullHandler())
     return asyncio.run(_run(_make_source(parser, options, given[ros_at:]), options))
 

@@ -1,4 +1,4 @@
-"""Monitor data received from the agent, over ROS."""
+"""Receive the state of a robot from its agent, over ROS."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ Longer than the agent's own timeout of 10 s for the robot.
 _ROBOT_INFO = next(query for query in QUERIES if query.request == full_name(RobotInfo))
 _CONNECTED = "connected"
 _AGENT_TOPIC = TOPICS[0]
-"""Topic whose publisher is taken for the agent."""
+"""Topic whose publisher is taken for the agent's node."""
 _PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id")
-"""Parameters requested from the agent, to show the address and to see that it is alive."""
+"""Parameters requested from the agent, to show the address, and to see that it is alive."""
 
 
 class _RetriedCall:
@@ -95,7 +95,7 @@ class RosSource:
     Args:
         namespace: Namespace of the agent; overridden by `--ros-args -r __ns:=`.
         ros_args: Command-line arguments for rclpy.
-        domain: ROS_DOMAIN_ID; by default that of the environment.
+        domain: ROS_DOMAIN_ID; by default from the environment.
         discovery_period: Time between two searches for the agent, in seconds.
         patience: Time for which to wait for the topic `connected` of an agent, in seconds.
 
@@ -123,7 +123,7 @@ class RosSource:
         self._node = self._thread.node
         self.name = self._node.get_namespace()
         self._agent: _RetriedCall | None = None
-        """Requests the agent's parameters, as proof that it is alive; None without an agent."""
+        """Call that requests the agent's parameters; None without an agent."""
         self._agent_name = ""
         self._agent_answered_at = 0.0
         """Time of the agent's last answer; 0 before the first one."""
@@ -133,9 +133,9 @@ class RosSource:
         self._connected: bool | None = None
         """Last value of the topic `connected`; None before the first one."""
         self._found_at = 0.0
-        """Time of the agent's first answer; 0 before it."""
+        """Time of the agent's first answer; 0 before the first answer."""
         self._invalid = (0, "")
-        """Number of messages that could not be converted, and the error of the last one."""
+        """Number of messages that could not be converted, and the last error."""
         self._robot_info: _RetriedCall
         self._needs_robot_info = True
         self._loop: asyncio.AbstractEventLoop
@@ -240,13 +240,13 @@ class RosSource:
 
     def _on_connected(self, message: Any) -> None:
         if message.data and not self._connected:
-            # What the agent answered without a connection can be outdated or empty.
+            # An answer from before the connection can be outdated or empty.
             self._robot_info.cancel()
             self._needs_robot_info = True
         self._connected = message.data
 
     def _discover(self) -> None:
-        """Find the agent, check that it is alive, and request RobotInfo if that is needed."""
+        """Find the agent, check that it is alive, and request RobotInfo if it is needed."""
         topic = self._node.resolve_topic_name(_AGENT_TOPIC.name)
         found = {
             f"{info.node_namespace.rstrip('/')}/{info.node_name}"
@@ -254,7 +254,7 @@ class RosSource:
             if info.node_name != UNKNOWN_NODE
         }
         if self._agent_name not in found:
-            # If no agent was known, what has been received comes from the one found now.
+            # If no agent was known, the received state comes from the agent found now: keep it.
             if self._agent is not None:
                 self._forget_agent()
             if not found:

@@ -1,4 +1,4 @@
-"""The MCAP files of a recording while it is written."""
+"""Write the MCAP files of a recording."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from mcap.writer import Writer
 from woosh_robot_agent.tools.recording.layout import Channel
 
 _CHUNK_SIZE = 1024 * 1024
-"""Size of the messages above which a chunk is compressed and written, in bytes."""
+"""Total size of messages above which a chunk is compressed and written, in bytes."""
 _NEVER = 2**62
 """Chunk size with which the library itself never ends a chunk."""
 _LIBRARY = "woosh_robot_agent"
-# Upper bounds of the sizes of parts, in bytes, without the names and texts in them.
+# Upper bounds of the sizes of MCAP records, in bytes, without the names and texts in them.
 _MESSAGE_OVERHEAD = 64
 _RECORD_OVERHEAD = 128
 _PER_CHANNEL_AND_CHUNK = 64
@@ -52,7 +52,7 @@ class McapFile:
         self._schemas: dict[tuple[str, str], int] = {}
         self._channels: dict[Channel, int] = {}
         self._size = 0
-        """Size of what is complete in the file, in bytes."""
+        """Size of the complete chunks in the file, in bytes."""
         self._pending_size = 0
         """Maximum size of the chunk that is not written yet, in bytes."""
         self._end_size = _END_OVERHEAD
@@ -86,7 +86,7 @@ class McapFile:
             self.flush()
 
     def room_for(self, channel: Channel, data: bytes) -> int:
-        """Return the maximum size by which a message would make the file larger, in bytes."""
+        """Return the maximum growth of the file by a message, in bytes."""
         size = len(data) + _MESSAGE_OVERHEAD
         return size if channel in self._channels else size + 2 * _definition_size(channel)
 
@@ -121,7 +121,7 @@ class McapFile:
         self._file.close()
 
     def abandon(self) -> None:
-        """Close the file after an error, and cut off what is not complete."""
+        """Close the file after an error, and cut off an incomplete chunk."""
         with contextlib.suppress(OSError):
             self._file.close()
         with contextlib.suppress(OSError):
@@ -136,7 +136,7 @@ class McapFile:
         number = self._channels[channel] = self._writer.register_channel(
             channel.topic, channel.message_encoding, self._schemas[key], channel.metadata
         )
-        # definitions are in the chunk and, for readers that jump to it, at the end
+        # a definition is in the chunk, and again at the end of the file for readers that seek
         size = _definition_size(channel)
         self._pending_size += size
         self._end_size += size
@@ -162,7 +162,7 @@ class Limits:
 
     Attributes:
         max_size: Maximum size of all files together, in bytes; reaching it ends the recording.
-        split_size: Maximum size of one file, in bytes; reaching it begins the next one. 0 for no
+        split_size: Maximum size of one file, in bytes; reaching it begins the next file. 0 for no
             limit.
         split_duration: Duration after which the next file begins, in seconds; 0 for no limit.
     """
@@ -178,14 +178,14 @@ class Limits:
 
 
 class RecordingFiles:
-    """Writes messages into one file, or into one after the other.
+    """Writes messages into one file, or into several files, one after the other.
 
-    An error ends the recording but is not raised, because the proxy must keep forwarding.
+    An error ends the recording but is not raised, because `RecordingProxy` must keep forwarding.
 
     Args:
         path: Path of the file; the files of a split recording have a number at the end of the name.
         limits: Limits of size and duration.
-        on_new_file: Called with each new file, to write what every file has to begin with.
+        on_new_file: Called with each new file, to write the start of the file, e.g. the last map.
         on_early_end: Called once with the reason if the recording ends before `close`.
         profile: Profile in the header of the files.
 
@@ -213,13 +213,13 @@ class RecordingFiles:
         self._on_early_end = on_early_end
         self._profile = profile
         self._closed_size = 0
-        """Size of the files that are complete, in bytes."""
+        """Size of the completed files, in bytes."""
         self._closed_count: Counter[str] = Counter()
-        """Number of messages in the files that are complete, by topic."""
+        """Number of messages in the completed files, by topic."""
         self._start: int | None = None
         """Log time of the first message that was passed to `add` for the current file, in ns."""
         self._begin_size = 0
-        """Maximum size of what the current file began with, in bytes."""
+        """Maximum size that `on_new_file` has given the current file, in bytes."""
         self._split_after = limits.split_duration * _NANOSECONDS or math.inf
         self._file: McapFile | None = None
         self._begin_file()
@@ -235,7 +235,7 @@ class RecordingFiles:
         return self._file is not None and bool(self._file.pending)
 
     def count(self, topic: str) -> int:
-        """Return the number of messages of a topic that are safely in the files."""
+        """Return the number of messages of a topic in the files, without the current chunk."""
         current = 0 if self._file is None else self._file.written[topic]
         return self._closed_count[topic] + current
 
@@ -287,7 +287,7 @@ class RecordingFiles:
         self._write(lambda _: self._close_file())
 
     def _write(self, work: Callable[[McapFile], None]) -> None:
-        """Do something with the current file, if there is one; an error ends the recording."""
+        """Call `work` with the current file, if there is one; an OSError ends the recording."""
         if self._file is not None:
             try:
                 work(self._file)

@@ -73,8 +73,8 @@ class Recording:
         started: Unix time of the start, in seconds.
         records: Frames and events, in order.
         damage: Why the end of a file is missing; empty if all files are complete.
-        missing_parts: Numbers, from 0, of the files of a split recording that were not given; those
-            after the last one that was given are unknown.
+        missing_parts: Numbers, from 0, of the files of a split recording that were not given. Files
+            after the last given one are not known to be missing.
     """
 
     address: str
@@ -86,7 +86,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A channel, which is registered in a file with its first message there.
+    """A channel of an MCAP file; it is registered in a file with its first message there.
 
     Attributes:
         topic: Name of the channel.
@@ -139,8 +139,8 @@ _CONTENT = ("text", "binary", "invalid_text")
 def _compile() -> dict[str, Any]:
     """Return the message classes by name.
 
-    They are not in the default pool of descriptors, and not in `pb`, which holds only what the
-    chassis defines.
+    The classes are not in the default pool of descriptors, and not in `pb`, which holds only the
+    chassis's messages.
     """
     file = FileDescriptorProto(name=f"{_PACKAGE}.proto", package=_PACKAGE, syntax="proto3")
     for name, fields in _MESSAGES.items():
@@ -161,7 +161,7 @@ def _compile() -> dict[str, Any]:
     pool = DescriptorPool()
     pool.Add(file)
     found = {name: pool.FindMessageTypeByName(f"{_PACKAGE}.{name}") for name in _MESSAGES}
-    # protobuf before 4.22 has only the latter
+    # protobuf before 4.22 has only MessageFactory
     make: Any = getattr(message_factory, "GetMessageClass", None) or (
         message_factory.MessageFactory(pool).GetPrototype  # type: ignore[attr-defined]
     )

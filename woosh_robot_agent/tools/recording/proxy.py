@@ -27,18 +27,18 @@ from woosh_robot_agent.tools.robot_view import system_text
 _BURST = 20
 """Number of reads that may follow each other at once."""
 _LARGE = 16 * 1024
-"""Size of a read from which the next one follows at once, in bytes."""
+"""Size of a read from which the next read follows at once, in bytes."""
 
 
 class ReadPace:
     """Delays reads of a stream so that frames that arrive at high rates are read together.
 
-    To wake up for a frame costs several times what reading one more frame does.
+    Waking up for a frame costs several times as much CPU time as reading one more frame.
 
     Args:
         transport: Transport that the stream is read from.
         period: Time between two reads at high rates, in seconds.
-        now: Returns the time, in seconds; by default that of the event loop.
+        now: Returns the time, in seconds; by default the time of the event loop.
     """
 
     def __init__(
@@ -73,9 +73,9 @@ class ReadPace:
 _LOG = logging.getLogger(__name__)
 _CHUNK_SIZE = 256 * 1024
 _LINGER_TIMEOUT = 5.0
-"""Time that one side gets to close the connection after the other one did, in seconds."""
+"""Time that one side gets to close the connection after the other side did, in seconds."""
 _READ_PERIOD = 0.005
-"""Time between two reads of what arrives at high rates, in seconds."""
+"""Time between two reads of frames that arrive at high rates, in seconds."""
 _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
 
@@ -86,8 +86,8 @@ class _Connection:
 
     Attributes:
         number: Number of the connection, from 1.
-        writers: Stream of the client, and that of the chassis once it is connected.
-        ended_by: Side that ended the connection first, and how; None while it is open.
+        writers: Stream to the client, and the stream to the chassis once it is connected.
+        ended_by: Side that ended the connection first, and how; None while the connection is open.
     """
 
     number: int
@@ -95,19 +95,19 @@ class _Connection:
     ended_by: tuple[Side, str] | None = None
 
     def end(self, by: Side, how: str) -> None:
-        """Note how the connection ended, unless that was noted or the chassis was not connected."""
+        """Note how the connection ended; only the first call counts, once both are connected."""
         if self.ended_by is None and len(self.writers) == 2:
             self.ended_by = by, how
 
 
 class RecordingProxy:
-    """A proxy that records; bytes that it cannot parse are forwarded, too.
+    """A proxy that records frames; bytes that it cannot parse are forwarded, too.
 
     Args:
-        chassis: Address of the chassis; each client gets a connection of its own to it.
+        chassis: Address of the chassis; for each client, the proxy connects to the chassis.
         writer: Writer of the recording.
-        read_period: Time between two reads of what arrives at high rates, in seconds. It delays
-            frames at these rates.
+        read_period: Time between two reads of frames that arrive at high rates, in seconds. It
+            delays such frames.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class RecordingProxy:
 
         Args:
             host: Address to listen on.
-            port: Port to listen on; 0 for any free one.
+            port: Port to listen on; 0 for any free port.
 
         Returns:
             The port in use.
@@ -160,7 +160,7 @@ class RecordingProxy:
         connection = _Connection(self._count, [writer])
         try:
             await self._forward(connection, reader, writer)
-        except asyncio.CancelledError:  # by `stop`; asyncio's server must not see it
+        except asyncio.CancelledError:  # by `stop`; asyncio's server must not see the error
             self._end(connection, "recorder", "the recording was stopped")
         except Exception as error:  # a bug here must not look like an error of the robot
             _LOG.exception("connection %d failed", connection.number)
@@ -240,7 +240,7 @@ class RecordingProxy:
             writer.transport.abort()
 
     def _end(self, connection: _Connection, by: Side, how: str) -> None:
-        """Note how a connection ended, unless an earlier close frame tells it."""
+        """Note how a connection ended, unless a close frame was recorded before."""
         self._recorder.call(connection.end, by, how)
 
     def _tell_end(self, connection: _Connection, at: int) -> None:

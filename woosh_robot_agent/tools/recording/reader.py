@@ -1,4 +1,4 @@
-"""Reading a recording."""
+"""Read a recording."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _DAMAGE = (
 
 
 class _Stream:
-    """A file of which a read that meets the end is an error."""
+    """A file in which reading beyond the end raises `EndOfFile`."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -59,7 +59,7 @@ class _Stream:
 
 
 class _Part:
-    """Contents of one file."""
+    """Contents of one file of a recording, which is a part if the recording was split."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -109,8 +109,8 @@ def read_recording(*paths: Path) -> Recording:
     """Read a recording; the end of each file may be missing, as after a crash.
 
     Args:
-        paths: The file, or all files of a split recording in any order. The files of ROS topics,
-            which `record --ros` writes beside them, are left out.
+        paths: The file, or all files of a split recording in any order. Files of ROS topics, which
+            `record --ros` writes in addition, are ignored.
 
     Raises:
         RecordingError: A file cannot be read or is not a recording, or the files are of different
@@ -134,7 +134,7 @@ def read_recording(*paths: Path) -> Recording:
     )
     damage = "; ".join(part.damage for part in parts if part.damage)
     present = {int(part.metadata["part"]) for part in parts}
-    missing = tuple(part for part in range(max(present)) if part not in present)
+    missing = tuple(number for number in range(max(present)) if number not in present)
     return Recording(
         parts[0].metadata.get("address", ""), int(started) / 1e9, records, damage, missing
     )

@@ -1,4 +1,4 @@
-"""The program `record`: all frames between a robot and its clients, in a file."""
+"""The program `record`, which writes all frames between a robot and its clients to a file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:  # needs ROS
 _LOG = logging.getLogger(__name__)
 _LOCALHOST = "127.0.0.1"
 _OWN_READ_PERIOD = 0.02
-"""Time between two reads at high rates if there is no client that would wait, in seconds."""
+"""Time between two reads at high rates without --listen, when no client waits, in seconds."""
 _EPILOG = """\
 With --listen, record is a proxy between the agent and the robot: connect the
 agent to it, and all traffic is recorded, commands included.
@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0, or 1 if the program could not listen, the recording ended early,
@@ -156,18 +156,18 @@ def _mebibytes(text: str) -> int:
 class PassiveClient:
     """A client that subscribes to all pushes and sends each query once per connection.
 
-    It discards what it receives, because the proxy records it.
+    It discards everything that it receives, because the proxy records the frames.
 
     Args:
         config: Address of the proxy.
-        with_large: Subscribe also to large pushes: laser scans and growing maps.
+        with_large: True to subscribe also to large pushes: laser scans and growing maps.
     """
 
     def __init__(self, config: LinkConfig, *, with_large: bool = True) -> None:
         self._chassis = ChassisClient(config=config)
         self._chassis.on_snapshot(self._on_snapshot)
         self._scene = ""
-        """Name of the scene, by which its map is requested."""
+        """Name of the current scene, for the request of its map."""
         for topic in TOPICS:
             if with_large or not topic.on_demand:
                 self._chassis.subscribe_raw(message_type(topic.push), lambda _: None)
@@ -237,14 +237,14 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
                 ros_recorder = _start_ros(options, limits, on_early_end)
                 stack.callback(ros_recorder.close)
         except RecordingError:
-            writer.discard()  # it is empty, and would block the next attempt
+            writer.discard()  # an empty file would block the next attempt
             raise
         if options.listen:
             warn_if_not_local(host, "can command the robot")
             _print_instructions(config, host, port, writer.paths[0])
         else:
             print(f"recording {config.address} to {writer.paths[0]}", flush=True)
-            # The proxy logs what concerns the robot; this client knows only the proxy.
+            # The proxy logs problems of the robot; the log of this client would repeat them.
             logging.getLogger("woosh_robot_agent.link").setLevel(logging.ERROR)
             own = replace(config, ip=_LOCALHOST, port=port)
             client = PassiveClient(own, with_large=not options.no_large)
@@ -281,7 +281,7 @@ def _start_ros(
         return RosRecorder(options.ros, path, limits, on_early_end)
     except OSError as error:
         raise RecordingError(_cannot_create(error)) from None
-    except Exception as error:  # rclpy has many for invalid names and arguments
+    except Exception as error:  # rclpy raises many types for invalid names and arguments
         raise RecordingError(f"--ros {options.ros}: {error}") from None
 
 
@@ -318,7 +318,7 @@ def _report_ros(recorder: RosRecorder, namespace: str) -> bool:
     """Print the result of the recording of ROS topics; return True if something is missing."""
     print(f"recorded {recorder.messages} ROS messages to {_names(recorder.paths)}")
     for topic, lost in recorder.lost.items():
-        # A publisher with a short queue may have replaced them before they were sent.
+        # A publisher with a short queue may have replaced messages before they were sent.
         print(f"error: messages on {topic} that the middleware lost: {lost}", file=sys.stderr)
     if not recorder.messages:
         print(

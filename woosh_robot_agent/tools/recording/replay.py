@@ -1,4 +1,4 @@
-"""The program `replay`: a recording, played back as a simulated chassis."""
+"""The program `replay`, which plays a recording back as a simulated chassis."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Replay a recording until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: Arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0, or 1 if the file cannot be read or a port is in use.

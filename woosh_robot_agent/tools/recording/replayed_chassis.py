@@ -1,4 +1,4 @@
-"""The chassis of `replay`, which speaks the encoding of each client."""
+"""The chassis that `replay` simulates. It uses the encoding of each client."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from woosh_robot_agent.tools.recording.timeline import (
 def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | bytes:
     """Return a recorded frame in another encoding, and with another serial number.
 
-    A frame that needs no change, or cannot be read, is returned as it is.
+    A frame that needs no change, or cannot be read, is returned unchanged.
 
     Args:
         frame: The recorded frame.
@@ -85,16 +85,17 @@ class ReplayedChassis:
     """A chassis that gives the recorded answers and sends pushes at their recorded times.
 
     The playback pauses at the start and after each recorded loss of the connection until a client
-    has subscribed. So a client misses nothing if it connects later than the recorded one did.
+    has subscribed. So a client misses nothing if it connects later than the recorded client did.
 
     Args:
         playback: The recording.
         host: Address to listen on.
-        port: Port of the WebSocket transport; 0 for any free one.
-        tcp_port: Port of the TCP transport; 0 for any free one.
+        port: Port of the WebSocket transport; 0 for any free port.
+        tcp_port: Port of the TCP transport; 0 for any free port.
         speed: Speed of the playback as a factor.
-        loop: Drop all clients and start again when the recording ends.
-        wait_for_commands: Also pause at each recorded command until a client sends one of its type.
+        loop: True to drop all clients and start again when the recording ends.
+        wait_for_commands: True to pause also at each recorded command until a client sends a
+            command of its type.
 
     Attributes:
         port: Port of the WebSocket transport, after the start.
@@ -133,7 +134,7 @@ class ReplayedChassis:
         self._unpaused = asyncio.Event()
         self._unpaused.set()
         self._base: tuple[float, float] | None = None
-        """Loop time and time in the recording of the same moment; None before the first one."""
+        """Loop time and recording time of the same moment; None until the playback has started."""
         self._player: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> ReplayedChassis:
@@ -186,7 +187,7 @@ class ReplayedChassis:
 
         Args:
             step: The step.
-            commands: For a command, how many of its type were recorded up to here.
+            commands: For a command: number of recorded commands of its type up to this step.
         """
         if step.kind is StepKind.PUSH:
             self._push(step)
@@ -254,7 +255,7 @@ class ReplayedChassis:
             await asyncio.sleep(_FLUSH_CHECK_PERIOD)
 
     async def _disappear(self) -> None:
-        """Drop all clients and stop listening, as a chassis that is out of reach."""
+        """Drop all clients and stop listening, like a chassis that is out of reach."""
         self._drop_clients()
         listeners, self._listeners = self._listeners, []
         await asyncio.gather(*(listener.close() for listener in listeners))
@@ -265,7 +266,7 @@ class ReplayedChassis:
         self._clients.clear()
 
     async def _serve(self, transport: ServerTransport) -> None:
-        if not self._listeners:  # it connected while the ports were being closed
+        if not self._listeners:  # the client connected while the ports were being closed
             transport.abort()
             return
         client = ConnectedClient(transport, _MAX_OUTBOX)

@@ -1,4 +1,4 @@
-"""Recording of ROS topics, with the definitions of their types as rosbag2 stores them."""
+"""Record ROS topics, with the definitions of their types, as rosbag2 stores them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class DefinitionError(Exception):
 
 
 def definition(name: str) -> str:
-    """Return the definition of a message type, followed by those of all types that it uses.
+    """Return the definitions of a message type and of all types that it uses.
 
     Args:
         name: Package and name of the type, e.g. `nav_msgs/Odometry`.
@@ -74,16 +74,16 @@ _DISCOVERY_PERIOD = 0.5
 _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
 _DEPTH = 1000
-"""Number of messages of a topic that wait for the recorder; older ones are lost."""
+"""Maximum number of messages of a topic that wait for the recorder; older messages are lost."""
 _AGENT_TOPIC = TOPICS[0].name
-"""Topic whose publisher is taken for the agent."""
+"""Topic whose publisher is taken for the agent's node."""
 _INFINITE = "{sec: 9223372036, nsec: 854775807}"
 
 
 class RosRecorder:
-    """Records all topics that the agent publishes, in a thread of its own.
+    """Records all topics that the agent publishes, in a separate thread.
 
-    The messages are written as they come from the middleware, without being decoded.
+    The messages are written as the middleware delivers them, without being decoded.
 
     Args:
         namespace: Namespace of the agent.
@@ -93,8 +93,8 @@ class RosRecorder:
             `close`.
 
     Attributes:
-        lost: Number of messages that the middleware reports as lost, by topic. Those that a latched
-            topic replaced before the first one arrived do not count.
+        lost: Number of messages that the middleware reports as lost, by topic. Messages of a
+            latched topic that were replaced before the first message arrived do not count.
 
     Raises:
         OSError: The file cannot be created.
@@ -113,7 +113,7 @@ class RosRecorder:
             self._thread.close()
             raise
         self._channels: dict[str, Channel] = {}
-        """The topics that are recorded, and those that cannot be."""
+        """Channels of the recorded topics, by topic."""
         self._unreadable: set[str] = set()
         """Topics whose type is not installed."""
         self._on_early_end = on_early_end
@@ -161,7 +161,7 @@ class RosRecorder:
         for name, namespace in agents:
             try:
                 published = node.get_publisher_names_and_types_by_node(name, namespace)
-            except NodeNameNonExistentError:  # it has just ended, or is not known yet
+            except NodeNameNonExistentError:  # the node has just ended, or is not known yet
                 continue
             for topic, types in published:
                 is_hidden = any(part.startswith("_") for part in topic.split("/"))
@@ -228,7 +228,7 @@ def _fitting_all(profiles: list[QoSProfile]) -> QoSProfile:
 
 
 def _to_yaml(profile: QoSProfile) -> str:
-    """Return a profile as rosbag2 stores it, so that `ros2 bag play` publishes alike."""
+    """Return a profile as rosbag2 stores it, so that `ros2 bag play` publishes with it."""
     return (
         "- history: keep_last\n"
         f"  depth: {profile.depth or 1}\n"

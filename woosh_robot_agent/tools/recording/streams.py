@@ -1,4 +1,4 @@
-"""The frames of a recorded connection, found in its bytes without taking part in it."""
+"""Find the frames in the bytes of a connection between others, and record them in a thread."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class FrameParser(Protocol):
     """Parser of one direction of one connection."""
 
     def feed(self, data: bytes) -> Iterator[ParsedFrame]:
-        """Yield the frames that are complete with these further bytes.
+        """Yield the frames that these further bytes complete.
 
         Raises:
             UnreadableError: The stream cannot be parsed from here on.
@@ -86,7 +86,7 @@ class WebSocketParser:
         if not data:
             return
         self._protocol.receive_data(data)
-        self._protocol.data_to_send()  # discards its answers, e.g. pongs
+        self._protocol.data_to_send()  # discard the library's answers, e.g. pongs
         for frame in self._protocol.events_received():
             yield from self._add(frame)
         error = self._protocol.parser_exc
@@ -151,13 +151,13 @@ _LOG = logging.getLogger(__name__)
 _BATCH_PERIOD = 0.1
 """Time for which bytes are collected before the frames in them are recorded, in seconds.
 
-Recording a frame in a batch takes about a third of the time that a single one takes, for which the
+Recording a frame in a batch takes about a third of the time of a single frame, for which the
 processor has to load code and data into its caches again.
 """
 _MAX_COLLECTED = 1024 * 1024
 """Size of the collected bytes above which the frames in them are recorded at once, in bytes."""
 _MAX_WAITING = 64 * 1024 * 1024
-"""Size of the bytes that may wait for a slow disk before forwarding waits, too, in bytes."""
+"""Maximum number of bytes that wait for a slow disk; with more, forwarding has to wait, too."""
 
 
 @dataclass(eq=False)
@@ -180,26 +180,26 @@ class Direction:
 class FrameRecorder:
     """Collects bytes, and finds and records the frames in them several times a second.
 
-    This is done in a thread of its own, so that a slow disk does not delay what is forwarded.
-    Everything is recorded in the order of the calls. The time of a frame is that of the call that
-    completed it.
+    Frames are found and recorded in a separate thread, so that a slow disk does not delay the
+    forwarding. Everything is recorded in the order of the calls. The time of a frame is the time of
+    the call that completed it.
 
     Args:
-        writer: Writer of the recording, which belongs to that thread until `close`.
+        writer: Writer of the recording, which belongs to the separate thread until `close`.
     """
 
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="recording")
         self._collected: list[tuple[int, Direction, bytes]] = []
-        """Time of arrival, in ns, and bytes that have not been parsed."""
+        """Bytes that have not been parsed: time of arrival in ns, direction, and bytes."""
         self._collected_size = 0
         self._waiting: deque[tuple[Future[None], int]] = deque()
-        """Work that has been handed over, and the size of its bytes."""
+        """Work handed over to the thread, each with the number of its bytes."""
         self._timer: asyncio.TimerHandle | None = None
 
     def add(self, direction: Direction, data: bytes) -> None:
-        """Record the frames in these bytes, at once or a bit later."""
+        """Record the frames in these bytes, now or with the next batch."""
         if direction.parser is None:
             return
         self._collected.append((self._writer.now(), direction, data))
@@ -214,16 +214,16 @@ class FrameRecorder:
         self.call(self._writer.event, connection, kind, by, text, self._writer.now())
 
     def flush(self) -> None:
-        """Record what has been collected, and pass it on to the operating system."""
+        """Record the collected bytes, and pass everything on to the operating system."""
         self.call(self._writer.flush)
 
     def call(self, work: Callable[..., None], *arguments: Any) -> None:
-        """Record what has been collected, and then call a function in the thread."""
+        """Record the collected bytes, and then call a function in the thread."""
         self.record()
         self._hand_over(0, work, *arguments)
 
     def record(self) -> None:
-        """Record the frames in what has been collected."""
+        """Record the frames in the collected bytes."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -233,7 +233,7 @@ class FrameRecorder:
             self._hand_over(size, self._parse_all, collected)
 
     def close(self) -> None:
-        """Record what has been collected, and wait until everything is recorded."""
+        """Record the collected bytes, and wait until everything is recorded."""
         self.record()
         self._thread.shutdown()
         while self._waiting:
@@ -242,7 +242,7 @@ class FrameRecorder:
     def _hand_over(self, size: int, work: Callable[..., None], *arguments: Any) -> None:
         self._waiting.append((self._thread.submit(work, *arguments), size))
         while self._waiting and self._waiting[0][0].done():
-            self._waiting.popleft()[0].result()  # raises what went wrong
+            self._waiting.popleft()[0].result()  # raises the error of the work, if any
         while sum(each for _, each in self._waiting) > _MAX_WAITING:
             self._waiting.popleft()[0].result()
 

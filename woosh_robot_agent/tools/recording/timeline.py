@@ -1,7 +1,7 @@
 """The timeline of a recording: which pushes and answers a client gets, and when.
 
-A recording can hold several clients at a time, which all received the same pushes. The timeline is
-that of the connection with the most frames; overlapping connections add only their answers.
+A recording can hold several clients at a time, which all received the same pushes. The timeline has
+the pushes of the connection with the most frames; overlapping connections add only their answers.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ COMMAND_TYPES = frozenset(
 ) - {full_name(Twist)}
 """Types of the requests that the playback waits for.
 
-Not among them are reads, which cause no pushes, and velocities, which are too many.
+Excluded are reads, which cause no pushes, and velocities, of which there are too many.
 """
 
 
@@ -155,7 +155,7 @@ def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterat
 
 
 def main_connections(records: Iterable[Record]) -> set[int]:
-    """Return the connections with the most frames of the chassis, none of which overlap in time."""
+    """Return connections that do not overlap in time, preferring those with most chassis frames."""
     frames: dict[int, int] = {}
     begin: dict[int, float] = {}
     end: dict[int, float] = {}
@@ -193,8 +193,8 @@ class Exchange:
 class RecordedAnswers:
     """The recorded answers, given in the order in which they were recorded.
 
-    A request gets the answer of one with the same type and body. If there is none, the type alone
-    has to match. When all answers for a request have been given, the last one is repeated.
+    A request gets the answer of a recorded request with the same type and body. If there is no such
+    request, only the type has to match. When all answers have been given, the last one is repeated.
 
     Args:
         decoded: The records.
@@ -228,7 +228,7 @@ class RecordedAnswers:
         return sorted({name for name, body in self._recorded if body is None})
 
     def find(self, envelope: Envelope, frame: str | bytes) -> Exchange | None:
-        """Return the next exchange for a request; None if none of its type was recorded."""
+        """Return the next exchange for a request; None if no request of its type was recorded."""
         for key in _keys(envelope, frame):
             if recorded := self._recorded.get(key):
                 index = self._given.get(key, 0)

@@ -1,4 +1,7 @@
-"""What viewers show of a recording: decoded messages, standard messages and maps."""
+"""Make the messages that Foxglove shows: decoded messages, views and maps.
+
+A view is a message with a Foxglove schema, e.g. the laser scan or the path.
+"""
 
 from __future__ import annotations
 
@@ -51,9 +54,9 @@ from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_channel
 
 _ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
-"""Types of the answers whose frame may name the type of the request."""
+"""Type of the answer by type of the request, for answers that may name the request's type."""
 _MAX_TIMESTAMP = 2**63 // 1_000_000
-"""First timestamp that is no valid time, in ms."""
+"""Timestamp from which no valid time is possible, in ms."""
 
 
 class DecodedFrame(NamedTuple):
@@ -75,7 +78,7 @@ class MessageDecoder:
 
     def __init__(self) -> None:
         self._channels: dict[tuple[Side, str], tuple[Any, Channel] | None] = {}
-        """Class and channel by sender and type; None for a type that the schema does not have."""
+        """Class and channel by sender and type."""
 
     def decode(self, sender: Side, frame: str | bytes) -> DecodedFrame | None:
         """Return the message in a frame.
@@ -85,7 +88,7 @@ class MessageDecoder:
             frame: The frame.
 
         Returns:
-            None if the frame has none: it is invalid, of an unknown type, or refuses a request.
+            The message; None if the frame is invalid, of an unknown type, or refuses a request.
         """
         codec = server_codec(frame)
         try:
@@ -109,7 +112,7 @@ class MessageDecoder:
         key = sender, name
         if key not in self._channels:
             cls = message_types().get(name)
-            if cls is None:  # not remembered, because a hostile robot could send any number of them
+            if cls is None:  # not stored: a hostile robot could send any number of unknown types
                 return None
             topic = f"/{sender}/{name.removeprefix('woosh.').replace('.', '/')}"
             self._channels[key] = cls, protobuf_channel(topic, cls)
@@ -144,12 +147,13 @@ _TEXT_HEIGHT = 1.0
 
 
 class View(NamedTuple):
-    """A message to look at, and its channel.
+    """A message for display, and its channel.
 
     Attributes:
         channel: Channel of the message.
         message: The message.
-        state: Name of the state that it shows until the next one of this name; empty for an event.
+        state: Name of the state that the view shows until the next view of this name; empty for an
+            event.
     """
 
     channel: Channel
@@ -252,7 +256,7 @@ def _outline(report: Model, time: Timestamp) -> Iterator[View]:
 
 
 def _on_robot(name: str, time: Timestamp, **primitives: Any) -> View:
-    """Return a view that moves with the robot and replaces the former one of the same name."""
+    """Return a view that moves with the robot and replaces the earlier view of the same name."""
     entity = SceneEntity(
         timestamp=time, frame_id=ROBOT_FRAME, id=name, frame_locked=True, **primitives
     )
@@ -293,7 +297,7 @@ _GRID = protobuf_channel("/view/map", Grid)
 _COLOURS = ("red", "green", "blue", "alpha")
 """Fields of a cell: with these names, viewers show the colours without configuration."""
 _MAX_CELLS = 9_000_000
-"""Size of a map above which it has no view, in cells; it is attached all the same.
+"""Size of a map above which it gets no view but is only attached, in cells.
 
 Compressing it would block the proxy for too long.
 """
@@ -304,7 +308,7 @@ class FoundMap(NamedTuple):
 
     Attributes:
         area: The map.
-        is_saved: False for one that the robot is making.
+        is_saved: False for a map that the robot is making.
         is_current: True for the map that the robot uses, or is making.
     """
 
@@ -314,7 +318,7 @@ class FoundMap(NamedTuple):
 
 
 class PreparedMap(NamedTuple):
-    """A map in the form in which it is written.
+    """A map as it is written: files for map_server, which are attached, and a view.
 
     Attributes:
         name: Name of the map.
@@ -359,7 +363,7 @@ class MapFinder:
 
 
 def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
-    """Return a map in the form in which it is written; None if it is not usable, which is logged.
+    """Return the files and the view of a map; log a map that is not usable, and return None.
 
     Decoding a large image takes long: call it in a thread of its own.
 

@@ -1,4 +1,4 @@
-"""Writing a recording."""
+"""Write a recording to one or several MCAP files."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ from woosh_robot_agent.tools.recording.views import (
 
 _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)
-"""Types whose views would be too many for an eye at the highest rates."""
+"""Types whose views are limited in rate, because an eye cannot follow them at the highest rates."""
+_VIEW_PERIOD = 20_000_000
+"""Minimum time between two views of a type in `_THINNED`, in ns."""
 _MAX_MAPS = 100
 """Maximum number of maps that every file contains, and of maps that wait to be prepared."""
-_VIEW_PERIOD = 20_000_000
-"""Minimum time between two views of such a type, in ns."""
 
 
 @dataclass
 class _Thinned:
-    """Views of one type that come too fast.
+    """State of a type in `_THINNED`.
 
     Attributes:
         shown_at: Time of the last view, in ns.
-        waiting: Message without a view since then.
+        waiting: The newest message since `shown_at`, which has no view yet.
     """
 
     shown_at: int = 0
@@ -58,10 +58,11 @@ class _Thinned:
 
 
 class RecordingWriter:
-    """Writes frames and events, the messages in the frames, and views of them.
+    """Write a recording: frames, connection events, decoded messages, and views.
 
-    A crash loses what was written since the last `flush`. A file error ends the recording but is
-    not raised, because the proxy must keep forwarding.
+    A view is a message for display in Foxglove. A crash loses what was written since the last
+    `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must keep
+    forwarding.
 
     Args:
         path: Path of the new file; it must not exist.
@@ -93,9 +94,9 @@ class RecordingWriter:
         self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
         self._preparing: list[Future[PreparedMap | None]] = []
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
-        """The last map with each name, which every file contains."""
+        """The last map with each name, which every new file begins with."""
         self._states: dict[str, View] = {}
-        """The last view of each state, which every file begins with."""
+        """The last view of each state, which every new file begins with."""
         self._robot: dict[str, str] = {}
         self._start = time.time_ns()
         self._clock_offset = self._start - time.monotonic_ns()
@@ -143,7 +144,7 @@ class RecordingWriter:
             sender: Side that sent the frame.
             data: Payload of the frame.
             text: True for a text frame.
-            received: Time at which it passed, by `now`; None if it has just passed.
+            received: Time at which the frame passed, by `now`; None if it has just passed.
         """
         self._seen += 1
         self.answered |= sender == "chassis"
@@ -169,7 +170,7 @@ class RecordingWriter:
     def event(
         self, connection: int, kind: EventKind, by: Side, text: str = "", at: int | None = None
     ) -> None:
-        """Write an event that has happened at a time of `now`; by default at this moment."""
+        """Write an event that happened at the time `at`, by `now`; by default at this moment."""
         self.connections += kind == "open"
         if kind == "refused":
             self.refusal = text
@@ -234,7 +235,7 @@ class RecordingWriter:
         self._files.add(view.channel, now, view.message.SerializeToString())
 
     def _add_waiting(self) -> None:
-        """Write the views that were left out and were followed by none."""
+        """Write the views of the messages that wait because of `_VIEW_PERIOD`."""
         now = self.now()
         for thinned in self._thinned.values():
             message, thinned.waiting = thinned.waiting, None
@@ -271,7 +272,7 @@ class RecordingWriter:
             self._files.add_metadata(ROBOT_METADATA, robot)
 
     def _begin_file(self, file: McapFile) -> None:
-        """Write what every file begins with."""
+        """Write metadata, maps and last views to the start of a file."""
         file.add_metadata(METADATA, self._metadata | {"part": str(self._file_count)})
         self._file_count += 1
         if self._robot:

@@ -1,1 +1,1 @@
-"""The actions that a vehicle can perform, each a function; `runner.ACTIONS` lists them."""
+"""The actions that a vehicle can perform, one function for each; `runner.ACTIONS` lists them."""

@@ -37,8 +37,8 @@ async def start_pause(run: Run) -> None:
         lambda: (execution.paused and execution.at_rest) or not execution.pause_wanted,
         limit,
         # the robot must not drive on because it was slow to obey, so the pause stays wanted
-        f"the robot did not pause and stop within {limit:g} s; it is told again until it does, or "
-        "until a stopPause",
+        f"the robot did not pause and stop within {limit:g} s; the pause is sent again until the "
+        "robot stands, or until a stopPause",
     )
     if not execution.pause_wanted:
         raise ActionFailedError("a stopPause arrived in the meantime")
@@ -126,8 +126,8 @@ _PREFIX = "log_report_"
     repeatable=True,
 )
 async def log_report(run: Run) -> str:
-    """Store what the robot reports, in a subfolder for each robot, and return the path in it."""
-    info, folder = run.execution.facts.info, run.log_folder
+    """Store the reports of the robot in a file, and return its path in the log folder."""
+    info, folder = run.execution.robot.info, run.log_folder
     if info is None or folder is None:
         raise ActionFailedError("the robot has not reported its state yet")
     now = datetime.fromtimestamp(time.time(), timezone.utc)
@@ -148,7 +148,7 @@ async def log_report(run: Run) -> str:
 
 
 async def _asked(run: Run, query: Message) -> dict[str, Any] | str:
-    """Return what the robot answers, or the reason why it does not."""
+    """Return the answer of the robot, or the reason why there is no answer."""
     try:
         answer = await run.link.ask(query)
     except LinkError as error:

@@ -1,4 +1,4 @@
-"""Actions that download, enable and delete maps, and set the position of the robot on one."""
+"""Actions that download, enable and delete maps, and set the position of the robot on a map."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ T = TypeVar("T")
 async def in_thread(work: Callable[[], T]) -> T:
     """Run a function in a thread of its own, and return its result.
 
-    Unlike in the executor of the event loop, it keeps no other work waiting, and the program can
-    end before it returns.
+    Unlike in the executor of the event loop, the function keeps no other work waiting, and the
+    program can end before the function returns.
     """
     loop = asyncio.get_running_loop()
     done: asyncio.Future[T] = loop.create_future()
@@ -112,7 +112,7 @@ def fetch(link: str, expected: str = "", max_duration: float = _MAX_DURATION) ->
         max_duration: maximum duration of the download, in seconds.
 
     Raises:
-        MapFileError: it cannot be fetched, is too large or too slow, or has another hash.
+        MapFileError: the file cannot be fetched, is too large or too slow, or has another hash.
     """
     opener = urllib.request.OpenerDirector()  # without the handlers for local files and FTP
     for handler in (
@@ -134,7 +134,7 @@ def fetch(link: str, expected: str = "", max_duration: float = _MAX_DURATION) ->
                     raise MapFileError(f"the download of {link} takes too long")
     except (OSError, ValueError, http.client.HTTPException) as error:
         if isinstance(error, urllib.error.HTTPError):
-            error.close()  # it holds the connection
+            error.close()  # this error holds the connection
         raise MapFileError(f"{link} cannot be fetched: {error}") from None
     if len(data) > _MAX_BYTES:
         raise MapFileError(f"{link} has more than {_MAX_BYTES} bytes")
@@ -152,7 +152,7 @@ def unpack(data: bytes) -> dict[str, bytes]:
     The archive may contain that folder itself, with `scene.json` in it.
 
     Raises:
-        MapFileError: it is no usable ZIP file.
+        MapFileError: the data are no usable ZIP file.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -180,17 +180,17 @@ def _inner_path(name: str) -> str:
 
 
 _TIMEOUT = 10.0
-"""Maximum time until the robot reports its new map or position after it has accepted it, in
+"""Maximum time from the acceptance of a new map or position until the robot reports it, in
 seconds."""
 _MAP_ID = ParameterType("mapId", "STRING", "name of the map")
 _MAP_VERSION = ParameterType("mapVersion", "STRING", "version of the map")
 
 
 async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
-    """Let the robot use a map, unless it does already.
+    """Let the robot use a map, unless it already uses this map.
 
     Args:
-        version: version that the map must have; None for any.
+        version: version that the map must have; None for any version.
 
     Raises:
         ActionFailedError: there is no such map, or the robot refused it.
@@ -201,7 +201,7 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     if any(_is_current(execution, each) for each in execution.maps.find(name, version)):
         return
     chosen = _single(execution, name, version)
-    run.require_no_leg()
+    run.require_not_driving_order()
     await run.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
     await run.wait(
         lambda: _is_current(execution, chosen),
@@ -211,7 +211,7 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     # a robot that stands does not push its pose, which now belongs to this map
     answer = await run.link.ask(PoseSpeed())
     if isinstance(answer.body, PoseSpeed):
-        execution.facts.remember_pose(answer.body)
+        execution.robot.remember_pose(answer.body)
 
 
 @vehicle_action(
@@ -242,15 +242,15 @@ async def _init_position(run: Run) -> None:
     execution, given = run.execution, run.given
 
     def is_there() -> bool:
-        place = execution.facts.position
+        place = execution.robot.position
         return place is not None and place.initialised and place.map_id == given["mapId"]
 
-    run.require_no_leg()
+    run.require_not_driving_order()
     await _switch_map(run, given["mapId"])
     await run.request(InitRobot(pose=Pose2D(x=given["x"], y=given["y"], theta=given["theta"])))
     await run.wait(is_there, _TIMEOUT, "the robot has not found its position: see its errors")
     if "lastNodeId" in given:
-        execution.order.placed(given["lastNodeId"])
+        execution.order.set_last_node(given["lastNodeId"])
 
 
 init_position, initialize_position = (
@@ -348,7 +348,7 @@ def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
     """Return the map with a name and version.
 
     Raises:
-        ActionFailedError: there is none, or several scenes have one.
+        ActionFailedError: there is no such map, or several scenes have one.
     """
     found = execution.maps.find(name, version)
     if len(found) == 1:
@@ -361,7 +361,7 @@ def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
 
 
 def _is_current(execution: Execution, stored: StoredMap) -> bool:
-    info = execution.facts.info
+    info = execution.robot.info
     return info is not None and (info.scene.scene_name, info.scene.map_name) == (
         stored.scene,
         stored.name,

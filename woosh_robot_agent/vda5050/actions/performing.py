@@ -1,4 +1,4 @@
-"""What an action of the vehicle is, and what its function gets to perform it."""
+"""Definition of the vehicle's actions, and the object `Run` with which a function performs one."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 REACH = 3.0
-"""Maximum distance of a mark at which an action docks, in metres; the master control has released
-no way to a farther one."""
+"""Maximum distance of a mark at which an action docks, in metres. The master control has not
+released the way to a farther mark."""
 ANYWHERE = frozenset(Scope)
 INSTANT = frozenset({Scope.INSTANT})
 NOT_ON_EDGES = frozenset({Scope.INSTANT, Scope.NODE})
@@ -31,12 +31,12 @@ ALL_BLOCKING = frozenset(BlockingType)
 
 @dataclass(frozen=True)
 class Run:
-    """An action that is being performed.
+    """An action that is being performed, and what its function needs to perform it.
 
     Attributes:
         action: the action.
         report: called with each change of the status between its start and its end.
-        execution: the order, and what the robot does.
+        execution: the order of the vehicle, and the state of the robot.
         reports: messages of the vehicle.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
     """
@@ -61,8 +61,8 @@ class Run:
         """Send a request that moves nothing, and return the answer.
 
         Raises:
-            ActionFailedError: the robot refused it.
-            LinkError: it was not sent or not answered.
+            ActionFailedError: the robot refused the request.
+            LinkError: the request was not sent or not answered.
         """
         answer = await self.link.ask(message)
         if not answer.ok:
@@ -70,14 +70,15 @@ class Run:
         return answer
 
     async def call(self, command: Message) -> str:
-        """Execute an action of the robot's own; see `RobotCalls.perform`."""
+        """Call an action of the robot (ROS action, e.g. StepControl); see `RobotCalls.perform`."""
         return await self.execution.calls.perform(command, self.report)
 
     async def wait(self, condition: Callable[[], bool], timeout: float, failure: str) -> None:
         """Wait until a condition of the vehicle holds.
 
         Raises:
-            ActionFailedError: it does not within `timeout` seconds; the text is `failure`.
+            ActionFailedError: the condition does not hold within `timeout` seconds; the text is
+                `failure`.
         """
         if not await self.link.conditions.wait(condition, timeout):
             raise ActionFailedError(failure)
@@ -86,9 +87,9 @@ class Run:
         """Check that the robot stands at a mark, or so near that it only has to dock.
 
         Raises:
-            ActionFailedError: it does not, or the map has no such mark.
+            ActionFailedError: the robot is too far from the mark, or the map has no such mark.
         """
-        here = self.execution.facts.position
+        here = self.execution.robot.position
         place = None if here is None else self.execution.maps.find_mark(mark, here.map_id)
         if here is None or place is None:
             raise ActionFailedError(f"the robot knows no mark {mark} on its map")
@@ -98,11 +99,11 @@ class Run:
                 f"mark {mark} is {distance:.1f} m away, more than {REACH:g} m: drive to it first"
             )
 
-    def require_no_leg(self) -> None:
+    def require_not_driving_order(self) -> None:
         """Check that the robot does not drive along an order.
 
         Raises:
-            ActionFailedError: it does.
+            ActionFailedError: the robot drives along an order.
         """
         if self.execution.order.driving:
             raise ActionFailedError(
@@ -113,8 +114,8 @@ class Run:
 Perform: TypeAlias = Callable[[Run], Awaitable[str | None]]
 """Coroutine function that performs an action, and returns its result, if it has one.
 
-When it is cancelled, it ends what it has begun at the robot. It raises an ActionFailedError if the
-action failed, and a LinkError if the robot could not be reached.
+When the coroutine is cancelled, it ends what it has begun at the robot. It raises an
+ActionFailedError if the action failed, and a LinkError if the robot could not be reached.
 """
 
 
@@ -124,7 +125,8 @@ class VehicleAction:
 
     Attributes:
         type: name, scopes and parameters, for the factsheet and for the check of orders.
-        version: first number of the only version of the standard that has it; empty for all.
+        version: major number of the only version of the standard that has the action, e.g. `3`;
+            empty if all versions have it.
     """
 
     type: ActionType

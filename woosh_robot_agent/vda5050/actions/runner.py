@@ -53,7 +53,7 @@ def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
     """Return the actions of a vehicle, by name.
 
     Args:
-        can_log: the vehicle has a folder for log reports.
+        can_log: True if the vehicle has a folder for log reports.
     """
     return {
         name: action.type
@@ -86,7 +86,7 @@ class ActionRunner:
     def obey(self, command: Perform | EndAction) -> None:
         """Start an action as soon as its blocking type permits, or end it.
 
-        An action that is ended fails, unless it ends by itself before.
+        An action fails when it is ended, unless it has ended by itself before.
         """
         action = command.action
         if isinstance(command, Perform):
@@ -122,7 +122,7 @@ class ActionRunner:
         running.add_done_callback(lambda task: self._done(action, task))
 
     def _done(self, action: Action, task: asyncio.Task[None]) -> None:
-        """Let an action fail that was ended before it began; others have reported their end."""
+        """Let an action fail if its task was cancelled before it ran, and so reported no end."""
         if self._tasks.get(action.id) is task:
             self._ended(action, ActionStatus.FAILED, _ENDED)
 

@@ -1,4 +1,4 @@
-"""Actions in which the robot does something: charging, loads, its lift, steps, turns, words."""
+"""Actions that move the robot or its devices: charging, loads, lift, steps, turns; and speech."""
 
 from __future__ import annotations
 
@@ -54,24 +54,24 @@ _CHARGE_TIMEOUT = 30.0
     pausable=True,
 )
 async def start_charging(run: Run) -> None:
-    """Dock at a charger and charge, by a task of the robot, which goes on."""
-    facts = run.execution.facts
-    if facts.is_charging:
+    """Dock at a charger and charge, by a task of the robot that continues after this action."""
+    robot = run.execution.robot
+    if robot.is_charging:
         return
-    run.require_no_leg()
+    run.require_not_driving_order()
     mark = run.given.get(_STATION) or await _nearest_charger(run)
     run.require_near(mark)
     request = ExecTask(type=task.kCharge, mark_no=mark)
-    await run.execution.tasks.perform(request, run.report, lambda: facts.is_charging)
+    await run.execution.tasks.perform(request, run.report, lambda: robot.is_charging)
 
 
 async def _nearest_charger(run: Run) -> str:
     """Return the number of the nearest charger.
 
     Raises:
-        ActionFailedError: there is none within reach.
+        ActionFailedError: there is no charger within reach.
     """
-    here = run.execution.facts.position
+    here = run.execution.robot.position
     answer = await run.request(storage_edit_pb2.Storages())
     distances = []
     for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
@@ -94,18 +94,18 @@ async def _nearest_charger(run: Run) -> str:
 )
 async def stop_charging(run: Run) -> None:
     """Cancel the charging task, or back out of the charger if the task has ended."""
-    facts = run.execution.facts
-    info = facts.info
+    robot = run.execution.robot
+    info = robot.info
     if info is None:
         raise ActionFailedError("the robot has not reported its state yet")
     if info.task_proc.type == task.kCharge and is_running(info.task_proc):
         answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
         if not answer.ok:
             raise ActionFailedError(f"the robot refused to end its task: {answer.msg}")
-    elif facts.is_charging:
+    elif robot.is_charging:
         await run.call(ChargeControl(execute_mode=ChargeControl.kExit))
     await run.wait(
-        lambda: not facts.is_charging,
+        lambda: not robot.is_charging,
         _CHARGE_TIMEOUT,
         f"the robot still charges after {_CHARGE_TIMEOUT:g} s",
     )
@@ -156,7 +156,7 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
     mark = run.given.get(_STATION)
     if mark is None:
         return await run.call(lift)
-    run.require_no_leg()
+    run.require_not_driving_order()
     run.require_near(mark)
     request = ExecTask(type=task.kCarry, direction=direction, mark_no=mark)
     await run.execution.tasks.perform(request, run.report)
@@ -164,13 +164,13 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
 
 
 _MIN_SPEED = 0.01
-"""Lowest speed, in m/s or rad/s."""
+"""Lowest permitted speed of a step or turn, in m/s or rad/s."""
 _MAX_HEIGHT = 2.0
 """Highest target of the lift, in metres. The robot does not report how high its lift goes."""
 _MAX_STEP = 10.0
-"""Longest step, in metres."""
+"""Longest permitted step, in metres."""
 _MAX_TURN = 2 * math.pi
-"""Widest turn, in radians."""
+"""Widest permitted turn, in radians."""
 _FOOTPRINTS = {
     "ORIGINAL": robot_pb2.kOriginal,
     "EXPAND": robot_pb2.kExpand,

@@ -1,1 +1,1 @@
-"""The messages of VDA 5050: what they mean in all versions, and how each version writes them."""
+"""The messages of VDA 5050 as Python values, and how each version of the standard writes them."""

@@ -42,7 +42,7 @@ class Objection:
     """A reason why the vehicle cannot perform an action.
 
     Attributes:
-        parameter: key of the wrong or missing parameter; empty if it is not about a parameter.
+        parameter: key of the wrong or missing parameter; empty if the reason is no parameter.
     """
 
     reason: str
@@ -50,7 +50,7 @@ class Objection:
 
     @property
     def references(self) -> dict[str, str]:
-        """References for the error that reports it."""
+        """References for the error that reports the objection."""
         return {"actionParameter": self.parameter} if self.parameter else {}
 
 
@@ -72,8 +72,8 @@ class ParameterType:
 
     Attributes:
         type: data type: FLOAT, STRING or BOOL.
-        optional: True if it may be left out.
-        valid: returns True for a valid value of the data type; None if all are valid.
+        optional: True if the parameter may be left out.
+        valid: returns True for a valid value of the data type; None if all values are valid.
         must_be: description of the valid values.
     """
 
@@ -85,7 +85,7 @@ class ParameterType:
     must_be: str = ""
 
     def defect(self, value: Any) -> str:
-        """Return what a value must be, and is not; empty if it is valid."""
+        """Return the description of valid values if a value is invalid; empty if it is valid."""
         fits, description = _DATA_TYPES[self.type]
         if not fits(value):
             return description
@@ -95,7 +95,7 @@ class ParameterType:
 def number(
     key: str, description: str, lowest: float, highest: float = math.inf, *, optional: bool = False
 ) -> ParameterType:
-    """Return a parameter that is a number within limits, which are permitted values too."""
+    """Return a parameter that is a number from `lowest` to `highest`, both included."""
     limits = f"at least {lowest:g}" if highest == math.inf else f"within {lowest:g} to {highest:g}"
     return ParameterType(
         key, "FLOAT", description, optional, lambda value: lowest <= value <= highest, limits
@@ -114,10 +114,10 @@ class ActionType:
 
     Attributes:
         name: name of the action, e.g. `pick`.
-        result: meaning of the result; empty if there is none.
-        blocking: blocking types that it may have on nodes and edges.
-        pausable: it moves something; it is paused with the vehicle.
-        repeatable: as an instant action, it may have the id of one that has ended.
+        result: meaning of the result; empty for an action without a result.
+        blocking: blocking types that the action may have on nodes and edges.
+        pausable: True if the action moves something, so that it is paused with the vehicle.
+        repeatable: True if an instant action may repeat the id of an instant action that has ended.
     """
 
     name: str
@@ -160,7 +160,7 @@ ActionTypes: TypeAlias = Mapping[str, ActionType]
 
 
 def objection(types: ActionTypes, action: Action, scope: Scope) -> Objection | None:
-    """Return why the vehicle cannot perform an action; None if it can."""
+    """Return why the vehicle cannot perform an action; None if the action is possible."""
     if action.type not in types:
         return Objection(f"the vehicle has no action {action.type}")
     return types[action.type].objection(action, scope)
@@ -180,16 +180,16 @@ class OptionalParameter:
 
 @dataclass(frozen=True)
 class Limits:
-    """Figures of the factsheet that the robot does not report, and options of the messages.
+    """Values of the factsheet that the robot does not report, and options of the messages.
 
     Attributes:
         max_speed: maximum speed, in m/s.
         max_acceleration: maximum acceleration, in m/s².
         min_state_interval: minimum time between two states, in seconds.
         state_interval: maximum time between two states, in seconds.
-        visualization_interval: time between two visualizations while it moves, in seconds.
-        driving_state_interval: maximum time between two states while it moves, in seconds; 0 for
-            `state_interval`.
+        visualization_interval: time between two visualizations while the robot moves, in seconds.
+        driving_state_interval: maximum time between two states while the robot moves, in seconds;
+            0 for `state_interval`.
         maps_in_state: True if the state lists the maps on the robot.
     """
 
@@ -208,10 +208,10 @@ class Factsheet:
 
     Attributes:
         max_load: maximum mass of the load.
-        limits: limits that the robot does not report.
+        limits: values that the robot does not report.
         outline: corners of the outline in the vehicle's frame.
-        optional_parameters: optional fields that it obeys.
-        versions: versions of its software, by name.
+        optional_parameters: optional fields that the vehicle obeys.
+        versions: versions of the vehicle's software, by name.
     """
 
     series: str

@@ -28,13 +28,14 @@ def nearest_on_line(point: Point, start: Point, end: Point) -> Point:
 _SPACING = 0.25
 """Usual distance between two points along a curve, in metres."""
 _MAX_POINTS = 100
-"""Approximate maximum number of points along a curve; on a longer one they are farther apart."""
+"""Approximate maximum number of points along a curve; along a longer curve, the points are farther
+apart."""
 _SAMPLES = 8
 """Number of points in each span of the knots by which the length of the curve is estimated."""
 
 
 def curve_defect(trajectory: Trajectory) -> str:
-    """Return the defect of a trajectory; empty if it has none."""
+    """Return the defect of a trajectory; empty for a trajectory without a defect."""
     degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
     numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
     if not all(map(math.isfinite, (degree, *numbers))):
@@ -63,7 +64,7 @@ def curve_defect(trajectory: Trajectory) -> str:
 
 @functools.lru_cache(maxsize=256)
 def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
-    """Return points along a trajectory without a defect, its start and end included."""
+    """Return points from start to end along a trajectory that has no defect."""
     degree, knots = int(trajectory.degree), trajectory.knots
     spans = [
         span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
@@ -132,7 +133,7 @@ def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
 
 
 def _is_behind(point: Point, following: Point, here: Point) -> bool:
-    """Return True if the vehicle has passed a point on its way to the following one."""
+    """Return True if the vehicle has passed a point on its way to the following point."""
     along = (following[0] - point[0], following[1] - point[1])
     return along[0] * (here[0] - point[0]) + along[1] * (here[1] - point[1]) > 0
 

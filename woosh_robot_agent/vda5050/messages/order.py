@@ -52,7 +52,7 @@ class Action:
 
     Attributes:
         type: name of the action, e.g. `pick`.
-        blocking: what may happen while it runs.
+        blocking: activities that are permitted while the action runs.
         parameters: values by key.
         description: further information; may be empty.
     """
@@ -106,10 +106,10 @@ class Node:
     """A node of an order.
 
     Attributes:
-        id: id of the node; several nodes of an order may have the same one.
+        id: id of the node; several nodes of an order may have the same id.
         sequence_id: position among the nodes and edges of the order.
         released: True if the node belongs to the base, False if to the horizon.
-        position: position; None if the order has none.
+        position: position; None if the order does not give it.
         description: further information; may be empty.
         mark: number of the mark by which the robot drives to the node; empty if it drives to the
             position.

@@ -1,4 +1,4 @@
-"""The messages of the master control: checked by the published JSON schemas, and read."""
+"""Check the messages of the master control by the published JSON schemas, and read them."""
 
 from __future__ import annotations
 
@@ -170,7 +170,8 @@ def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -
     """
     trajectory = edge.get("trajectory")
     number = int(edge["sequenceId"])
-    ends = nodes.get(number - 1, ""), nodes.get(number + 1, "")  # version 3 does not name them
+    # in version 3, an edge does not name its nodes
+    ends = nodes.get(number - 1, ""), nodes.get(number + 1, "")
     if not version.is_3:
         ends = edge["startNodeId"], edge["endNodeId"]
     return Edge(
@@ -185,7 +186,7 @@ def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -
         description=edge.get(version.name("edgeDescription"), ""),
         unsupported=tuple(
             name
-            for name in version.refused
+            for name in version.unsupported_edge_fields
             if name in edge and not (name in OBEYED_ANYWAY and OBEYED_ANYWAY[name](edge))
         ),
     )
@@ -224,7 +225,7 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
     """Return a message of the master control.
 
     Raises:
-        RejectedError: it is malformed, or not for this vehicle.
+        RejectedError: the message is malformed, or not for this vehicle.
     """
     message: Any = None
     try:
@@ -258,7 +259,7 @@ def _check_limits(message: Any) -> None:
     """Check that no text, number or nesting of a message exceeds the limits.
 
     Raises:
-        ValueError: one does.
+        ValueError: a text, a number or the nesting exceeds its limit.
     """
     level = [message]
     for _ in range(_MAX_DEPTH):

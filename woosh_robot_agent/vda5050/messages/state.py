@@ -61,7 +61,7 @@ class ErrorType(str, Enum):
     ROBOT_BUSY = "robotBusyError"
     """The order waits: something else drives the robot, or the robot charges."""
     OBSTACLE = "obstacleError"
-    """An obstacle blocks the way of the robot, which waits until it is gone."""
+    """An obstacle blocks the way of the robot, which waits until the obstacle is gone."""
     SECOND_CONNECTOR = "secondConnectorError"
     """Another connector uses the topics of the vehicle."""
     STATE_FILE = "stateFileError"
@@ -73,8 +73,8 @@ class VehicleError:
     """An error in the state of a vehicle.
 
     Attributes:
-        hint: what to do about it; may be empty.
-        references: what the error is about: keys such as `orderId`, and values.
+        hint: how to remove the cause; may be empty.
+        references: subjects of the error: keys such as `orderId`, and values.
     """
 
     type: str
@@ -97,7 +97,7 @@ class ActionFailedError(Exception):
 
     Args:
         reason: the reason.
-        kind: type of the error that reports it.
+        kind: type of the error that reports the failure.
     """
 
     def __init__(self, reason: str, kind: ErrorType = ErrorType.ACTION) -> None:
@@ -108,7 +108,7 @@ class ActionFailedError(Exception):
 def warning(
     kind: ErrorType, description: str, hint: str = "", **references: object
 ) -> VehicleError:
-    """Return a warning. Keyword arguments are its references; a list gives one for each item."""
+    """Return a warning. Keyword arguments are its references; a list gives a reference per item."""
     return VehicleError(
         kind.value,
         ErrorLevel.WARNING,
@@ -172,7 +172,7 @@ class ActionState:
     Attributes:
         result: result or reason of a failure; may be empty.
         description: further information from the order; may be empty.
-        instant: it was requested by an instantActions message.
+        instant: True if an instantActions message requested the action.
     """
 
     id: str
@@ -191,7 +191,7 @@ class Position:
         x: position in the map frame, in metres.
         y: position in the map frame, in metres.
         theta: heading, in radians.
-        initialised: the vehicle knows its position.
+        initialised: True if the vehicle knows its position.
     """
 
     x: float
@@ -233,8 +233,8 @@ class Map:
     """A map on the vehicle.
 
     Attributes:
-        version: version of its data; may be empty.
-        enabled: the vehicle uses it now.
+        version: version of the map's data; may be empty.
+        enabled: True if the vehicle uses the map now.
     """
 
     id: str
@@ -247,12 +247,12 @@ class OrderStatus:
     """Progress of an order.
 
     Attributes:
-        order_id: id of the current or last order; empty without any.
-        update_id: number of its last update.
-        last_node_id: id of the last node that was reached; empty without any.
+        order_id: id of the current or last order; empty before the first order.
+        update_id: number of the order's last update.
+        last_node_id: id of the last node that was reached; empty before the first node.
         nodes: nodes still to be reached, the horizon included.
         edges: edges still to be left, the horizon included.
-        new_base_request: the vehicle is about to reach the end of the base.
+        new_base_request: True if the vehicle is about to reach the end of the base.
         distance_since_last_node: distance driven since the last node, in metres; None if unknown.
     """
 
@@ -273,15 +273,16 @@ class RobotStatus:
     """State of the robot, from its reports.
 
     Attributes:
-        driving: the robot drives or turns.
-        emergency_stop: an emergency stop is active, which must be acknowledged at the vehicle.
-        field_violation: an obstacle is in the protective field.
-        position: position; None if the robot did not report one.
-        velocity: velocity; None if the robot did not report one.
-        loaded: the robot carries a load; None if it does not detect loads.
+        driving: True if the robot drives or turns.
+        emergency_stop: True while an emergency stop is active, which must be acknowledged at the
+            vehicle.
+        field_violation: True while an obstacle is in the protective field.
+        position: position; None if the robot did not report a position.
+        velocity: velocity; None if the robot did not report a velocity.
+        loaded: True if the robot carries a load; None if it does not detect loads.
         maps: maps on the robot; None if unknown.
-        blocked: the robot stands before an obstacle.
-        path: points of the path that the robot follows, in metres; empty without one.
+        blocked: True while the robot stands before an obstacle.
+        path: points of the path that the robot follows, in metres; empty without a path.
     """
 
     driving: bool
@@ -303,7 +304,7 @@ class VehicleState:
     """The complete state of a vehicle.
 
     Attributes:
-        errors: errors about orders and actions, and those of the robot.
+        errors: errors of orders, of actions and of the robot.
     """
 
     order: OrderStatus

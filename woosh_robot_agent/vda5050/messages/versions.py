@@ -1,7 +1,7 @@
-"""The versions of the standard: their topics, and tables of what differs between them.
+"""The versions of the standard: their topics, and tables of the differences, e.g. field names.
 
-Inside of the connector, messages have the names of version 2.1. `reading` and `writing` translate
-them by these tables. What cannot be told by a table depends on `Version.is_3` there.
+Inside the connector, fields have the names of version 2.1. `reading` and `writing` translate the
+names by these tables. Differences that no table can express depend on `Version.is_3`.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ OBEYED_ANYWAY: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
     "rotationAllowed": lambda edge: bool(edge["rotationAllowed"]),
     "reachOrientationBeforeEntering": lambda edge: not edge["reachOrientationBeforeEntering"],
 }
-"""Functions that return True if a field of an edge that the robot cannot obey asks for what it does
-anyway: it turns where it must, and drives forwards."""
+"""Functions, by unsupported field of an edge, that return True if the field demands only what the
+robot does anyway: to turn where it must, and to drive forwards."""
 
 
 @dataclass(frozen=True)
@@ -85,16 +85,17 @@ class Version:
         received: topics that the vehicle subscribes to.
         names: names of fields that differ from version 2.1; empty for a field that this version
             does not have.
-        values: values of enumerations that differ from those of the connector.
-        refused: fields of an edge that the robot cannot obey, see also `OBEYED_ANYWAY`.
-        error_types: errorType of errors; see `error_type` for the others.
+        values: names of enumeration values that differ from the names in the connector.
+        unsupported_edge_fields: fields of an edge that the robot cannot obey; see also
+            `OBEYED_ANYWAY`.
+        error_types: errorType of errors that `error_type` cannot derive from the connector's name.
         error_levels: errorLevel of errors, by their errorType, where the standard prescribes
-            another one than `VehicleError.level`.
+            another level than `VehicleError.level`.
     """
 
     number: str
     received: frozenset[Topic]
-    refused: tuple[str, ...]
+    unsupported_edge_fields: tuple[str, ...]
     names: Mapping[str, str] = field(default_factory=dict)
     values: Mapping[str, str] = field(default_factory=dict)
     error_types: Mapping[str, str] = field(default_factory=dict)
@@ -104,14 +105,14 @@ class Version:
     def is_3(self) -> bool:
         """True for version 3.
 
-        There, the states of instant actions stay in the state after a new order, until
+        In version 3, the states of instant actions stay in the state after a new order, until
         `clearInstantActions`, and an order is cleared when the robot does not know its position any
         more. For the differences between messages see `reading` and `writing`.
         """
         return self.number.startswith("3.")
 
     def name(self, name: str) -> str:
-        """Return this version's name of a field; empty if it does not have the field."""
+        """Return this version's name of a field; empty if the version does not have the field."""
         return self.names.get(name, name)
 
     def value(self, value: str) -> str:
@@ -119,7 +120,7 @@ class Version:
         return self.values.get(value, value)
 
     def error_type(self, kind: str) -> str:
-        """Return the errorType for a type of errors; in version 3 all are in capitals."""
+        """Return the errorType for a type of errors; in version 3, it is in capitals."""
         if kind in self.error_types:
             return self.error_types[kind]
         return re.sub("(?<=[a-z])(?=[A-Z])", "_", kind).upper() if self.is_3 else kind
@@ -128,7 +129,7 @@ class Version:
 V2_1 = Version(
     number="2.1.0",
     received=frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS}),
-    refused=(
+    unsupported_edge_fields=(
         "corridor",
         "direction",
         "maxHeight",
@@ -137,7 +138,7 @@ V2_1 = Version(
         "orientation",
         "rotationAllowed",
     ),
-    values={"PAUSED": "RUNNING"},  # the published schema of the state lacks it
+    values={"PAUSED": "RUNNING"},  # the 2.1 state schema has no PAUSED
     error_types={
         ErrorType.UNSUPPORTED_PARAMETER: "orderError",
         ErrorType.ORDER_ACTION: "orderError",
@@ -153,7 +154,7 @@ V2_1 = Version(
 V3_0 = Version(
     number="3.0.0",
     received=frozenset({Topic.ORDER, Topic.INSTANT_ACTIONS, Topic.ZONE_SET}),
-    refused=(
+    unsupported_edge_fields=(
         "corridor",
         "direction",
         "maximumMobileRobotHeight",

@@ -165,7 +165,7 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         # the published schema requires the kinematics by this spelling too
         message["typeSpecification"] |= {"supportedZones": [], "mobileRobotKinematic": kinematics}
         message["physicalParameters"]["minimumHeight"] = factsheet.height
-    # the only name that differs in other messages, but not here
+    # `actionDescription` has another name in the other messages of version 3, but not here
     names = {old: new for old, new in version.names.items() if old != "actionDescription"}
     return _renamed(message, names)
 
@@ -264,7 +264,7 @@ def _motion(robot: RobotStatus) -> Fields:
 
 
 def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
-    """Return the errors that a version reports now."""
+    """Return the errors of the state as the version demands, e.g. with LOCALIZATION_ERROR in 3."""
     if not version.is_3:
         return state.errors
     place = state.robot.position

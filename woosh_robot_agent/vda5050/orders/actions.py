@@ -1,4 +1,4 @@
-"""The actions of an order: when they start, by their blocking types, and what is kept of them."""
+"""The actions of an order: when they start, by their blocking types, and their states."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ActionMemory:
     Attributes:
         triggered: triggered actions that have not started.
         running: actions that have started and not ended.
-        of_edge: actions of the edge that the vehicle is on.
+        of_edge: actions of the edge on which the vehicle drives.
     """
 
     states: tuple[ActionState, ...] = ()
@@ -53,17 +53,18 @@ class Memory:
     """State of an order.
 
     Attributes:
-        order_id: id of the order; empty without any.
-        update_id: number of its last update.
-        last_node: the node that was reached last; None if there is none.
+        order_id: id of the order; empty without an order.
+        update_id: number of the order's last update.
+        last_node: the node that was reached last; None before the first node.
         nodes: nodes still to be reached.
         edges: edges still to be left.
-        on_edge: the vehicle is on the first of the edges.
-        leg_length: number of nodes of the current leg that are still to be reached; 0 without one.
+        on_edge: True if the vehicle is on the first of `edges`.
+        leg_length: number of nodes of the current leg that are still to be reached; 0 without a
+            leg.
         canceling: True while the order is being cancelled.
         cancelled: True if the order was cancelled.
         holds: names of the holds that keep the vehicle from driving.
-        error: why the order does not go on; None while it does.
+        error: why the order does not go on; None while it goes on.
     """
 
     order_id: str = ""
@@ -121,7 +122,7 @@ class OrderActions:
         )
 
     def restore(self, memory: ActionMemory) -> None:
-        """Restore the actions after a restart; those that ran count as running."""
+        """Restore the actions after a restart; actions that ran before still count as running."""
         self._states = {state.id: state for state in memory.states}
         self.triggered = list(memory.triggered)
         self.running = {action.id: action for action in memory.running}
@@ -155,7 +156,7 @@ class OrderActions:
         self.triggered += node.actions
 
     def miss(self, node: Node) -> None:
-        """Let the actions of a node fail: the vehicle was seen only when it was far past it."""
+        """Let the actions of a node fail, because no report showed the vehicle near the node."""
         for action in node.actions:
             self.changed(action.id, ActionStatus.FAILED, "the vehicle passed the node unseen")
 
@@ -204,7 +205,7 @@ class OrderActions:
         return interrupted
 
     def cancel(self, reason: str) -> None:
-        """Let waiting actions fail, and end running ones; drop the commands so far."""
+        """Let waiting actions fail, and end running actions; drop the commands so far."""
         for action_id, state in self._states.items():
             if action_id not in self.running and not state.status.ended:
                 self._states[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)

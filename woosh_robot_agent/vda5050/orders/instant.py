@@ -25,17 +25,18 @@ from woosh_robot_agent.vda5050.orders.legs import Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 
 START_PAUSE, STOP_PAUSE, CANCEL_ORDER = "startPause", "stopPause", "cancelOrder"
-"""Names of actions with rules of their own."""
+"""Names of actions for which special rules apply in `orders` or `execution`."""
 _MAX_STATES = 200
-"""Maximum number of instant actions in the state. If there are more, the oldest ended ones are
-forgotten; a new one fails if as many still run."""
+"""Maximum number of instant actions in the state. If there are more, the oldest ended actions are
+forgotten; a new action fails if as many actions still run."""
 _MAX_KNOWN = 500
-"""Number of the last instant actions of which the ids are remembered."""
+"""Maximum number of ids of instant actions that are remembered; the oldest ids are forgotten."""
 _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
 _HOLD = "action "
-"""Prefix of the names of the holds by which actions keep the vehicle from driving."""
+"""Prefix of the names of holds: each running action that forbids driving sets a hold of the order.
+"""
 
 
 class InstantActions:
@@ -46,7 +47,7 @@ class InstantActions:
 
     Attributes:
         commands: commands that start actions; the owner takes them.
-        last_motion: id of the last instant action that moves something; empty without one.
+        last_motion: id of the last instant action that moves something; empty before the first.
     """
 
     def __init__(self, types: ActionTypes, order: OrderMachine) -> None:
@@ -57,7 +58,8 @@ class InstantActions:
         """Ids of the last instant actions, the oldest first."""
         self.commands: list[Perform] = []
         self._pause_again: dict[str, Action] = {}
-        """The next startPause for one that has not ended, by their id; performed after its end."""
+        """startPause actions that repeat the id of a startPause that has not ended, by the id; each
+        is performed after that end."""
         self.last_motion = ""
         self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
 
@@ -81,12 +83,12 @@ class InstantActions:
         """Return the ids of the actions in the state.
 
         Args:
-            ended: include those that have ended.
+            ended: True to include actions that have ended.
         """
         return {key for key, state in self._states.items() if ended or not state.status.ended}
 
     def receive(self, actions: Sequence[Action]) -> None:
-        """Perform instant actions. One that is not performed because of its id gets an error."""
+        """Perform instant actions. An action whose id must not be used again gets an error."""
         for action in actions:
             if action.type == STOP_PAUSE:
                 self._pause_again.clear()
@@ -97,7 +99,7 @@ class InstantActions:
                 self._refuse(action, Objection(reason), "use each actionId once")
                 continue
             for ids in (self._known, self._states):
-                ids.pop(action.id, None)  # the new one is the last one
+                ids.pop(action.id, None)  # so that a repeated id moves to the end
             self._known[action.id] = None
             self._states[action.id] = ActionState(
                 action.id,
@@ -122,7 +124,7 @@ class InstantActions:
         known_ids: Sequence[str],
         holds: Sequence[str],
     ) -> list[str]:
-        """Restore the states after a restart. Actions that ran have failed, except `cancelOrder`.
+        """Restore the states after a restart. Actions that ran fail, except `cancelOrder`.
 
         Args:
             states: the states, which may be a second old.
@@ -130,7 +132,7 @@ class InstantActions:
             holds: names of the holds that kept the vehicle from driving.
 
         Returns:
-            The ids of the actions that forbade driving; the robot may go on with them.
+            The ids of the actions that forbade driving; the robot may still execute them.
         """
         self._known.update(dict.fromkeys(known_ids))
         for state in states:
@@ -160,7 +162,7 @@ class InstantActions:
         return True
 
     def failed(self, action: Action, reason: str, kind: ErrorType) -> None:
-        """Store the error of an action that failed, be it an instant action or not."""
+        """Store the error of a failed action, of the order or instant."""
         self._add_error(warning(kind, reason, actionId=action.id, actionType=action.type))
 
     def forget_ended(self) -> None:
@@ -170,7 +172,7 @@ class InstantActions:
 
     def _start(self, action: Action, kind: ActionType) -> None:
         if kind.scopes == {Scope.INSTANT}:
-            # it controls the vehicle, so it waits for nothing, whatever its blockingType
+            # the action controls the vehicle, so it waits for nothing, whatever its blockingType
             self.commands.append(Perform(action, at_once=True))
             return
         if kind.pausable:
@@ -182,14 +184,14 @@ class InstantActions:
         self.commands.append(Perform(action))
 
     def _is_pausing(self, action: Action) -> bool:
-        """Return True for a startPause if the one with its id has not ended."""
+        """Return True for a startPause that repeats the id of a startPause that has not ended."""
         state = self._states.get(action.id)
         if state is None or state.status.ended:
             return False
         return state.type == action.type == START_PAUSE
 
     def _reuse_objection(self, action: Action) -> str:
-        """Return why an action cannot have its id; empty if it can."""
+        """Return why an action cannot have its id; empty if the id is permitted."""
         state = self._states.get(action.id)
         if state is not None and not state.status.ended:
             return f"the {state.type} with this id has not ended"

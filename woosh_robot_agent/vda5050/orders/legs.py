@@ -39,7 +39,7 @@ def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
 
     Args:
         edges: edges still to be driven.
-        nodes: the node at the end of each of them.
+        nodes: the node at the end of each edge.
     """
     base = [(edge, node) for edge, node in zip(edges, nodes, strict=True) if edge.released]
     if not base:
@@ -80,7 +80,7 @@ def changes_way(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
     Args:
         before: the edge to the node.
         edge: the edge after the node.
-        following: the node at its end.
+        following: the node at the end of the edge after the node.
     """
     if following.mark or (before.trajectory is None) != (edge.trajectory is None):
         return True
@@ -97,7 +97,7 @@ _BRAKING = 1.5
 def needs_base(nodes: Sequence[Node], position: Position | None) -> bool:
     """Return True if the vehicle needs more of the horizon released.
 
-    It does on the last edge of the base, and if the rest of the base is short.
+    This is so on the last edge of the base, and if the rest of the base is short.
 
     Args:
         nodes: nodes still to be reached, the horizon included.
@@ -116,7 +116,7 @@ def speed_limit(edges: Sequence[Edge], nodes: Sequence[Node], position: Position
 
     Args:
         edges: rest of the leg; the vehicle is on the first edge.
-        nodes: the node at the end of each of them.
+        nodes: the node at the end of each edge.
         position: position of the vehicle; None if unknown.
     """
     limits = [edge.max_speed for edge in edges[:1]]
@@ -124,7 +124,8 @@ def speed_limit(edges: Sequence[Edge], nodes: Sequence[Node], position: Position
         ahead = zip(edges[1:], _distances(nodes, position), strict=False)
         limits += [edge.max_speed for edge, distance in ahead if distance < _BRAKING]
         if len(edges) > 1 and _is_near_edge(position.point, *nodes[:2]):
-            limits.append(edges[1].max_speed)  # the robot may have missed the node before it
+            # the robot may already be on this edge, if no report showed it at the node before
+            limits.append(edges[1].max_speed)
     return min((limit for limit in limits if limit is not None), default=math.inf)
 
 
@@ -168,7 +169,7 @@ class Perform:
     """Perform an action, and report its progress with `action_changed`.
 
     Attributes:
-        at_once: do not wait for other actions, nor for a standstill.
+        at_once: True to wait neither for other actions nor for a standstill.
     """
 
     action: Action

@@ -30,7 +30,7 @@ from woosh_robot_agent.vda5050.orders.structure import Verdict, check_action_ids
 
 _RESTARTED = "the connector was restarted while the action ran"
 _MAX_APPROACH = 0.5
-"""Maximum distance of the begin of a trajectory at which the vehicle drives to it, in metres."""
+"""Maximum distance to the start of a trajectory from which the vehicle drives there, in metres."""
 
 
 class OrderMachine:
@@ -39,7 +39,7 @@ class OrderMachine:
     Call a method for each event, and then `poll` for the commands.
 
     Attributes:
-        error: why the order cannot go on until it is cancelled; None if it can.
+        error: why the order can only be cancelled; None while it can go on.
     """
 
     def __init__(self) -> None:
@@ -54,9 +54,9 @@ class OrderMachine:
         self._holds: set[str] = set()
         """Names of the holds that keep the vehicle from driving."""
         self._is_held: bool | None = False
-        """True if the drive was paused because of `held`; None if that is unknown."""
+        """True if the drive was paused because of `held`; None if it may be paused or not."""
 
-    # What the order is
+    # Properties of the order
 
     @property
     def held(self) -> bool:
@@ -88,7 +88,7 @@ class OrderMachine:
 
     @property
     def errors(self) -> tuple[VehicleError, ...]:
-        """Why the order does not go on; empty while it does."""
+        """Why the order does not go on; empty while it goes on."""
         if self.error is not None:
             return (self.error,)
         route, here = self._route, self._route.position
@@ -120,7 +120,7 @@ class OrderMachine:
 
     @property
     def order_id(self) -> str:
-        """Id of the current or last order; empty without any."""
+        """Id of the current or last order; empty before the first order."""
         return self._order.id if self._order else ""
 
     @property
@@ -145,7 +145,7 @@ class OrderMachine:
 
     @property
     def progress(self) -> tuple[Node | None, bool]:
-        """What is published at once when the vehicle has moved: last node, request of a base."""
+        """Last node, and True if more base is needed; a change is published at once."""
         return self._route.last_node, self._needs_base
 
     @property
@@ -162,7 +162,7 @@ class OrderMachine:
 
     @property
     def _decision_point(self) -> Node | None:
-        """Last node of the base, or the last one that was reached."""
+        """Last node of the base, or the last reached node if no base is left."""
         released = [node for node in self._route.nodes if node.released]
         return released[-1] if released else self._route.last_node
 
@@ -179,7 +179,7 @@ class OrderMachine:
             check: raises a RejectedError if the vehicle cannot perform the order.
 
         Raises:
-            RejectedError: the vehicle cannot take it; nothing has changed.
+            RejectedError: the vehicle cannot take the order; nothing has changed.
         """
         verdict = judge(
             order,
@@ -194,7 +194,7 @@ class OrderMachine:
         if verdict is Verdict.UPDATE:
             horizon = [part for part in self._route.parts if not part.released]
             check_action_ids(order, self._actions.ids_without(horizon))
-        check(order)  # first: on an unknown map, the vehicle stands nowhere
+        check(order)  # before check_start, which would fail with another error on an unknown map
         if verdict is Verdict.NEW:
             check_start(order, self._route.stands_on)
             self.error = None
@@ -209,11 +209,11 @@ class OrderMachine:
         self._order = order
         return verdict
 
-    def placed(self, node_id: str) -> None:
-        """Take a new last node: the vehicle was told that it stands there.
+    def set_last_node(self, node_id: str) -> None:
+        """Set the last node, on which the vehicle stands by its own knowledge or by a command.
 
         Args:
-            node_id: id of the node; empty if the vehicle stands on none.
+            node_id: id of the node; empty if the vehicle stands on no node.
         """
         last = self._route.last_node
         number = last.sequence_id if last and self.busy else 0
@@ -223,7 +223,7 @@ class OrderMachine:
         """Forget the last node, unless the vehicle stands on it; not during an order."""
         last = self._route.last_node
         if last is not None and not self.busy and not self._route.stands_on(last):
-            self.placed("")
+            self.set_last_node("")
 
     def moved(
         self, position: Position, *, by_itself: bool = False, confirmed: bool = False
@@ -231,17 +231,18 @@ class OrderMachine:
         """Take a new position, and find the nodes of the leg that the vehicle has passed.
 
         Args:
-            by_itself: an action may have moved the vehicle.
-            confirmed: the robot has confirmed, over the current link, that it drives the leg.
+            by_itself: True if an action may have moved the vehicle.
+            confirmed: True if the robot has confirmed, over the current link, that it drives the
+                leg.
         """
         self._route.moved(
             position, by_itself=by_itself, confirmed=confirmed, passes=not self._canceling
         )
 
     def lose_track(self) -> None:
-        """Pass no node until the robot confirms the drive: it may have been moved, or restarted.
+        """Pass no node until the robot confirms the drive.
 
-        To be called when the link to the robot is lost.
+        To be called when the link is lost: the robot may be moved, or restarted elsewhere.
         """
         self._route.lose_track()
 
@@ -249,7 +250,7 @@ class OrderMachine:
         """Take the end of the drive.
 
         Args:
-            reason: why it did not reach the goal of the leg; empty if it did.
+            reason: why the drive did not reach the goal of the leg; empty if it did.
         """
         route = self._route
         if route.leg is None or self._canceling:
@@ -267,7 +268,7 @@ class OrderMachine:
             route.arrive()
 
     def drive_unsent(self) -> None:
-        """The command to drive was not sent: command it again when the vehicle may drive."""
+        """Command the leg again when the vehicle may drive: the `Drive` command was not sent."""
         self._route.leg = None
         self._route.doubtful = True
 
@@ -276,10 +277,10 @@ class OrderMachine:
         self._actions.changed(action_id, status, result)
 
     def hold(self, name: str) -> None:
-        """Pause the drive, and start none, until each `hold` has its `release`.
+        """Pause the drive, and start no leg, until each hold is released.
 
         Args:
-            name: name of the hold.
+            name: name of the hold, i.e. of the reason not to drive, e.g. a pause.
         """
         self._holds.add(name)
 
@@ -288,10 +289,10 @@ class OrderMachine:
         self._holds.discard(name)
 
     def cancel(self, reason: str = "the order was cancelled") -> None:
-        """Cancel the order. It is cancelled when `canceling` is False again.
+        """Begin to cancel the order; `canceling` is False again at the end.
 
         Args:
-            reason: result of the actions that fail because of it.
+            reason: result of the actions that fail because of the cancellation.
         """
         self._canceling = self._cancelled = True
         self.error = None
@@ -303,8 +304,8 @@ class OrderMachine:
         """Return the commands that follow from the events so far.
 
         Args:
-            may_drive: the vehicle may start to drive.
-            may_empty: a cancelled order that has ended may be emptied.
+            may_drive: True if the vehicle may start to drive.
+            may_empty: True if a cancelled order that has ended may be emptied.
         """
         if self._canceling:
             if may_empty and self.has_ended:
@@ -319,12 +320,12 @@ class OrderMachine:
         return commands
 
     def empty(self) -> None:
-        """Remove what is left of a cancelled order that has ended."""
+        """Remove the remaining nodes and edges of a cancelled order that has ended."""
         self._canceling = False
         self._route.empty()
 
     def doubt_place(self) -> None:
-        """Check the position of the vehicle before the order goes on: it may have been moved."""
+        """Check the position before the order goes on, because the vehicle may have been moved."""
         self._route.doubtful = True
 
     # Memory
@@ -350,7 +351,7 @@ class OrderMachine:
         )
 
     def restore(self, memory: Memory) -> None:
-        """Go on with an order after a restart. Actions that ran have failed.
+        """Go on with an order after a restart. Actions that ran fail.
 
         If there is a leg, report its end with `drive_ended`, as if it had just been started.
         """
@@ -373,11 +374,11 @@ class OrderMachine:
             self.cancel()
 
     def interrupt(self, action_id: str, reason: str = _RESTARTED) -> None:
-        """Let the order not go on: an action that forbids driving may still run, or be half done.
+        """Stop the order: an action that forbids driving may still run, or be half done.
 
         Args:
             action_id: id of the action.
-            reason: why that is not known.
+            reason: why the outcome of the action is unknown.
         """
         if self.busy and self.error is None:
             self.error = self._stuck(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
@@ -385,7 +386,7 @@ class OrderMachine:
     # Steps
 
     def _is_in_place(self, *, may_drive: bool) -> bool:
-        """Return True unless the order must wait until the position is known and was checked."""
+        """Return False while the order must wait until the position is known and was checked."""
         route = self._route
         last = route.last_node
         goes_on = self._actions.triggered or (route.edges and route.edges[0].released)

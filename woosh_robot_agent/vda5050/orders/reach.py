@@ -1,16 +1,16 @@
-"""The rest of an order, where the vehicle is on it, and why a node counts as reached.
+"""The rest of an order, the place of the vehicle on it, and the reasons to count nodes as reached.
 
 A node counts as reached for one of these reasons, and for no other:
 
-- The vehicle stands on it: the first node of an order (`begin`), or one at the place of the last
+- The vehicle stands on it: the first node of an order (`begin`), or a node at the place of the last
   node (`reach_in_place`).
 - The vehicle passes it on a leg, within the permitted deviation, or passes a later node of the leg
-  after the way to there (`moved`). Without a link, no node is passed until the robot confirms that
-  it drives the leg: it may have been moved, or restarted elsewhere.
+  after the way to there (`moved`). After a loss of the link, no node is passed until the robot
+  confirms that it drives the leg: the robot may have been moved, or restarted elsewhere.
 - The drive of the leg has ended without a failure (`arrive`).
 
-Its actions are triggered then. They fail if the vehicle was first seen when it was far past the
-node.
+Then the actions of the node are triggered. They fail if the first report after the node shows the
+vehicle far away.
 """
 
 from __future__ import annotations
@@ -30,30 +30,33 @@ from woosh_robot_agent.vda5050.orders.legs import Leg
 _SAME_PLACE = 0.01
 """Distance of two nodes that are at the same place, in metres."""
 _MAX_STEP = 1.0
-"""Maximum distance between two reports of a vehicle that drives, in metres; beyond, it has jumped.
+"""Maximum distance between two reports of a vehicle that drives, in metres. A larger distance is a
+jump: the position was corrected, or the vehicle was moved.
 A robot sends five reports per second."""
 _UNSEEN_WAY = math.sqrt(2.0)
-"""Length of a way that was driven without a link, per distance of its ends: round a corner."""
+"""Estimated length of a way that was driven without a link, per distance of its ends; as if the way
+led round one right-angled corner."""
 
 
 TOLERANCE = 0.25
-"""Deviation from a node that counts as none, in metres; a smaller permitted one is raised to it."""
+"""Lowest deviation from a node that is permitted, in metres; a smaller value of the order is raised
+to it."""
 _ANGLE = 0.1
-"""The same for the heading, in radians."""
+"""Lowest deviation from the heading of a node that is permitted, in radians."""
 
 
 class Route:
     """The rest of an order, and the place of the vehicle on it.
 
     Args:
-        actions: the actions of the order; reached nodes and entered edges trigger theirs.
+        actions: the actions of the order; reached nodes and entered edges trigger their actions.
 
     Attributes:
-        last_node: the node that was reached last; None if there is none.
+        last_node: the node that was reached last; None before the first node.
         nodes: nodes still to be reached.
-        edges: edges still to be left; the vehicle is on the first one if `on_edge`.
-        on_edge: the vehicle is on an edge.
-        leg: the leg that the vehicle drives; None without one.
+        edges: edges still to be left; the vehicle is on the first edge if `on_edge`.
+        on_edge: True if the vehicle is on an edge.
+        leg: the leg that the vehicle drives; None while it drives no leg.
         position: the last position; None if unknown.
         driven: distance since the last node, in metres; None if unknown.
         doubtful: True if the vehicle may have been moved away from the last node.
@@ -70,17 +73,18 @@ class Route:
         self.driven: float | None = 0.0
         self.doubtful = False
         self._before: Position | None = None
-        """The position from which the vehicle has driven to the last one; None if unknown."""
+        """The last position that differed from `position`; None if unknown."""
         self._stand: Position | None = None
-        """Where the vehicle has brought itself last; None if unknown."""
+        """Last position to which the vehicle drove by itself, i.e. was not pushed; None if unknown.
+        """
         self._left: Position | NodePosition | None = None
-        """Where the vehicle was when it reached the last node; None if unknown."""
+        """Position of the vehicle when it reached the last node; None if unknown."""
         self._way = 0.0
-        """Distance that the vehicle has driven since then, in metres; estimated without a link."""
+        """Distance driven since `_left`, in metres; estimated for times without a link."""
         self._is_lost = False
         """True if the vehicle may have been moved, or restarted elsewhere, during the leg."""
         self._lost_at: Position | NodePosition | None = None
-        """Where it was before that; None if unknown."""
+        """Position before `_is_lost` became True; None if unknown."""
 
     # The order
 
@@ -103,7 +107,7 @@ class Route:
         self.edges += order.edges
 
     def empty(self) -> None:
-        """Remove what is left of the order."""
+        """Remove the remaining nodes and edges of the order."""
         self.on_edge = False
         self.nodes.clear()
         self.edges.clear()
@@ -127,12 +131,12 @@ class Route:
         return is_reached(node.position, None, self.position)
 
     def place(self, node: Node | None) -> None:
-        """Set the last node: the vehicle was told that it stands there, or on none."""
+        """Set the last node to a node on which the vehicle stands; None if it stands on no node."""
         self.last_node = node
         self._leave()
 
     def reach_in_place(self, node: Node) -> bool:
-        """Reach the next node if it is at the place of the last one, and the vehicle stands there.
+        """Reach the next node if it is at the place of the last node, and the vehicle stands there.
 
         Args:
             node: the next node.
@@ -151,9 +155,10 @@ class Route:
         """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
         Args:
-            by_itself: an action may have moved the vehicle.
-            confirmed: the robot has confirmed, over the current link, that it drives the leg.
-            passes: passed nodes count.
+            by_itself: True if an action may have moved the vehicle.
+            confirmed: True if the robot has confirmed, over the current link, that it drives the
+                leg.
+            passes: True if passed nodes count as reached.
         """
         last, self.position = self.position, position
         before = None if self._is_lost else last
@@ -193,12 +198,12 @@ class Route:
     def _passed(self, here: Position, edges: Iterable[Edge], nodes: Iterable[Node]) -> int:
         """Return how many of the next nodes of the leg the vehicle has passed by its last move.
 
-        A node that was missed counts with the next one that is passed, once the vehicle has driven
-        as far as to the missed one at least, and moves away from it: the way there may lead past
-        later nodes.
+        A missed node counts with the next passed node, but only once the vehicle has driven at
+        least the distance to the missed node, and moves away from it. Until then the vehicle may
+        still be on its way to the missed node, which may lead past later nodes.
 
         Args:
-            edges: the edge to each of the nodes.
+            edges: the edge to each node.
             nodes: the nodes that are passed without a stop, in their order.
         """
         if self._is_lost:
@@ -230,7 +235,7 @@ class Route:
         """Leave the current edge, if any, and reach the next node.
 
         Args:
-            passing: the vehicle does not stop there, and may be past it by now.
+            passing: True if the vehicle does not stop on the node, and may be past it by now.
         """
         if self.on_edge:
             self.on_edge = False
@@ -245,10 +250,9 @@ class Route:
             self._actions.reach(self.last_node)
 
     def _is_far_from(self, node: Node) -> bool:
-        """Return True if the vehicle is so far from a node that it must have passed it unseen.
+        """Return True if the vehicle is farther from a node than it drives between two reports.
 
-        That is, further than it drives between two reports. Actions of the node would happen
-        somewhere else.
+        It must have passed the node unseen, and actions of the node would happen somewhere else.
         """
         place, here = node.position, self.position
         if place is None or here is None:
@@ -266,7 +270,7 @@ class Route:
         self._actions.enter(self.edges[0])
 
     def depart(self, leg: Leg) -> None:
-        """Begin a leg, at a place that was checked."""
+        """Begin a leg; the place of the vehicle has been checked."""
         self.leg = leg
         self._is_lost = False
 
@@ -277,24 +281,24 @@ class Route:
             self._is_lost, self._lost_at = True, self.position
 
     def is_where_it_stood(self) -> bool:
-        """Return True if the vehicle is where it has brought itself."""
+        """Return True if the vehicle is still at the place to which it drove by itself."""
         return _distance(self._stand, self.position) <= TOLERANCE
 
     def is_on_map_of(self, node: Node) -> bool:
-        """Return True if the vehicle is on the map of a node, or that is unknown."""
+        """Return True if the vehicle is on the map of a node, or if one of the maps is unknown."""
         if node.position is None or self.position is None:
             return True
         return node.position.map_id == self.position.map_id
 
     def distance_to_way(self, leg: Leg) -> float:
-        """Return the distance to the trajectory with which a leg begins, in metres; 0 without."""
+        """Return the distance to the start of the leg's first trajectory, in metres; else 0."""
         trajectory = leg.edges[0].trajectory
         if trajectory is None or self.position is None:
             return 0.0
         return math.dist(curve_points(trajectory)[0], self.position.point)
 
     def _leave(self) -> None:
-        """Measure the way from here: the vehicle has reached a node."""
+        """Measure the driven distance from here, because the vehicle has reached a node."""
         self.driven, self._way, self._left = 0.0, 0.0, self.position
         self._is_lost = False
 
@@ -309,7 +313,7 @@ def is_reached(node: NodePosition, before: Position | None, now: Position) -> bo
     """Return True if the vehicle has passed a node on its way from one position to the next.
 
     Args:
-        before: last position of the vehicle; None if there was none.
+        before: last position of the vehicle; None if unknown.
     """
     if node.map_id != now.map_id:
         return False
@@ -340,14 +344,14 @@ def _is_within(node: NodePosition, before: Position, now: Position) -> bool:
 
 
 def _length(edge: Edge, start: Position | NodePosition | None, end: NodePosition) -> float:
-    """Return the length of an edge, in metres; infinite if it is unknown where it begins."""
+    """Return the length of an edge, in metres; infinite if its start is unknown."""
     if edge.trajectory is not None:
         return sum(math.dist(*points) for points in pairwise(curve_points(edge.trajectory)))
     return _distance(start, end)
 
 
 def _distance(start: Position | NodePosition | None, end: Position | NodePosition | None) -> float:
-    """Return the distance of two places, in metres; infinite if it is unknown."""
+    """Return the distance of two places, in metres; infinite if unknown, or on different maps."""
     if start is None or end is None or start.map_id != end.map_id:
         return math.inf
     return math.dist(start.point, end.point)

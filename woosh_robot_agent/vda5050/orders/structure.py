@@ -1,4 +1,4 @@
-"""Which orders and updates are accepted, how they join the current order, and their marks."""
+"""Acceptance or rejection of orders and updates, and nodes that are marks of the map."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def check_structure(order: Order) -> None:
     """Check that the nodes and edges of an order form one path, the base before the horizon.
 
     Raises:
-        RejectedError: they do not.
+        RejectedError: the nodes and edges do not form one path.
     """
     if not order.nodes:
         raise _malformed(order, "the order has no node")
@@ -79,7 +79,7 @@ def check_instant_ids(order: Order, taken: Collection[str]) -> None:
     """Check that no action of an order has the id of an instant action.
 
     Raises:
-        RejectedError: one has.
+        RejectedError: an action has such an id.
     """
     for action in (each for part in order.parts for each in part.actions):
         if action.id in taken:
@@ -96,11 +96,11 @@ class Verdict(Enum):
     """Treatment of an order that is not rejected."""
 
     NEW = "new"
-    """Replace the current order by it."""
+    """Replace the current order by the new order."""
     UPDATE = "update"
-    """Append it to the current order."""
+    """Append the update to the current order."""
     KNOWN = "known"
-    """Ignore it: the vehicle has it already."""
+    """Ignore the order, because the vehicle has it already."""
 
 
 def judge(
@@ -111,14 +111,13 @@ def judge(
     cancelled: bool,
     decision_point: Node | None,
 ) -> Verdict:
-    """Decide what to do with an order. A new one also needs `check_start`.
+    """Decide what to do with an order. A new order also needs `check_start`.
 
     Args:
-        current: the last order or update that the vehicle took; None if there was none.
+        current: the last order or update that the vehicle took; None before the first order.
         busy: True if the vehicle executes the current order, or waits for an update of it.
         cancelled: True if the current order was cancelled.
-        decision_point: last node of the current base, or the last one that was reached if there is
-            no base left.
+        decision_point: last node of the current base, or the last reached node if no base is left.
 
     Raises:
         RejectedError: the vehicle cannot take the order.
@@ -140,7 +139,7 @@ def judge(
             f"the vehicle has orderUpdateId {current.update_id} already",
             "send updates with increasing orderUpdateId",
         )
-    is_restored = not current.nodes  # its content did not survive a restart
+    is_restored = not current.nodes  # only the ids of an order survive a restart
     if order == current or (is_restored and order.update_id == current.update_id):
         return Verdict.KNOWN
     if order.update_id == current.update_id:
@@ -182,7 +181,7 @@ def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
         in_reach: returns True if the vehicle stands on a node or within its permitted deviation.
 
     Raises:
-        RejectedError: it begins elsewhere.
+        RejectedError: the order begins elsewhere.
     """
     if not in_reach(order.nodes[0]):
         raise rejection(
@@ -195,7 +194,8 @@ def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
 
 
 FindMark = Callable[[str, str], NodePosition | None]
-"""Returns the position of a mark by its number and the id of a map; None if there is none."""
+"""Returns the position of a mark by its number and the id of a map; None if the map has no such
+mark."""
 
 
 def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
@@ -203,7 +203,7 @@ def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
 
     This applies to a node whose id is the number of a mark if the node has no position, or if it is
     at the position of the mark and has an action that forbids driving. A node without a position
-    gets that of the mark.
+    gets the position of the mark.
 
     Args:
         map_id: id of the map for nodes without a position.

@@ -1,1 +1,1 @@
-"""What the robot reports, as values of the model."""
+"""The robot side of the connector: reports as values of `messages`; tasks, actions, speed limit."""

@@ -53,20 +53,20 @@ _CONTROLS = {
 
 
 class _Run:
-    """An action that the robot executes.
+    """One execution of an action of the robot, from its start to its end.
 
     Args:
         command: the command, without its `action`.
-        report: called with each new status: it runs, or is paused.
+        report: called with each new status: RUNNING or PAUSED.
 
     Attributes:
-        accepted: the robot has accepted the start.
-        heard: the robot has reported that it executes, or has paused, the action.
-        cannot_pause: the robot could not pause it.
+        accepted: True if the robot has accepted the start.
+        heard: True if the robot has reported that it executes, or has paused, the action.
+        cannot_pause: True if the robot could not pause the action.
         ended: future of the reason of the failure; empty after a success.
-        unknown: the robot does not tell how the action ended.
+        unknown: True if the robot does not tell how the action ended.
         result: text of the last report.
-        controller: pauses, resumes and cancels it.
+        controller: pauses, resumes and cancels the action.
     """
 
     controller: Controller
@@ -95,7 +95,7 @@ class _Run:
         return call
 
     def end(self, reason: str) -> None:
-        """End the run, with the reason why it failed; empty if it succeeded."""
+        """End the run, with the reason of the failure; empty after a success."""
         if not self.ended.done():
             self.ended.set_result(reason)
             self.controller.end()
@@ -127,7 +127,7 @@ class RobotCalls:
 
     @property
     def stand(self) -> bool:
-        """True unless an action runs that can be paused."""
+        """True if each running action is paused, or cannot be paused."""
         return all(run.controller.stands or run.cannot_pause for run in self._runs.values())
 
     def want(self, control: Control) -> None:

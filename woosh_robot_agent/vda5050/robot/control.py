@@ -1,4 +1,4 @@
-"""Pause, resumption and cancellation of what the robot does."""
+"""Pause, resumption and cancellation of a task or an action of the robot."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class Controller:
     Args:
         name: name of the task or the action, for the log.
         send: sends a command.
-        answered: called after the answer to a command, or None if there is none.
-        may_send: returns False while something else would get the commands.
+        answered: called with the answer to a command, or with None if no answer came.
+        may_send: returns False while another task or action would get the commands.
 
     Attributes:
         paused: True if the robot has reported that it is paused.
-        stands: True if it is paused and was not resumed since.
+        stands: True if the task or action is paused and was not resumed since.
     """
 
     def __init__(
@@ -54,9 +54,9 @@ class Controller:
         self.paused = False
         self.stands = False
         self._wanted: Control | None = None
-        """Command that the robot must obey; None without one."""
+        """Command that the robot must obey; None without a command."""
         self._may_pause = False
-        """True if a pause was sent that was neither refused nor had an effect yet."""
+        """True if the last sent pause was not refused, and had no effect yet."""
         self._resumed_at = -math.inf
         """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
         self._wake = asyncio.Event()
@@ -70,7 +70,7 @@ class Controller:
             self._pursue()
 
     def withdraw_pause(self) -> None:
-        """Want no pause any more."""
+        """Do not demand a pause any more."""
         if self._wanted is Control.PAUSE:
             self._wanted = None
 
@@ -78,7 +78,7 @@ class Controller:
         """Take a report; return True if `paused` or `stands` has changed.
 
         Args:
-            paused: the task or action is paused.
+            paused: True if the task or action is paused.
         """
         before = (self.paused, self.stands)
         self.paused = paused
@@ -95,7 +95,7 @@ class Controller:
         return changed
 
     def link_changed(self) -> None:
-        """Send what is wanted at once, if there is a link now."""
+        """Send the wanted command at once, if there is a link now."""
         self._wake.set()
 
     def end(self) -> None:
@@ -104,12 +104,12 @@ class Controller:
         self._wake.set()
 
     def _pursue(self) -> None:
-        """Start to send what is wanted, unless the robot has obeyed it."""
+        """Start to send the wanted command, unless the robot has obeyed it."""
         if self._due() is not None:
             self._link.work.start_once(self._insist, self)
 
     async def _insist(self) -> None:
-        """Send what is wanted until the robot has obeyed it."""
+        """Send the wanted command until the robot has obeyed it."""
         while (control := self._due()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
@@ -122,7 +122,7 @@ class Controller:
                 await run_with_timeout(self._link.timing.repeat_after, self._wake.wait())
 
     def _due(self) -> Control | None:
-        """Return the command that the robot has not obeyed; None without one."""
+        """Return the wanted command; None if there is none, or the robot has obeyed it."""
         if self._wanted is Control.PAUSE and self.stands:
             return None
         if self._wanted is Control.RESUME and not (self.paused or self._may_pause):

@@ -1,4 +1,4 @@
-"""The link to the robot, as all parts of a vehicle share it, and their work in the background."""
+"""The link to the robot that all parts of a vehicle share, and their tasks in the background."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Background:
         self._tasks: dict[Hashable, asyncio.Task[None]] = {}
 
     def start(self, work: Coroutine[Any, Any, None], key: Hashable = None) -> asyncio.Task[None]:
-        """Start a task, and return it; the one with the same key is cancelled.
+        """Start a task, and return it; the task with the same key is cancelled.
 
         Args:
             work: the coroutine.
@@ -40,13 +40,13 @@ class Background:
         return task
 
     def start_once(self, work: Callable[[], Coroutine[Any, Any, None]], key: Hashable) -> None:
-        """Start a task, unless the one with the same key still runs."""
+        """Start a task, unless the task with the same key still runs."""
         task = self._tasks.get(key)
         if task is None or task.done():
             self.start(work(), key)
 
     def cancel(self, key: Hashable) -> None:
-        """Cancel the task with a key, if there is one."""
+        """Cancel the task with a key; do nothing if it has ended."""
         if (task := self._tasks.pop(key, None)) is not None:
             task.cancel()
 
@@ -65,13 +65,13 @@ class Background:
 
 
 class Conditions:
-    """Conditions that somebody waits for. Call `check` after each event. Used in one event loop."""
+    """Conditions for which actions wait. Call `check` after each event. Used in one event loop."""
 
     def __init__(self) -> None:
         self._waiting: dict[asyncio.Future[None], Callable[[], bool]] = {}
 
     async def wait(self, condition: Callable[[], bool], timeout: float | None = None) -> bool:
-        """Wait until a condition holds; return False if it does not within `timeout` seconds."""
+        """Wait until a condition holds; return False if this takes more than `timeout` seconds."""
         if condition():
             return True
         holds = asyncio.get_running_loop().create_future()
@@ -120,12 +120,12 @@ class RobotLink:
         on_moved: called with each report of a pose.
 
     Attributes:
-        gate: sends what moves the robot, and tells what drives it.
-        changed: tells the vehicle that something may have changed.
+        gate: sends commands that move the robot, and tells who drives the robot.
+        changed: tells the vehicle that its state may have changed.
         moved: tells the vehicle that a pose was reported.
         conditions: conditions of the vehicle that its actions wait for.
         work: tasks that end with the link.
-        is_closing: True once the link is being closed: the robot goes on with what it does.
+        is_closing: True once the link is being closed; the robot continues its task or action.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ class StoredMap:
 class RobotMaps:
     """The maps on the robot, and the marks of its scene. Used in the event loop of the link.
 
-    They are read at each connection, and when the map changes.
+    Maps and marks are read at each connection, and when the robot's map changes.
 
     Attributes:
         downloading: held while a map is downloaded.
@@ -77,7 +77,7 @@ class RobotMaps:
         """Return the maps with a name and version.
 
         Args:
-            version: version of the map; None for any. A map of unknown version matches all.
+            version: version of the map; None for any version. A map of unknown version matches all.
         """
         return [
             each
@@ -90,7 +90,7 @@ class RobotMaps:
         return [each for each in self._maps or () if each.scene == scene]
 
     async def read(self) -> None:
-        """Read the list from the robot.
+        """Read the list of maps from the robot.
 
         Raises:
             LinkError: the robot did not answer.
@@ -129,7 +129,7 @@ class RobotMaps:
                 await self._read_marks(self._scene)
             except LinkError as error:
                 if not self._link.ready:
-                    return  # a reconnect reads it again
+                    return  # maps and marks are read again after a reconnect
                 self._log.warn("maps", f"the maps and marks are unknown for now: {error}")
             else:
                 return

@@ -1,4 +1,4 @@
-"""The state of the robot as VDA 5050 reports it: status, errors of its codes, and factsheet."""
+"""The state of the robot as VDA 5050 reports it: status, errors for status codes, and factsheet."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ _MODES = {
     robot.kDeployMode: OperatingMode.TEACH_IN,
     robot.kTaskMode: OperatingMode.AUTOMATIC,
 }
-"""Operating modes in automatic control mode, by work mode; in other work modes it is MANUAL."""
+"""Operating modes in automatic control mode, by work mode; MANUAL in other work modes."""
 
 
 def robot_status(info: RobotInfo) -> RobotStatus:
@@ -98,6 +98,7 @@ def robot_status(info: RobotInfo) -> RobotStatus:
 def drives(info: RobotInfo) -> bool:
     """Return True if the robot moves, by its last report."""
     motion = info.pose_speed.twist
+    # `not <=`: NaN counts as moving
     return not (abs(motion.linear) <= MIN_SPEED and abs(motion.angular) <= MIN_SPEED)
 
 
@@ -121,12 +122,13 @@ def position(info: RobotInfo) -> Position | None:
         y=_rounded(place.y),
         theta=_rounded(math.remainder(place.theta, math.tau)),
         map_id=map_id(info),
+        # is_located is None if the robot does not report it, or is building a map
         initialised=info.state != robot.kUninit and readiness.is_located(info) is not False,
     )
 
 
 def velocity(info: RobotInfo) -> Velocity | None:
-    """Return the velocity of the robot; None if it does not report one."""
+    """Return the velocity of the robot; None if it does not report a velocity."""
     motion = info.pose_speed.twist
     if not info.pose_speed.HasField("twist"):
         return None
@@ -136,12 +138,12 @@ def velocity(info: RobotInfo) -> Velocity | None:
 
 
 def path(report: NavPath | None) -> tuple[tuple[float, float], ...]:
-    """Return the points of the path that the robot follows; empty if it follows none."""
+    """Return the points of the path that the robot follows; empty without a path."""
     return () if report is None else points(report.path.poses)
 
 
 def points(reported: Iterable[Any]) -> tuple[tuple[float, float], ...]:
-    """Return points of the robot's, in metres, without those that are not finite."""
+    """Return the finite ones of reported points, in metres."""
     return tuple(
         (_rounded(point.x), _rounded(point.y))
         for point in reported
@@ -150,7 +152,7 @@ def points(reported: Iterable[Any]) -> tuple[tuple[float, float], ...]:
 
 
 def map_id(info: RobotInfo) -> str:
-    """Return the id of the map that the robot's position belongs to."""
+    """Return the id of the map in which the robot reports its position."""
     report = info.pose_speed
     if info.scene.map_name and info.scene.map_id in (0, report.map_id):
         return info.scene.map_name
@@ -181,7 +183,7 @@ def _blocked(info: RobotInfo) -> bool:
 
 
 def _rounded(value: float) -> float:
-    """Round a 32-bit float to the decimals that it really has."""
+    """Round a 32-bit float to six decimals, because further decimals are noise."""
     return round(value, 6)
 
 

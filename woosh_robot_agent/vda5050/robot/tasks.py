@@ -40,8 +40,8 @@ def leg_task(leg: Leg, position: Position | None) -> ExecTask:
     """Return the task that drives a leg, without its id.
 
     Args:
-        position: position of the robot, from which the heading at a node without one follows; None
-            if unknown.
+        position: position of the robot, from which the heading at a node without `theta` follows;
+            None if unknown.
     """
     request = ExecTask(type=task.kPick)
     if leg.goal.mark:
@@ -65,7 +65,7 @@ def _add_segment(request: ExecTask, poses: list[Pose2D], optimal: PlanPath.Optim
 
 
 def _through(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]:
-    """Return a pose for each node. Without `theta`, its heading is that of the way to the node."""
+    """Return a pose for each node. Without `theta`, the heading is the direction to the node."""
     poses: list[Pose2D] = []
     here = None if position is None else position.point
     heading = 0.0 if position is None else position.theta
@@ -104,7 +104,7 @@ _ENDED = {
     task.kCanceled: "the task was cancelled at the robot",
     task.kFailed: "the task failed",
 }
-"""Reasons why a task was not completed, by its last state; empty if it was."""
+"""Reasons why a task was not completed, by its last state; empty for a completed task."""
 UNKNOWN_TASK = "the robot does not know the task"
 """Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
 UNSENT = "there is no link to the robot"
@@ -122,12 +122,12 @@ class RobotTask:
     A start is never repeated. If the outcome of a task is unknown, the robot is asked.
 
     Args:
-        on_end: called when the task has ended, with the reason why it failed; empty if it did not.
+        on_end: called when the task has ended, with the reason of a failure; empty after a success.
         on_paused: called when the robot has paused or resumed the task.
 
     Attributes:
-        id: id of the current task; 0 without one.
-        other: id of the task of another client that the robot executes; 0 without one.
+        id: id of the current task; 0 without a task.
+        other: id of the task of another client that the robot executes; 0 without such a task.
         confirmed: True once the robot has reported on the current task over the current link.
     """
 
@@ -323,18 +323,17 @@ class ActionTasks:
         self._link = link
         self._task = RobotTask(link, self._ended, self._paused)
         self._end: asyncio.Future[str] | None = None
-        """Done when the task has ended, with the reason why it failed; None without an action that
-        waits for it."""
+        """Done when the task has ended, with the reason of a failure; None if no action waits."""
         self._report: Callable[[ActionStatus], None] = lambda status: None
 
     @property
     def id(self) -> int:
-        """Id of the task that the robot executes for an action; 0 without one."""
+        """Id of the task that the robot executes for an action; 0 without a task."""
         return self._task.id
 
     @property
     def stands(self) -> bool:
-        """True unless a task runs that an action waits for."""
+        """True if no action waits for a task, or the task is paused."""
         return self._end is None or self._task.stands
 
     def want(self, control: Control) -> None:

@@ -1,11 +1,11 @@
-// What the viewer does: commands, STOP, the choice of a robot, a target, a pose.
+// Actions of the viewer: commands, STOP, the choice of a robot, of a target, of a pose.
 
 import { batch, effect } from "./vendor/preact.js";
 import { Connection } from "./connection.js";
 import * as store from "./store.js";
 import { say } from "./texts.js";
 
-const DOUBLE_CLICK = 500; // milliseconds within which the same command is given once
+const DOUBLE_CLICK = 500; // milliseconds within which a repeated command is not sent
 const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
 
 export const connection = new Connection(received, receivedScan, (problem) => {
@@ -13,7 +13,7 @@ export const connection = new Connection(received, receivedScan, (problem) => {
   checkAlarm();
 });
 
-/** When each command was last given, and if its answer is pending. */
+/** Time of the last sending of each command, and whether its answer is pending. */
 const given = /** @type {Map<string, {since: number, pending: boolean}>} */ (new Map());
 let standingSince = 0; // time since which the robot is seen to stand still
 
@@ -48,16 +48,17 @@ export function tell(ok, text, robot = store.chosen.value) {
 }
 
 /**
- * Give a command. A double click, or a click while the answer is pending, gives no other one.
+ * Send a command, unless the same command was sent just now, or its answer is pending.
  * @param {string} name
  * @param {Record<string, any>} args
- * @returns {Promise<boolean>} true if the robot has accepted it
+ * @returns {Promise<boolean>} true if the robot has accepted the command
  */
 export async function run(name, args = {}) {
   const { robot } = connection;
   const now = performance.now();
   const moves = name === "go" || name === "goMark" || name === "charge";
-  const key = JSON.stringify(moves ? [robot] : [robot, name, args]); // one click, one task
+  // all tasks of a robot share one key, so that a double click on a mark sends one task
+  const key = JSON.stringify(moves ? [robot] : [robot, name, args]);
   const { since, pending } = given.get(key) ?? { since: -Infinity, pending: false };
   if (now < since + DOUBLE_CLICK) return false;
   if (pending) {
@@ -95,7 +96,7 @@ function setAlarm(robot, text) {
   standingSince = performance.now();
 }
 
-/** End the alarm of an unconfirmed stop once that robot is seen to stand still for a while. */
+/** End the alarm of an unconfirmed stop once the robot's pose shows a standstill for a while. */
 function checkAlarm() {
   const now = performance.now();
   const pose = store.pose.value;
@@ -121,14 +122,14 @@ export function release() {
 }
 
 /**
- * Show how the robot would drive to a place, before it is sent there.
+ * Show how the robot would drive to a place, before the viewer sends it there.
  * @param {import("./store.js").Target} target
  */
 export async function setTarget(target) {
   store.target.value = target;
   if (!target.pose || !store.mayControl.value) return;
   const { ok, text, data } = await connection.command("plan", target.pose);
-  if (store.target.value !== target) return; // the viewer has chosen another one meanwhile
+  if (store.target.value !== target) return; // the viewer has chosen another target meanwhile
   const error = { error: say(text) };
   store.target.value = { ...target, plan: ok ? data : error };
 }
@@ -141,7 +142,7 @@ export function setTargetMark(mark) {
 
 /**
  * @param {import("./store.js").Point} place
- * @param {number | null} direction in radians; null for that from the robot to the place
+ * @param {number | null} direction in radians; null for the direction from the robot to the place
  */
 export function setTargetPlace({ x, y }, direction) {
   const from = store.pose.value;
@@ -149,7 +150,7 @@ export function setTargetPlace({ x, y }, direction) {
   setTarget({ command: "go", pose: { x, y, theta }, plan: null });
 }
 
-/** Forget what was about to be done on the map. */
+/** Forget the target, the pose and the tool that the viewer has begun to use on the map. */
 export function forgetTarget() {
   batch(() => {
     store.target.value = store.draft.value = store.measured.value = null;
@@ -157,16 +158,16 @@ export function forgetTarget() {
   });
 }
 
-/** Let the viewer show where the robot is. */
+/** Let the viewer set the pose of the robot on the map. */
 export function startPose() {
   forgetTarget();
   batch(() => {
     store.tool.value = "pose";
-    store.sheet.value = "closed"; // on a small screen it covers the map
+    store.sheet.value = "closed"; // on a small screen the sheet covers the map
   });
 }
 
-/** Tell the robot the pose that the viewer has shown. */
+/** Send the pose that the viewer has set to the robot. */
 export async function confirmPose() {
   const pose = store.draft.value;
   if (pose && (await run("setPose", pose))) forgetTarget();

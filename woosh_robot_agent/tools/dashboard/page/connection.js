@@ -4,7 +4,7 @@
 /** @typedef {{ok: boolean, text: Text, data?: any}} Reply */
 
 const RETRY_DELAY = 1000; // milliseconds
-const SILENCE = 2000; // milliseconds without a message after which what is shown counts as outdated
+const SILENCE = 2000; // milliseconds without a message after which the shown data are outdated
 const GIVE_UP = 6000; // milliseconds without a message after which the connection counts as lost
 const CONNECT_TIMEOUT = 15000; // milliseconds
 const STOP_TIMEOUT = 2500; // milliseconds
@@ -15,14 +15,14 @@ export class Connection {
    * @param {(name: string, data: any) => void} onPart called with each part
    * @param {(scan: ArrayBuffer) => void} onScan called with each laser scan
    * @param {(problem: string) => void} onChange called when the connection becomes good or bad, with
-   *   the key of the problem's text; empty if it is good
+   *   the key of the problem's text; with an empty text if the connection is good
    */
   constructor(onPart, onScan, onChange) {
     this.onPart = onPart;
     this.onScan = onScan;
     this.onChange = onChange;
     this.robot = 0;
-    this.clock = 0; // newest time of the dashboard, which goes back with everything that moves
+    this.clock = 0; // newest time from the dashboard; sent back with each command, to detect old ones
     this.nextId = 1;
     /** @type {Map<number, (reply: Reply) => void>} by the id of the command */
     this.replies = new Map();
@@ -77,7 +77,7 @@ export class Connection {
     else if (message.part) this.onPart(message.part, message.data);
   }
 
-  /** @param {boolean} dismissed the dashboard wants no further connection */
+  /** @param {boolean} dismissed true if the dashboard has too many viewers */
   lost(dismissed) {
     this.change(dismissed ? "link.dismissed" : "link.noDashboard");
     for (const id of [...this.replies.keys()]) {
@@ -138,7 +138,7 @@ export class Connection {
     return this.reply(id);
   }
 
-  /** Send a stop, if need be as soon as there is a connection. */
+  /** Send a stop, now or as soon as there is a connection. */
   stop() {
     const id = this.nextId++;
     if (this.isOpen) {

@@ -1,4 +1,4 @@
-// Driving by hand: the stick and the arrow keys. Nothing drives unless it is held.
+// Driving by hand: the stick and the arrow keys. The robot drives only while one of them is held.
 
 import { effect } from "./vendor/preact.js";
 import { connection, stop } from "./commands.js";
@@ -18,7 +18,7 @@ let timer = 0;
 const pressed = /** @type {Set<string>} */ (new Set()); // arrow keys that are down
 
 /**
- * Return the velocity for the way of a pointer since it went down.
+ * Return the velocity for the distance of a pointer from where it went down.
  * @param {number} right of the stick's radius
  * @param {number} up of the stick's radius
  */
@@ -27,18 +27,18 @@ export function stickVelocity(right, up) {
   const dead = (/** @type {number} */ value) => (Math.abs(value) < DEAD_ZONE ? 0 : value);
   return {
     linear: dead(up) * linear,
-    // backwards, the stick's side is still the side to which the robot goes
+    // backwards, the robot still moves to the side to which the stick points
     angular: -dead(right) * angular * (up < -DEAD_ZONE ? -1 : 1),
   };
 }
 
 /** Hold a velocity; begin a press if nothing is held. @param {{linear: number, angular: number}} velocity */
 export function hold(velocity) {
-  if (!store.held.value) store.answer.value = null; // what an earlier press or command has answered
+  if (!store.held.value) store.answer.value = null; // answer to an earlier press or command
   store.held.value = velocity;
 }
 
-/** End the press, until the next one begins: a pointer that is still down drives no more. */
+/** End the press: a pointer that is still down does not drive until it is pressed anew. */
 export function letGo() {
   store.held.value = null;
 }

@@ -32,7 +32,7 @@ effect(() => {
   const robot = store.robot.value;
   document.title = robot?.known ? robotName(robot) : t("page.title");
 });
-let tooled = false; // the viewer has got a tool that suits what may be done
+let tooled = false; // true once a viewer with control has got the tool "go"
 effect(() => {
   if (!store.mayControl.value || tooled) return;
   tooled = true;

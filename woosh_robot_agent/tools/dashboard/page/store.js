@@ -11,7 +11,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
 /** @typedef {{kind: string, outline: number[][], speed: number}} Zone */
 /**
  * @typedef {object} Robot
- * @property {boolean} known the robot has reported its state
+ * @property {boolean} known true if the robot has reported its state
  * @property {number} id
  * @property {string} name
  * @property {string} model
@@ -47,13 +47,13 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {boolean} running
  * @property {string} text
  * @property {Code | null} code
- * @property {number} begun Unix time in milliseconds; 0 if that was not seen
+ * @property {number} begun Unix time in milliseconds; 0 if the begin was not seen
  * @property {number} changed
  * @property {string} by
  * @property {{name?: string, args?: Record<string, any>}} command
  */
 /**
- * @typedef {object} Area what is known of the map
+ * @typedef {object} Area the map, as far as it is known
  * @property {number} number
  * @property {string} error
  * @property {number} [resolution]
@@ -103,7 +103,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
 /** @typedef {{known: {name: string, description: string, arguments: string}[], faults: Fault[]}} Simulator */
 /** @typedef {{pose: Pose, points: Float32Array}} Scan  x, y of each point in the frame of the robot */
 /**
- * @typedef {object} Target where the robot may be sent
+ * @typedef {object} Target the mark or pose to which the viewer may send the robot
  * @property {"go" | "goMark" | "charge"} command
  * @property {string} [mark]
  * @property {Pose} [pose]
@@ -127,7 +127,7 @@ export const robots = state(/** @type {string[]} */ ([]));
 export const fleet = state(/** @type {Card[]} */ ([]));
 export const places = state(/** @type {Place[]} */ ([]));
 export const simulator = state(/** @type {Simulator | null} */ (null));
-/** Why nothing comes from the dashboard; empty if it does. */
+/** Why no data come from the dashboard; empty while data come. */
 export const problem = state("link.connecting");
 
 // Of the robot that is watched
@@ -155,22 +155,22 @@ export const scan = state(/** @type {Scan | null} */ (null));
 
 /** Index of the robot that the viewer has chosen. */
 export const chosen = state(0);
-/** Index of the robot whose parts arrive. */
+/** Index of the robot whose parts (named sections of data, e.g. `pose`) arrive. */
 export const watching = state(0);
 export const tab = state("go");
 /** Size of the sheet that holds the panel on a small screen. */
 export const sheet = state(/** @type {"closed" | "half" | "full"} */ ("closed"));
-/** What a press on the map means. */
+/** Tool that a press on the map uses. */
 export const tool = state(/** @type {"move" | "go" | "measure" | "pose" | "obstacle"} */ ("move"));
 export const target = state(/** @type {Target | null} */ (null));
-/** Pose that the viewer is about to tell the robot. */
+/** Pose that the viewer is about to send to the robot. */
 export const draft = state(/** @type {Pose | null} */ (null));
 /** Both ends of the measured line. */
 export const measured = state(/** @type {[Point, Point] | null} */ (null));
 /** Place under the pointer. */
 export const pointed = state(/** @type {Point | null} */ (null));
 export const follow = state(false);
-/** The robot's front is at the top, instead of north. */
+/** True to show the map with the robot's front at the top; false for north. */
 export const robotUp = state(false);
 export const layers = state({
   laser: true,
@@ -183,11 +183,11 @@ export const layers = state({
   others: true,
 });
 export const answer = state(/** @type {Answer | null} */ (null));
-/** Why stops have failed, by the index of the robot. */
+/** Why a stop was not confirmed, by the index of the robot. */
 export const alarms = state(
   /** @type {ReadonlyMap<number, import("./texts.js").Value>} */ (new Map()),
 );
-/** The arrow keys drive. */
+/** True if the arrow keys drive. */
 export const keyboard = state(false);
 /** Velocity that the stick or the keys ask for; null while nothing is held. */
 export const held = state(/** @type {{linear: number, angular: number} | null} */ (null));
@@ -195,7 +195,7 @@ export const held = state(/** @type {{linear: number, angular: number} | null} *
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
 export const mine = computed(() => control.value !== null && control.value.owner === you.value);
 
-/** Known parts of all robots. */
+/** Parts about all robots. */
 const SHARED = { fleet, places, simulator };
 
 /**
@@ -209,7 +209,7 @@ export function receive(name, data) {
       you.value = data.you;
       mayControl.value = data.control;
       robots.value = data.robots;
-      if (map.value) map.value = null; // another process may use its number for another map
+      if (map.value) map.value = null; // another process may use the map's number for another map
     });
   } else if (name === "watching") {
     watching.value = data;

@@ -3,7 +3,7 @@
 import { batch, signal } from "./vendor/preact.js";
 
 /** @typedef {{key: string, values: Record<string, Value>}} Text  a text of the dashboard */
-/** @typedef {string | number | Text} Value  what can be put into a text */
+/** @typedef {string | number | Text} Value  value that can be put into a text */
 
 export const LANGUAGES = { en: "English", zh: "中文" };
 const KEY = "woosh.language"; // in the storage of the browser
@@ -23,7 +23,7 @@ export async function setLanguage(wanted) {
   await loadLanguage(wanted);
 }
 
-/** Show the page in the language that was chosen, or in that of the browser. */
+/** Show the page in the language that was chosen, or in the language of the browser. */
 export async function startLanguage() {
   const known = Object.keys(LANGUAGES);
   const chosen = localStorage.getItem(KEY) ?? "";
@@ -81,7 +81,7 @@ export function tOr(key, other) {
 }
 
 /**
- * Return what the dashboard says.
+ * Return a value from the dashboard in the language of the page.
  * @param {Value} value
  * @returns {string}
  */
@@ -90,7 +90,7 @@ export function say(value) {
 }
 
 /**
- * Return what a status code means; empty if that is not known.
+ * Return the meaning of a status code; empty if unknown.
  * @param {{code: string, meaning: string}} code
  */
 export function meaningOf({ code, meaning }) {

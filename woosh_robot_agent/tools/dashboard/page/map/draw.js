@@ -1,14 +1,14 @@
-// Drawing of the map. It knows neither the page nor its state: all that it draws is given to it.
+// Drawing of the map. This module knows neither the page nor its state, only a `Picture`.
 
 /** @typedef {import("./view.js").View} View */
 /** @typedef {import("../store.js").Point} Point */
 /** @typedef {import("../store.js").Pose} Pose */
 /** @typedef {Record<string, string>} Colours  by the names of the custom properties, without `--` */
 /**
- * @typedef {object} Picture what is drawn; absent things are not
+ * @typedef {object} Picture the objects to draw; absent properties are not drawn
  * @property {{image: CanvasImageSource, width: number, height: number, resolution: number,
  *   origin: Pose}} [area]
- * @property {CanvasImageSource} [keepout] picture of the same size as that of the area
+ * @property {CanvasImageSource} [keepout] image of the same size as the image of the area
  * @property {import("../store.js").Zone[]} zones
  * @property {number[][][]} lanes
  * @property {import("../store.js").Mark[]} marks
@@ -33,8 +33,8 @@ const BOX = [
   [-0.3, -0.25],
   [0.3, -0.25],
 ]; // outline of a robot that has not reported its own, in metres
-const SMALLEST = 16; // pixels from the middle of a robot to its farthest corner, at least
-const MANY_MARKS = 150; // number of marks on the screen from which only their places are drawn
+const SMALLEST = 16; // minimum pixels from the middle of a robot to its farthest corner
+const MANY_MARKS = 150; // if more marks are on the screen, they are drawn without texts
 const SPEED_ZONES = ["speed_limit_fields"];
 
 /**
@@ -214,7 +214,7 @@ function triangle(context, front, back, side) {
 }
 
 /**
- * Write a text that can be read on any ground.
+ * Write a text that can be read on any background.
  * @param {CanvasRenderingContext2D} context
  * @param {string} content
  * @param {number} x

@@ -1,4 +1,4 @@
-// The map on its canvas: what is drawn when, and what pointers, keys and tools do.
+// The map on its canvas: when it is drawn, and the effect of pointers, keys and tools.
 
 import { effect } from "../vendor/preact.js";
 import * as commands from "../commands.js";
@@ -10,7 +10,7 @@ import { View } from "./view.js";
 
 const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const OCCUPIED = 0.65; // darkness above which a pixel is a wall, as in nav2's map_server
-const FREE = 0.196; // darkness below which it is floor
+const FREE = 0.196; // darkness below which a pixel is floor
 const TRAIL_STEP = 0.05; // metres between two points of the trail
 const TRAIL_LENGTH = 4000; // points
 const DRAG = 8; // pixels from which a press is a drag
@@ -29,8 +29,8 @@ export class MapCanvas {
     this.canvas = canvas;
     this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
     this.view = new View();
-    this.fitted = false; // the map was shown as a whole since there is one
-    this.whole = false; // it still is, because nobody has moved it since
+    this.fittedOnce = false; // true once this map has been fitted to the window
+    this.stillFitted = false; // true until the user pans or zooms; then a resize no longer refits
     /** @type {{map: store.Area, image: HTMLImageElement, drawn: CanvasImageSource} | null} */
     this.area = null;
     /** @type {HTMLImageElement | null} */
@@ -39,7 +39,7 @@ export class MapCanvas {
     this.keepout = null;
     /** @type {number[][]} */
     this.trail = [];
-    /** @type {Map<number, Point>} where the pointers are that are down, in pixels */
+    /** @type {Map<number, Point>} pressed pointers: their positions, in pixels */
     this.pointers = new Map();
     /** @type {{start: Point, acts: boolean, dragged: boolean}} */
     this.press = { start: { x: 0, y: 0 }, acts: false, dragged: false };
@@ -87,14 +87,14 @@ export class MapCanvas {
 
   // View
 
-  /** Show the whole map, or without one the surroundings of the robot. */
+  /** Show the whole map; without a map, show the surroundings of the robot. */
   fit() {
     store.follow.value = false;
     const pose = store.pose.value;
     if (this.area) this.view.fit(this.corners(this.area));
     else if (pose) this.view.fit([-5, 5].map((side) => ({ x: pose.x + side, y: pose.y + side })));
-    this.fitted = this.area !== null;
-    this.whole = true;
+    this.fittedOnce = this.area !== null;
+    this.stillFitted = true;
     this.redraw();
   }
 
@@ -103,7 +103,7 @@ export class MapCanvas {
    * @param {Point} pixel
    */
   zoom(factor, pixel = this.view.middle) {
-    this.whole = false;
+    this.stillFitted = false;
     this.view.zoom(factor, store.follow.value ? this.view.middle : pixel);
     this.redraw();
   }
@@ -127,7 +127,7 @@ export class MapCanvas {
     const turned = store.robotUp.value && pose ? Math.PI / 2 - pose.theta : 0;
     if (turned !== this.view.angle) this.view.turn(turned);
     if (store.follow.value && pose) {
-      this.whole = false;
+      this.stillFitted = false;
       this.view.put(pose, this.view.middle);
     }
     this.redraw();
@@ -148,7 +148,7 @@ export class MapCanvas {
     );
   }
 
-  // Pointers: one pans or acts, two pan and zoom
+  // Pointers: one pointer pans or uses the tool, two pointers pan and zoom
 
   /** @param {PointerEvent} event */
   pressed(event) {
@@ -242,7 +242,7 @@ export class MapCanvas {
    * @param {Point} to
    */
   pan(from, to) {
-    store.follow.value = this.whole = false;
+    store.follow.value = this.stillFitted = false;
     this.view.put(this.view.toWorld(from.x, from.y), to);
     this.redraw();
   }
@@ -251,7 +251,7 @@ export class MapCanvas {
   measureFrom(pixel) {
     const place = this.view.toWorld(pixel.x, pixel.y);
     const former = store.measured.value;
-    // a press begins a line, the next one ends it
+    // a press begins a line, the next press ends it
     const begins = !former || distance(former[0], former[1]) > 0;
     store.measured.value = begins ? [place, place] : [former[0], place];
   }
@@ -279,7 +279,7 @@ export class MapCanvas {
   }
 
   /**
-   * Return what is at a pixel.
+   * Return the item at a pixel, e.g. a mark; undefined if there is none.
    * @template {{x?: number, y?: number}} T
    * @param {Point} pixel
    * @param {T[]} items
@@ -300,7 +300,7 @@ export class MapCanvas {
     return (store.simulator.value?.faults ?? []).filter((fault) => fault.x !== undefined);
   }
 
-  // What is drawn
+  // Images and the picture
 
   /**
    * @param {store.Area | null} map
@@ -312,7 +312,7 @@ export class MapCanvas {
     this.shown = url;
     if (!map || !url) {
       this.area = this.keepout = this.keepoutImage = null;
-      this.fitted = false;
+      this.fittedOnce = false;
       this.trail = [];
       this.redraw();
       return;
@@ -321,7 +321,7 @@ export class MapCanvas {
       this.area = { map, image, drawn: image };
       this.keepout = this.keepoutImage = null;
       this.recolour();
-      if (!this.fitted) this.fit();
+      if (!this.fittedOnce) this.fit();
       if (!map.keepout) return;
       this.loadPicture(url, `keepout/${url}`, (keepout) => {
         this.keepoutImage = keepout;
@@ -331,7 +331,7 @@ export class MapCanvas {
   }
 
   /**
-   * @param {string} wanted value of `shown` for which it counts
+   * @param {string} wanted value of `shown`; if it has changed meanwhile, the image is dropped
    * @param {string} url
    * @param {(image: HTMLImageElement) => void} use
    */
@@ -385,7 +385,7 @@ export class MapCanvas {
   resize() {
     this.view.width = this.canvas.clientWidth;
     this.view.height = this.canvas.clientHeight;
-    if (!this.fitted || this.whole) this.fit();
+    if (!this.fittedOnce || this.stillFitted) this.fit();
     this.draw();
   }
 

@@ -1,4 +1,4 @@
-// What of the map is on the screen: place, scale and rotation.
+// The part of the map that is on the screen: place, scale and rotation.
 
 /** @typedef {import("../store.js").Point} Point */
 /** @typedef {{top: number, right: number, bottom: number, left: number}} Inset  in pixels */
@@ -15,7 +15,7 @@ export class View {
     this.width = 0; // of the canvas, in pixels
     this.height = 0;
     /** @type {Inset} */
-    this.inset = { top: 0, right: 0, bottom: 0, left: 0 }; // what lies over the canvas
+    this.inset = { top: 0, right: 0, bottom: 0, left: 0 }; // margins of the canvas that views cover
   }
 
   /**
@@ -52,7 +52,7 @@ export class View {
     };
   }
 
-  /** Middle of what nothing lies over, in pixels. */
+  /** Middle of the part of the canvas that nothing covers, in pixels. */
   get middle() {
     const { top, right, bottom, left } = this.inset;
     return { x: (left + this.width - right) / 2, y: (top + this.height - bottom) / 2 };
@@ -93,7 +93,7 @@ export class View {
   }
 
   /**
-   * Show all of these places where nothing lies over the canvas.
+   * Show all of these places in the part of the canvas that nothing covers.
    * @param {Point[]} places
    */
   fit(places) {

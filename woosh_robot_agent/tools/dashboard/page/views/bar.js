@@ -42,7 +42,7 @@ function Name() {
   </h1>`;
 }
 
-/** Return the state of the connection in few words, and why it is so. */
+/** Return the state of the connection in few words, and its cause. */
 export function linkText() {
   const link = store.link.value;
   if (store.problem.value) return { short: t(store.problem.value), long: "" };
@@ -118,19 +118,19 @@ function Language() {
 }
 
 function Stop() {
-  const pointer = useRef(/** @type {number | null} */ (null)); // that went down on it
+  const pointer = useRef(/** @type {number | null} */ (null)); // id of the last pointer on STOP
   return html`<button
     type="button"
     id="stop"
     title=${t("stop.title")}
     aria-keyshortcuts="Escape"
     onPointerDown=${(/** @type {PointerEvent} */ event) => {
-      // at once, and also while another finger holds the stick: that makes no click
+      // on the press, because there is no click while another finger holds the stick
       pointer.current = event.pointerId;
       stop();
     }}
     onClick=${(/** @type {PointerEvent} */ event) => {
-      // of the keyboard or of an assistive technology
+      // a click without a press comes from the keyboard or from an assistive technology
       if (event.pointerId !== pointer.current) stop();
       pointer.current = null;
     }}

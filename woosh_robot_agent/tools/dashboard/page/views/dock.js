@@ -1,4 +1,4 @@
-// What the robot does now, and the stick. Nothing that appears here moves the stick.
+// The current task of the robot, and the stick, whose place on the screen never changes.
 
 import { html, useEffect, useRef } from "../vendor/preact.js";
 import * as commands from "../commands.js";
@@ -51,7 +51,7 @@ function Owner() {
   </div>`;
 }
 
-/** What the viewer is about to do, or what the robot does. */
+/** The target or pose that the viewer has begun to set, or else the robot's task. */
 function Doing() {
   if (store.tool.value === "pose") return html`<${PoseDraft} />`;
   if (store.target.value) return html`<${Preview} />`;
@@ -184,7 +184,7 @@ function Stick() {
     }
   }, [held === null]);
 
-  /** Drive by the way of the pointer since it went down, wherever the stick is. @param {PointerEvent} event */
+  /** Drive by the distance of the pointer from where it went down. @param {PointerEvent} event */
   const move = (event) => {
     const { current } = pointer;
     if (!current || event.pointerId !== current.id || !stick.current || !knob.current) return;
@@ -225,7 +225,7 @@ function Stick() {
   </div>`;
 }
 
-/** For what a viewer may only look at: nothing but the state. */
+/** The dock of a viewer who may only look: the state, without the stick. */
 export function ReadOnly() {
   const task = store.robot.value?.task;
   const running = store.tasks.value.find((each) => each.running);

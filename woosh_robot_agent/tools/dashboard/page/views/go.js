@@ -7,7 +7,7 @@ import { t, tOr } from "../texts.js";
 import { Icon, taskType } from "./parts.js";
 
 const TYPES = ["pick", "parking", "charge", "carry"];
-/** @type {Record<string, string>} what is usually done at a mark of a type */
+/** @type {Record<string, string>} usual type of task at a mark, by the type of the mark */
 const USUAL = { charger: "charge", parkspot: "parking" };
 const DIRECTIONS = ["unknown", "feeding", "cutting"];
 
@@ -82,7 +82,7 @@ function charge() {
 /**
  * Show the way to the nearest mark of a type.
  * @param {string} type
- * @returns {boolean} false if there is none
+ * @returns {boolean} false if there is no mark of the type
  */
 function choose(type) {
   const from = store.pose.value ?? { x: 0, y: 0 };
@@ -94,7 +94,7 @@ function choose(type) {
 }
 
 /**
- * The choice what the robot shall do at the target, and the button that sends it there.
+ * The choice of the task at the target, and the button that sends the robot there.
  * @param {{target: store.Target, command: string}} props
  */
 export function TaskOptions({ target, command }) {

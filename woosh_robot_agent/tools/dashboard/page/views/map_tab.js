@@ -178,7 +178,7 @@ function Mapping({ mapping }) {
 }
 
 /**
- * A button that asks before it does something.
+ * A button that asks for confirmation before it acts.
  * @param {{label: string, question: string, onConfirm: () => void}} props
  */
 function Confirmed({ label, question, onConfirm }) {

@@ -1,4 +1,4 @@
-// The panel: tabs, and the content of the chosen one. On a small screen it is a sheet over the map.
+// The panel: tabs, and the content of the chosen tab. On a small screen: a sheet over the map.
 
 import { batch, html, useEffect, useState } from "../vendor/preact.js";
 import * as store from "../store.js";
@@ -23,7 +23,7 @@ const TABS = {
   simulator: { icon: "simulator", view: Simulator },
 };
 
-/** Return the names of the tabs that there are. */
+/** Return the names of the visible tabs. */
 function names() {
   const cards = store.fleet.value;
   const hasFleet = cards.length > 1 || cards.some(({ order }) => order);
@@ -126,7 +126,7 @@ export function Panel() {
   </aside>`;
 }
 
-/** Return true on small screens; the component is made anew when that changes. */
+/** Return true on small screens; a change renders the component anew. */
 function useCompact() {
   const [matches, setMatches] = useState(compact.matches);
   useEffect(() => {

@@ -71,7 +71,7 @@ export function degrees(angle) {
 }
 
 /**
- * Return where a task goes.
+ * Return the destination of a task.
  * @param {import("../store.js").Task} task
  */
 export function destination(task) {
@@ -88,7 +88,7 @@ export function taskType(type) {
 }
 
 /**
- * Return what speaks against something, in the language of the page.
+ * Return an objection, e.g. a reason against a new task, in the language of the page.
  * @param {import("../store.js").Objection} objection
  */
 export function objectionText({ name, reason, remedy }) {

@@ -42,7 +42,7 @@ function Modes({ robot }) {
 }
 
 /**
- * Buttons of which one is pressed: that of the robot's mode.
+ * Buttons for the modes of the robot; the button of the current mode is pressed.
  * @param {{name: string, command: string, value: string | null, choices: string[]}} props
  */
 function Choice({ name, command, value, choices }) {

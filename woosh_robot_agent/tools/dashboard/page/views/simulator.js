@@ -1,4 +1,4 @@
-// What only a simulated robot has: obstacles, faults, the emergency stop and the key.
+// Controls of a simulated robot: obstacles, faults, the emergency stop and the key.
 
 import { html, useState } from "../vendor/preact.js";
 import * as commands from "../commands.js";

@@ -1,4 +1,4 @@
-// The map with its tools, and what is said about it.
+// The map with its tools, and the notices over it.
 
 import { html, useEffect, useRef, useState } from "../vendor/preact.js";
 import * as commands from "../commands.js";
@@ -214,7 +214,7 @@ function ofRobot(robot) {
 }
 
 /**
- * Return what is wrong and what to do, the most urgent first.
+ * Return the problems of the robot with their remedies, the most urgent first.
  * @returns {Notice[]}
  */
 export function notices() {

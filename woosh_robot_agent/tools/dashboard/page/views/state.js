@@ -1,4 +1,4 @@
-// The condition of the robot: what speaks against a task, battery, faults, plots, diagnostics.
+// The condition of the robot: objections to a task, battery, faults, plots, diagnostics.
 
 import { effect, html, signal, useEffect, useState } from "../vendor/preact.js";
 import { connection } from "../commands.js";
@@ -12,7 +12,7 @@ import { Plot } from "./plot.js";
  *   m/s, battery in percent, delay in ms */
 
 const MAX_SAMPLES = 900; // as many as the dashboard keeps
-const GAP = 10; // seconds between two samples from which some have not arrived
+const GAP = 10; // seconds between two samples beyond which samples are missing
 const TREND = 300; // seconds that are needed for a trend
 
 const samples = signal(/** @type {Sample[]} */ ([]));
@@ -118,7 +118,7 @@ function BatteryLine({ battery }) {
   return parts.filter(Boolean).join(" · ");
 }
 
-/** Return by how many percent the battery changes in an hour; null if that is not known. */
+/** Return by how many percent the battery changes in an hour; null if unknown. */
 function batteryTrend() {
   const known = samples.value.filter(([, , power]) => power !== null);
   const [first, last] = [known[0], known.at(-1)];

@@ -1,4 +1,4 @@
-// The tasks of the robot: what runs, and what has become of the others.
+// The tasks of the robot: the running task, and the outcomes of earlier tasks.
 
 import { html } from "../vendor/preact.js";
 import { run } from "../commands.js";
@@ -6,9 +6,9 @@ import * as store from "../store.js";
 import { clock, meaningOf, moment, t, tOr } from "../texts.js";
 import { destination, Icon, taskType } from "./parts.js";
 
-/** @type {Record<string, string>} class of what has become of a task */
+/** @type {Record<string, string>} class of the outcome of a task */
 const TONES = { completed: "ok", canceled: "warn", failed: "bad", unseen: "bad" };
-/** @type {Record<string, string>} names of what gives tasks, by those of the dashboard */
+/** @type {Record<string, string>} names of the senders of tasks, by their names in the dashboard */
 const SOURCES = {
   "the robot itself": "by.robot",
   "another client": "by.other",
@@ -44,7 +44,7 @@ export function Tasks() {
     </section>`;
 }
 
-/** Return the buttons for the running task; each is enabled only when it does something. */
+/** Return the buttons for the running task; a button without an effect is disabled. */
 export function taskButtons() {
   const task = store.robot.value?.task;
   const state = task?.running ? task.state : "";
@@ -77,7 +77,7 @@ export function taskButtons() {
 }
 
 /**
- * Return what a running task does.
+ * Return the state of a running task as text.
  * @param {import("../store.js").RunningTask} task
  */
 export function taskState({ state, action, actionState }) {

@@ -1,4 +1,4 @@
-"""The last reports of the robot, and the state that follows from them."""
+"""The last reports of the robot, and the vehicle state computed from these reports."""
 
 from __future__ import annotations
 
@@ -42,13 +42,14 @@ _PARTS: tuple[type[Message], ...] = (
     Setting,
     TaskProc,
 )
-"""Reports on which the state of the vehicle depends, except its position."""
+"""Reports from which the vehicle state is computed; its position comes from PoseSpeed."""
 
 
-class RobotFacts:
-    """The last reports of the robot. Used in the event loop of the link.
+class ReportedState:
+    """The last reports of the robot, and the vehicle state. Used in the event loop of the link.
 
-    The state is computed on demand. After a new pose, only position and velocity are updated.
+    The vehicle state is computed on demand. After a new pose, only its position and velocity are
+    updated.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -62,7 +63,7 @@ class RobotFacts:
         self._heard_at = -math.inf
         """Loop time of the last report of a pose."""
         self._silence: asyncio.TimerHandle | None = None
-        """Asks a robot that moves for its pose, if it does not report it; None while it stands."""
+        """Asks a moving robot for its pose if no report comes; None while the robot stands."""
         link.chassis.on_snapshot(lambda info: self._changed())
         link.chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
         for part in _PARTS:
@@ -71,12 +72,12 @@ class RobotFacts:
 
     @property
     def info(self) -> RobotInfo | None:
-        """All reports; None before the first ones."""
+        """All reports; None before the first RobotInfo."""
         return self._values.value(RobotInfo)
 
     @property
     def status(self) -> RobotStatus | None:
-        """The state of the robot; None before the first reports."""
+        """The vehicle state; None before the first RobotInfo."""
         info = self.info
         if info is None:
             return None
@@ -114,7 +115,7 @@ class RobotFacts:
         return self.status is not None and self.status.driving
 
     def remember_pose(self, pose: PoseSpeed) -> None:
-        """Store a pose that was asked for."""
+        """Store a pose that the robot sent as an answer, not as a push."""
         self._values.remember(pose)
         self._moved()
 
@@ -130,7 +131,7 @@ class RobotFacts:
         self._expect_report()
 
     def _expect_report(self) -> None:
-        """Expect the next report of a robot that moves. One that stands reports nothing."""
+        """Expect the next report of a robot that moves. A standing robot reports no pose."""
         if self._silence is None and self.is_driving and not self._link.is_closing:
             loop = asyncio.get_running_loop()
             due = max(loop.time(), self._heard_at + REPORT_GAP)
@@ -157,5 +158,5 @@ class RobotFacts:
             _LOG.debug("no answer about the pose: %s", error)  # asked again
 
     def _path_changed(self) -> None:
-        """Invalidate the state. A new path alone does not publish it."""
+        """Invalidate the vehicle state. A new path alone causes no state message."""
         self._is_current = False
