@@ -238,7 +238,7 @@ class Standstill:
             return
         now = asyncio.get_running_loop().time()
         if now - since > 1.5 * self.limit:  # this process stood still, so the reports are old, too
-            self._may_not_stand(demand)
+            self._start_timer(demand)
             return
         demand.reported = True
         if now - self._logged > self.kept:
