@@ -26,7 +26,7 @@ class HandshakeError(LinkError):
 
 
 class OtherRobotError(LinkError):
-    """Another robot answers at the address than the one that answered first; nothing is sent."""
+    """The robot at the address is not the one that answered first; nothing is sent."""
 
 
 class RequestTimeoutError(LinkError):

@@ -150,21 +150,25 @@ class SpeedLimiter:
         if self.is_limited != was_limited:
             self._on_change()
 
-    async def _request(self, of: int, limit: float) -> None:
+    async def _request(self, navigation: int, limit: float) -> None:
+        """Send a limit for one navigation, given as `_navigation` tells it.
+
+        A refusal counts only if neither the navigation nor the limit has changed meanwhile.
+        """
         try:
-            answer = await self._gate.request(_request(limit, in_action=of == _ACTION))
+            answer = await self._gate.request(_request(limit, in_action=navigation == _ACTION))
         except LinkError as error:
             if not isinstance(error, NotConnectedError):  # the link says so itself
                 _LOG.warning("the speed limit was not sent or not answered: %s", error)
             self._sent = _UNKNOWN  # sent again with the next report
             return
-        if answer.ok or of != self._navigation:
+        if answer.ok or navigation != self._navigation:
             return
         self._sent = _UNKNOWN
         if limit != self._limit:
-            return  # the answer to the newer one counts
+            return
         self.refusal = answer.msg or "refused"
-        if math.isfinite(limit):
+        if math.isfinite(limit):  # otherwise the robot is at most slower than it may be
             self._on_refused(f"the robot refused the speed limit of {limit} m/s: {self.refusal}")
 
 

@@ -1,6 +1,7 @@
 """Reasons for which a robot rejects tasks, for tools and diagnostics. Independent of ROS.
 
-`rejections` decides whether a new task would be accepted.
+`rejections` gives the reasons against a new task now, and `accepts_task` predicts whether the robot
+would accept one.
 """
 
 from __future__ import annotations

@@ -380,7 +380,8 @@ class GoalRun:
     def _polled(self, polled: Polled) -> End | None:
         for report in polled.findings.reports:
             if report.message == self._last_report:
-                if report.outcome is not None:  # only the poll shows that this goal has ended
+                if report.outcome is not None:
+                    # a task set: the push about its last task told only of that task
                     return End(report.outcome, report.message, Cause.REPORT)
                 self._heard()
             elif self._attribution.is_news(report.message, report.outcome, self.phase):
@@ -388,7 +389,7 @@ class GoalRun:
                 if end is not None:
                     return end
         unknown = polled.findings.unknown
-        if unknown is None and self._is_displaced:  # polls are refused
+        if unknown is None and self._is_displaced:  # the chassis refuses such polls
             unknown = _DISPLACED
         heard = self._attribution.heard
         # until the goal is accepted, its start request may still be on its way

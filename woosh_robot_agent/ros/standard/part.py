@@ -64,7 +64,8 @@ class PartContext:
 
         Args:
             name: name of the topic.
-            subscribers: set to which the publisher is added, to notice its subscribers.
+            subscribers: notices the subscribers of this publisher too, so that work can stop while
+                there are none.
         """
         endpoint = BY_NAME[name]
         profile = (latched if endpoint.kind is Kind.LATCHED else reliable)(endpoint.depth)
@@ -73,7 +74,7 @@ class PartContext:
         return create_publisher(self.robot.node, class_of(endpoint.type), name, profile)
 
     def subscribers(self) -> Subscribers:
-        """Return an empty set of publishers; see `publisher`."""
+        """Return an object that notices the subscribers of the publishers that it makes."""
         return Subscribers(self.robot.node, self.robot.thread)
 
     def subscribe(

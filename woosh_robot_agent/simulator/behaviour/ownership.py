@@ -298,7 +298,10 @@ class Ownership:
         self._actions.clear(Device.CHARGER, reason)
 
     def suspend_all(self, reason: str) -> None:
-        """End actions and following, and pause the task, because the robot is no longer ready."""
+        """End actions and following, because the robot is no longer ready.
+
+        A task that the robot started by itself is cancelled, and one of a client is paused.
+        """
         self._follower.stop()
         self._actions.abort(reason)
         self._tasks.cancel_automatic(reason)

@@ -8,7 +8,8 @@ import { destination, Icon, taskType } from "./parts.js";
 
 /** @type {Record<string, string>} class of the outcome of a task */
 const TONES = { completed: "ok", canceled: "warn", failed: "bad", unseen: "bad" };
-/** @type {Record<string, string>} names of the senders of tasks, by their names in the dashboard */
+// texts for the senders of tasks that are no viewers; without a text, no sender is shown
+/** @type {Record<string, string>} */
 const SOURCES = {
   "the robot itself": "by.robot",
   "another client": "by.other",
