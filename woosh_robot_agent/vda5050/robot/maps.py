@@ -154,7 +154,7 @@ class RobotMaps:
 
 def _place(pose: Pose, map_id: str) -> NodePosition | None:
     """Return the position of a robot at a mark; None if it is unknown."""
-    for name in ("dock", "real"):  # the robot stops at the first of the two that a mark has
+    for name in ("dock", "real"):  # where a robot docks comes first
         if pose.HasField(name):
             there = getattr(pose, name)
             if all(map(math.isfinite, (there.x, there.y, there.theta))):
