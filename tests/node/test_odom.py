@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, wait_until
+from tests.node.cmd_vel import Sender
 from tests.node.goals import SUCCEEDED
 from tests.node.test_parameters import change
 from tests.quick_chassis import quick_config, set_speed
@@ -314,12 +315,11 @@ class TestTransforms:
         connect(publish_tf=True)
         odom = odoms(client)
         transforms = frames(client)
-        twist = Twist.Request()
-        twist.arg.angular = 0.5
-        for _ in range(3):
-            assert client.call(Twist, "robot/Twist", arg=twist.arg).ok
+        sender = Sender(client)
+        sender.repeat(10.0, turn=0.5)
         odom.wait(lambda m: m.twist.twist.angular.z > 0.2)
         set_pose(client, SetRobotPose, "robot/SetRobotPose", 1.0, 1.5)
+        sender.pause()
         odom.wait(lambda m: m.twist.twist.angular.z == 0.0 and m.pose.pose.orientation.z)
         wait_until(lambda: near(chain(transforms.messages[-1]), start_pose(simulator)))
         assert_continuous(odom.messages)
