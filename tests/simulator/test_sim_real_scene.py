@@ -209,6 +209,43 @@ def test_files_come_back_as_they_are(chassis: SteppedChassis) -> None:
     assert ask(other, "woosh.robot.Scene").body["version"] == version
 
 
+def test_files_anywhere_in_the_folder_are_carried(folder: Path) -> None:
+    (folder / MAP / "sub").mkdir()
+    (folder / MAP / "sub" / "deep.bin").write_bytes(b"deep")
+    (folder / MAP / ".hidden").write_bytes(b"hidden")
+    (folder / "other").mkdir()
+    (folder / "other" / "state.bin").write_bytes(b"other")
+    files = files_in(folder)
+    for name in ("nav2", "marks", ".git"):  # not the robot's
+        (folder / name).mkdir()
+        (folder / name / "x.yaml").write_bytes(b"x")
+    assert download(SteppedChassis(scenes=(folder,))) == files
+
+
+def test_names_that_maps_has_quoted_are_those_of_the_robot(folder: Path) -> None:
+    (folder / MAP).rename(folder / "first%3A2")
+    index = (folder / "scene.json").read_text().replace(MAP, "first:2")
+    (folder / "scene.json").write_text(index)
+    files = download(SteppedChassis(scenes=(folder,)))
+    assert "first:2/map.png" in files
+    assert len(files) == 14
+
+
+def test_backup_that_is_restored_is_what_the_robot_has(chassis: SteppedChassis) -> None:
+    backup = download(chassis)
+    version = ask(chassis, "woosh.robot.Scene").body["version"]
+    ask(chassis, "woosh.map.mark.storage.Delete", no="758033B0")
+    changed = ask(chassis, "woosh.robot.Scene").body["version"]
+    upload(chassis, "", backup)
+    assert download(chassis) == backup
+    assert ask(chassis, "woosh.robot.Scene").body["version"] == version != changed
+    # A change under the same version is one that others must notice.
+    edited = MarkInfo.FromString(backup[f"{MAP}/mark_info.data"])
+    del edited.storages[0]
+    upload(chassis, "", {**backup, f"{MAP}/mark_info.data": edited.SerializeToString()})
+    assert ask(chassis, "woosh.robot.Scene").body["version"] == changed
+
+
 def test_only_the_file_that_a_change_concerns_is_written_anew(chassis: SteppedChassis) -> None:
     files = files_in(SCENE)
     ask(chassis, "woosh.map.mark.storage.Delete", no="758033B0")
