@@ -450,3 +450,17 @@ def test_check_of_other_scenes(tmp_path: Path, capsys: Any) -> None:
     )
     assert main(["--check", str(tmp_path / "none")]) == 1
     assert "not a scene" in capsys.readouterr().out
+
+
+def test_scans_of_a_running_robot_start_at_its_laser() -> None:
+    """So they are the real scan, which starts at a robot's centre, 0.25 m behind the pose."""
+    laser, real = Laser(noise=0.0), carmen("x-0.09y-0.41t-1.76")
+    grid = load_scene(SCENE).maps[0].grid
+    angles = np.linspace(laser.angle_min, laser.angle_max, laser.rays)
+    expected = np.interp(angles, np.linspace(-math.pi, math.pi, len(real)), real)
+    shares = []
+    for pose in (END.moved(-laser.forward, 0.0, 0.0), END):
+        errors = abs(np.array(laser.scan(pose, (), random.Random(1), grid)) - expected)
+        shares.append((errors[np.isfinite(errors)] < 0.1).mean())
+    assert shares[0] > 0.85
+    assert shares[1] < 0.5

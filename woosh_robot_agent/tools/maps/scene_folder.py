@@ -400,7 +400,7 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _is_own(path: str) -> bool:
-    """Return True for a file that the robot does not have: of this program, or hidden at the top."""
+    """Return True for a file that the robot does not have: of this program, or hidden beside."""
     return path.startswith((f"{_NAV2}/", f"{_MARKS_FOLDER}/", "."))
 
 
