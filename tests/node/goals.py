@@ -53,7 +53,7 @@ def task(client: Client, mark: str = "A2", task_id: int = 0) -> GoalClient:
 
 def short_task_goal(ahead: float, task_id: int = 0) -> Any:
     goal = ExecTask.Goal()
-    goal.arg.task_id = task_id
+    goal.arg.task_id, goal.arg.type.value = task_id, 1
     x, y, theta = START
     goal.arg.pose.x = x + ahead * math.cos(theta)
     goal.arg.pose.y = y + ahead * math.sin(theta)

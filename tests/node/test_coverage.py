@@ -94,6 +94,7 @@ def test_agent_connects_when_the_chassis_appears(simulator, start_agent, client)
 def plan_path(client: Any) -> None:
     arg = ExecTask.Request().arg
     arg.mark_no = "A2"
+    arg.type.value = 1
     assert client.call(ExecTask, "robot/ExecTask", arg=arg).ok
     wait_until(lambda: client.call(PlanPath, "robot/PlanPath").plan_path.plan_path, "a path")
 

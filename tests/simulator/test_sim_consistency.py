@@ -179,9 +179,9 @@ def test_emergency_stop_shows_in_all_states(simulator: SimulatorThread, client: 
     assert info["deviceState"]["hardware"] == 1024
     assert info["operationState"]["robot"] == 0
     assert [code["code"] for code in info["abnormalCodes"]["scs"]] == ["110201000013"]
-    assert "emergency stop" in client.refusal("woosh.robot.ExecTask", {"markNo": "A2"})
+    assert "emergency stop" in client.refusal("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
     assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
     simulator.set_emergency_stop(False)
     assert client.ask("woosh.robot.count.AbnormalCodes")["scs"] == []
     assert client.ask("woosh.robot.RobotState")["state"] == 2
-    client.ask("woosh.robot.ExecTask", {"markNo": "A2"})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})

@@ -133,6 +133,7 @@ def test_unknown_type_is_404_and_named(web: HttpClient) -> None:
     [
         ("{", "not JSON"),
         ("speed=3", "not JSON"),
+        ('{"linear" 0.2}', "line 1 column 11"),
         ('{},"type":"woosh.robot.Mode"', "not JSON"),
         ("[1]", "expected an object, got [1]"),
         ('{"linear": "fast"}', "woosh.robot.Twist: linear: 'fast' does not fit"),
@@ -149,6 +150,26 @@ def test_body_that_does_not_fit_is_400_with_the_field(
     assert simulator.counts["woosh.robot.Twist"] == 0
     assert simulator.bad_frames == 1
     assert web.ask(MODE)["work"] == 2  # on the same connection
+
+
+def test_client_that_waits_before_it_sends_the_body_is_told_to_go_on(
+    simulator: SimulatorThread,
+) -> None:
+    with socket.create_connection(("127.0.0.1", simulator.port), timeout=TIMEOUT) as client:
+        head = "POST /woosh/robot/Mode HTTP/1.1\r\nHost: x\r\nExpect: 100-continue\r\n"
+        client.sendall(f"{head}Content-Length: 2\r\n\r\n".encode())
+        assert client.recv(4096) == b"HTTP/1.1 100 Continue\r\n\r\n"
+        client.sendall(b"{}")
+        assert client.recv(65536).startswith(b"HTTP/1.1 200 OK\r\n")
+
+
+def test_raw_push_does_not_end_a_call(web: HttpClient, simulator: SimulatorThread) -> None:
+    simulator.inject("delay", seconds=0.5, type=MODE)
+    web.send(MODE, {})
+    wait_until(lambda: simulator.counts[MODE] == 1)
+    simulator.send_raw('{"type": "woosh.robot.Mode", "body": {}}')
+    status, answer = web.receive()
+    assert (status, answer["ok"]) == (200, True)
 
 
 def test_connection_is_kept(web: HttpClient) -> None:

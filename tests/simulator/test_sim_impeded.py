@@ -19,7 +19,7 @@ ACTION_EXECUTING, ACTION_WARNING = 1, 2
 AVOID, WAIT, TIMEOUT, OVERTIME, NARROW = 1, 2, 3, 4, 10
 IMPEDE = 8
 AVOIDED = "130104000031"
-GOAL = {"pose": {"x": 9.0, "y": 0.0}}
+GOAL = {"type": 1, "pose": {"x": 9.0, "y": 0.0}}
 
 
 @pytest.fixture
@@ -204,7 +204,7 @@ def test_waiting_task_avoids_the_obstacle_after_a_mode_change(
 
 def test_task_never_leaves_a_strict_path(simulator: SimulatorThread, client: JsonClient) -> None:
     segment = {"path": {"poses": [{"x": 9.0, "y": 0.0}]}, "optimal": 9}
-    client.ask("woosh.robot.ExecTask", {"planPath": {"planPath": [segment]}})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "planPath": {"planPath": [segment]}})
     speed_up(simulator)
     next_impeded_report(client)
     assert end_of_task(client)["state"] == FAILED

@@ -292,7 +292,7 @@ REFUSED: list[tuple[Callable[[JsonClient], object], str, Json, str]] = [
     (mapping, SWITCH_WORK_MODE, {"mode": TASK_MODE}, "map hall is being made"),
     (mapping, INIT_ROBOT, {"isRecord": True}, "map hall is being made"),
     (mapping, "woosh.robot.SetRobotPose", {"pose": {"x": 1, "y": 1}}, "map hall is being made"),
-    (mapping, "woosh.robot.ExecTask", {"markNo": "A2"}, "deployment mode"),
+    (mapping, "woosh.robot.ExecTask", {"type": 1, "markNo": "A2"}, "deployment mode"),
     (deployment, DEPLOYMENT, {"mode": 1}, "unknown type 0 of Deployment"),
     (deployment, DEPLOYMENT, {"type": 9, "mode": 2}, "unknown type 9 of Deployment"),
     (deployment, DEPLOYMENT, {"type": 4}, "unknown mode 0 of Deployment"),
@@ -506,7 +506,7 @@ def test_requests_in_any_order_leave_a_robot_that_can_be_used(
         lambda: (SWITCH_MAP, {"sceneName": name(), "mapName": name()}),
         lambda: (INIT_ROBOT, {"isRecord": True}),
         lambda: (TWIST, {"linear": 0.3, "angular": 0.5}),
-        lambda: ("woosh.robot.ExecTask", {"markNo": rng.choice(["1", "A2"])}),
+        lambda: ("woosh.robot.ExecTask", {"type": 1, "markNo": rng.choice(["1", "A2"])}),
         lambda: (
             "woosh.map.Rename",
             {"oldSceneName": name(), "newSceneName": name(), "oldMapName": name()},

@@ -209,6 +209,43 @@ def test_files_come_back_as_they_are(chassis: SteppedChassis) -> None:
     assert ask(other, "woosh.robot.Scene").body["version"] == version
 
 
+def test_files_anywhere_in_the_folder_are_carried(folder: Path) -> None:
+    (folder / MAP / "sub").mkdir()
+    (folder / MAP / "sub" / "deep.bin").write_bytes(b"deep")
+    (folder / MAP / ".hidden").write_bytes(b"hidden")
+    (folder / "other").mkdir()
+    (folder / "other" / "state.bin").write_bytes(b"other")
+    files = files_in(folder)
+    for name in ("nav2", "marks", ".git"):  # not the robot's
+        (folder / name).mkdir()
+        (folder / name / "x.yaml").write_bytes(b"x")
+    assert download(SteppedChassis(scenes=(folder,))) == files
+
+
+def test_names_that_maps_has_quoted_are_those_of_the_robot(folder: Path) -> None:
+    (folder / MAP).rename(folder / "first%3A2")
+    index = (folder / "scene.json").read_text().replace(MAP, "first:2")
+    (folder / "scene.json").write_text(index)
+    files = download(SteppedChassis(scenes=(folder,)))
+    assert "first:2/map.png" in files
+    assert len(files) == 14
+
+
+def test_backup_that_is_restored_is_what_the_robot_has(chassis: SteppedChassis) -> None:
+    backup = download(chassis)
+    version = ask(chassis, "woosh.robot.Scene").body["version"]
+    ask(chassis, "woosh.map.mark.storage.Delete", no="758033B0")
+    changed = ask(chassis, "woosh.robot.Scene").body["version"]
+    upload(chassis, "", backup)
+    assert download(chassis) == backup
+    assert ask(chassis, "woosh.robot.Scene").body["version"] == version != changed
+    # A change under the same version is one that others must notice.
+    edited = MarkInfo.FromString(backup[f"{MAP}/mark_info.data"])
+    del edited.storages[0]
+    upload(chassis, "", {**backup, f"{MAP}/mark_info.data": edited.SerializeToString()})
+    assert ask(chassis, "woosh.robot.Scene").body["version"] == changed
+
+
 def test_only_the_file_that_a_change_concerns_is_written_anew(chassis: SteppedChassis) -> None:
     files = files_in(SCENE)
     ask(chassis, "woosh.map.mark.storage.Delete", no="758033B0")
@@ -413,3 +450,17 @@ def test_check_of_other_scenes(tmp_path: Path, capsys: Any) -> None:
     )
     assert main(["--check", str(tmp_path / "none")]) == 1
     assert "not a scene" in capsys.readouterr().out
+
+
+def test_scans_of_a_running_robot_start_at_its_laser() -> None:
+    """So they are the real scan, which starts at a robot's centre, 0.25 m behind the pose."""
+    laser, real = Laser(noise=0.0), carmen("x-0.09y-0.41t-1.76")
+    grid = load_scene(SCENE).maps[0].grid
+    angles = np.linspace(laser.angle_min, laser.angle_max, laser.rays)
+    expected = np.interp(angles, np.linspace(-math.pi, math.pi, len(real)), real)
+    shares = []
+    for pose in (END.moved(-laser.forward, 0.0, 0.0), END):
+        errors = abs(np.array(laser.scan(pose, (), random.Random(1), grid)) - expected)
+        shares.append((errors[np.isfinite(errors)] < 0.1).mean())
+    assert shares[0] > 0.85
+    assert shares[1] < 0.5

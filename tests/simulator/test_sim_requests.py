@@ -56,6 +56,8 @@ def test_unknown_messages_are_refused(client: JsonClient) -> None:
     [
         ("woosh.robot.ExecTask", {"markNo": "Z9"}, "unknown mark Z9"),
         ("woosh.robot.ExecTask", {}, "no target"),
+        ("woosh.robot.ExecTask", {"markNo": "A2"}, "the task has no type"),
+        ("woosh.robot.ExecTask", {"pose": {"x": 1}}, "the task has no type"),
         ("woosh.robot.ExecTask", {"planPath": {"planPath": [{}]}}, "no poses"),
         ("woosh.robot.ExecTask", {"markNo": "A2", "type": 3}, "not a charger"),
         (
@@ -157,7 +159,7 @@ def test_jobs_are_refused_outside_automatic_task_mode(
     client: JsonClient, change: Any, restore: Any, reason: str, state: int
 ) -> None:
     requests: list[tuple[str, Any]] = [
-        ("woosh.robot.ExecTask", {"markNo": "A2"}),
+        ("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"}),
         ("woosh.robot.ExecPreTask", {"taskSetId": 666}),
         ("woosh.robot.Follow", {"type": True}),
         ("woosh.ros.CallAction", {"moveBase": {"action": 1, "targetPose": {"x": 1}}}),

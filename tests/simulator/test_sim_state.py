@@ -171,7 +171,7 @@ def test_robot_stops_when_it_loses_its_leader(
         ("woosh.robot.Follow", {"type": False}),
         ("woosh.robot.Twist", {}),
         ("woosh.robot.Twist", {"angular": 0.1}),
-        ("woosh.robot.ExecTask", {"pose": {"x": -2}}),
+        ("woosh.robot.ExecTask", {"type": 1, "pose": {"x": -2}}),
         ("woosh.robot.SwitchControlMode", {"mode": 2}),
     ],
 )

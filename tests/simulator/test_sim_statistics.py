@@ -110,7 +110,7 @@ def test_each_task_of_a_set_and_each_retry_is_counted(client: JsonClient) -> Non
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
     ids = [client.next_push(TASK, lambda body: body["end"])["taskId"] for _ in range(2)]
     assert ids == ["66601", "66602"]
-    client.ask("woosh.robot.ExecTask", {"taskId": 5, "pose": {"x": -4.8, "y": -6}})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "taskId": 5, "pose": {"x": -4.8, "y": -6}})
     client.next_push(TASK, lambda body: body["end"])
     client.ask("woosh.robot.ActionOrder", {"order": 5})
     retried = client.next_push(TASK)
@@ -120,7 +120,7 @@ def test_each_task_of_a_set_and_each_retry_is_counted(client: JsonClient) -> Non
 
 def test_task_that_another_one_replaces_is_counted_as_cancelled(counted: JsonClient) -> None:
     counted.ask("woosh.robot.ExecTask", TO_A2)
-    counted.ask("woosh.robot.ExecTask", {**TO_A2, "taskId": 6})
+    counted.ask("woosh.robot.ExecTask", {"type": 1, **TO_A2, "taskId": 6})
     found = [counted.next_push(TASK) for _ in range(3)]
     assert [(each["taskId"], each["state"]) for each in found] == [
         ("5", EXECUTING),
@@ -148,7 +148,7 @@ def test_problem_is_counted_from_its_beginning_to_its_end(
 
 
 def test_failure_is_counted_although_it_does_not_last(counted: JsonClient) -> None:
-    counted.ask("woosh.robot.ExecTask", {"taskId": 5, "pose": {"x": -4.8, "y": -6}})
+    counted.ask("woosh.robot.ExecTask", {"type": 1, "taskId": 5, "pose": {"x": -4.8, "y": -6}})
     failure = counted.next_push(STATUS)
     assert (failure["info"]["code"], failure["info"]["robotTaskId"]) == ("140304000012", "5")
     assert (failure["end"], failure["cons"]) == (True, 0)

@@ -237,7 +237,9 @@ SITUATIONS: dict[str, Callable[[Chassis], object]] = {
     "schedule mode": lambda chassis: ask(chassis, "woosh.robot.SwitchWorkMode", {"mode": 3}),
     "lost": lambda chassis: chassis.lose_localisation(),
     "not initialised": lambda chassis: setattr(chassis.readiness, "initialised", False),
-    "task running": lambda chassis: ask(chassis, EXEC_TASK, {"taskId": 5, "markNo": "A2"}),
+    "task running": lambda chassis: ask(
+        chassis, EXEC_TASK, {"type": 1, "taskId": 5, "markNo": "A2"}
+    ),
     "set running": lambda chassis: ask(chassis, PRE_TASK, {"taskSetId": 777}),
 }
 
@@ -299,7 +301,7 @@ TWO_TASKS = {"order": EXECUTE, "taskSet": task_set(8, "K10", "K10")}
 
 def test_task_set_has_precedence_between_its_tasks(real: Chassis) -> None:
     run_to_the_gap(real, TWO_TASKS)
-    answer = ask(real, EXEC_TASK, {"taskId": 6, "markNo": "A2"})
+    answer = ask(real, EXEC_TASK, {"type": 1, "taskId": 6, "markNo": "A2"})
     assert (answer.ok, answer.msg) == (False, "Task is excuting,request failed")
     run_until(real, lambda: real.tasks.proc.robot_task_id == 802)
 

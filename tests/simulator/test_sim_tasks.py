@@ -223,14 +223,14 @@ def test_mark_precedes_path_and_path_precedes_pose(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     # Clients may send all three targets, with the unused ones empty.
-    client.ask("woosh.robot.ExecTask", {"markNo": "A2", "planPath": {}, "pose": {}})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2", "planPath": {}, "pose": {}})
     assert reports_until_end(client)[-1]["dest"] == "A2"
     path = {"planPath": [{"path": {"poses": [{"x": 4, "y": 3}, {"x": 3, "y": 2, "theta": 1}]}}]}
-    client.ask("woosh.robot.ExecTask", {"markNo": "", "planPath": path, "pose": {}})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "", "planPath": path, "pose": {}})
     assert reports_until_end(client)[-1]["state"] == COMPLETED
     pose = simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((3, 2, 1), abs=0.005)
-    client.ask("woosh.robot.ExecTask", {"markNo": "", "planPath": {}, "pose": {"x": 1}})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "", "planPath": {}, "pose": {"x": 1}})
     assert reports_until_end(client)[-1]["state"] == COMPLETED
     assert simulator.state.pose.x == pytest.approx(1.0, abs=0.005)
 
@@ -255,7 +255,7 @@ def test_strict_path_is_driven_exactly(simulator: SimulatorThread, client: JsonC
     corners = [(4.0, 1.0), (5.0, -1.0), (6.0, 1.0), (6.0, 2.0)]
     poses = [{"x": x, "y": y, "theta": 1.0} for x, y in corners]
     path = {"planPath": [{"path": {"poses": poses}, "optimal": 9}]}
-    client.ask("woosh.robot.ExecTask", {"planPath": path})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "planPath": path})
     driven = client.next_push("woosh.robot.NavPath")["path"]["poses"]
     assert [(each["x"], each["y"]) for each in driven] == [(3.0, 0.0), *corners]
     left = dict.fromkeys(corners, math.inf)
@@ -275,7 +275,7 @@ def test_strict_path_is_driven_exactly(simulator: SimulatorThread, client: JsonC
 def test_number_of_poses_in_a_path_is_limited(client: JsonClient) -> None:
     poses = [{"x": 3.0 + index / 100} for index in range(201)]
     path = {"planPath": [{"path": {"poses": poses}}]}
-    assert "201 poses" in client.refusal("woosh.robot.ExecTask", {"planPath": path})
+    assert "201 poses" in client.refusal("woosh.robot.ExecTask", {"type": 1, "planPath": path})
 
 
 @pytest.mark.parametrize(("arrival", "turned"), [(1, False), (2, True)])
@@ -283,7 +283,7 @@ def test_only_accurate_arrival_turns_to_the_heading(
     simulator: SimulatorThread, client: JsonClient, arrival: int, turned: bool
 ) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0}})
-    client.ask("woosh.robot.ExecTask", {"pose": {"x": 8, "y": 0, "theta": 2}})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "pose": {"x": 8, "y": 0, "theta": 2}})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": arrival, "mode": 1}})
     client.ask("woosh.robot.ActionOrder", {"order": 3})
@@ -387,7 +387,7 @@ def test_history_keeps_the_last_fifty_tasks(client: JsonClient) -> None:
 
 
 def test_path_of_a_paused_task_changes_at_once(client: JsonClient) -> None:
-    client.ask("woosh.robot.ExecTask", {"markNo": "A23"})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     corners = [{"x": 0.0, "y": 0.0}, {"x": 1.25, "y": 2.25}]
     client.ask("woosh.robot.ChangeNavPath", {"paths": {"planPath": [{"path": {"poses": corners}}]}})
@@ -397,6 +397,6 @@ def test_path_of_a_paused_task_changes_at_once(client: JsonClient) -> None:
 
 @pytest.mark.parametrize("speed", [-0.5, 1e-9])
 def test_too_low_navigation_speed_is_refused(client: JsonClient, speed: float) -> None:
-    client.ask("woosh.robot.ExecTask", {"markNo": "A23"})
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
     mode = {"type": 2, "mode": 1, "maxSpeed": speed}
     assert "speed" in client.refusal("woosh.robot.ChangeNavMode", {"navMode": mode})

@@ -216,6 +216,7 @@ def test_proxy_that_refuses_websockets_is_told_from_another_program(chassis, ref
     assert report.failed == ["handshake"]
     text = report.text("handshake")
     assert text.startswith("robot 30001 answers HTTP requests at this address, but its WebSocket")
+    assert "is not a chassis" not in text
     assert reason in text
     assert "-> a proxy or firewall between this computer and the robot" in text
     assert dict(chassis.counts) == {INFO: 1}

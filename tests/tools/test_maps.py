@@ -8,6 +8,7 @@ import json
 import os
 import pty
 import shlex
+import shutil
 import signal
 import socket
 import subprocess
@@ -243,8 +244,13 @@ def test_scene_comes_to_a_second_robot(run: Run, wire: JsonClient, second: Simul
 def test_folder_of_a_real_robot_passes_through_two_robots_unchanged(
     run: Run, second: SimulatorThread, tmp_path: Path
 ) -> None:
-    real = FOLDER / "real_scene"
+    real = Path(shutil.copytree(FOLDER / "real_scene", tmp_path / "real"))
+    (real / "deep" / "er").mkdir(parents=True)
+    (real / "deep" / "er" / "x.bin").write_bytes(b"x")
     files = tree(real)
+    (real / "deep" / ".hidden").write_bytes(b"hidden")
+    files["deep/%2Ehidden"] = b"hidden"
+    (real / ".git").write_bytes(b"not the robot's")
     assert run("upload", str(real), "--scene", "office")[0] == 0
     assert run("download", "office", "--output", "one")[0] == 0
     assert run("upload", "one/office", robot=second)[0] == 0
@@ -257,7 +263,8 @@ def test_folder_of_a_real_robot_passes_through_two_robots_unchanged(
     # The saved folder is a scene for the simulator, too.
     scene = load_scene(tmp_path / "two" / "office")
     assert (scene.name, len(scene.maps[0].marks)) == ("office", 4)
-    assert set(scene.files) == set(files) - {"action_groups.json"}
+    names = {name.replace("%2E", ".") for name in files}
+    assert set(scene.files) == names - {"action_groups.json"}
 
 
 def test_keep_out_areas_are_saved_as_a_mask_for_nav2(run: Run, tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> Non
             assert again[: len(heard)] == heard
             assert (await client.request(RobotInfo())).body == info
             assert (
-                await client.request(ExecTask(mark_no="B1"))
+                await client.request(ExecTask(type=1, mark_no="B1"))
             ).ok  # the body differs: any answer of the type will do
             refused = await client.request(Speak(text="hello"))
             assert not refused.ok

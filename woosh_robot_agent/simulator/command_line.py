@@ -20,7 +20,7 @@ from woosh_robot_agent.link.reports import log_to_stderr
 from woosh_robot_agent.program import StopSignals
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults import Scenario, load_scenario, markdown, parse_fault
-from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.profile import SHIPPED, load_profile
 from woosh_robot_agent.simulator.server import SimulatedChassis
 
 _DISCONNECT_TIMEOUT = 1.0
@@ -68,6 +68,8 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     if options.check:
         return _check(options.check, options.profile)
     if options.learn:
+        if options.profile in SHIPPED:
+            parser.error("--learn needs --profile FILE: the new file to write")
         return _learn(options.learn, Path(options.profile))
     log_to_stderr(
         [logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],

@@ -162,8 +162,8 @@ class RateProfile:
 class DrivingProfile:
     """Speeds, and remote control."""
 
-    max_speed: Annotated[float, Between(0.01)]
-    max_turn_rate: Annotated[float, Between(0.01)]
+    max_speed: Annotated[float, Between(0.01, 10.0)]
+    max_turn_rate: Annotated[float, Between(0.01, 20.0)]
     start_delay: NotNegative
     rolls_for: NotNegative
     stops_below: NotNegative

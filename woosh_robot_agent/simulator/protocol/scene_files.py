@@ -62,7 +62,10 @@ def updated_scene(
     *,
     replace: bool = False,
 ) -> Scene | None:
-    """Return a scene after an upload, with the version of each map that has changed increased.
+    """Return a scene after an upload, in which each map that has changed has another version.
+
+    That is the version in the upload if all files of a robot's folder are uploaded, so that they
+    stay as they are; otherwise a higher one.
 
     Args:
         name: Name of the scene.
@@ -90,7 +93,8 @@ def updated_scene(
     for area in scene.maps:
         before = old.map(area.name) if old else None
         if before:
-            scene = with_map_changed(scene, area, _continued(area, before))
+            whole = replace and SCENE_INDEX in new
+            scene = with_map_changed(scene, area, _continued(area, before, whole=whole))
     return scene
 
 
@@ -123,15 +127,22 @@ def _described(
     return written
 
 
-def _continued(area: Map, before: Map) -> Map:
-    """Return an uploaded map with the end pose, walls and version of the map that it replaces."""
-    area = dataclasses.replace(area, end=area.end or before.end)
+def _continued(area: Map, before: Map, *, whole: bool) -> Map:
+    """Return an uploaded map with what it keeps of the map that it replaces.
+
+    Args:
+        area: The map as its files describe it.
+        before: The map that it replaces.
+        whole: All files of the scene are uploaded.
+    """
+    if not whole:
+        area = dataclasses.replace(area, end=area.end or before.end)
     changed = mark_info_of(area) != mark_info_of(before)
     if not area.same_ground(before):
         changed = True
         # The files show only what the robot has seen: the walls stay where they are.
         area = dataclasses.replace(area, ground_truth=before.ground_truth)
-    if not changed:
+    if not changed or (whole and area.version != before.version):
         return area
     return dataclasses.replace(area, version=max(area.version, before.version + 1))
 

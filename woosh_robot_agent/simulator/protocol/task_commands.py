@@ -46,8 +46,10 @@ _MIN_SPEED = 0.01
 def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
     chassis.readiness.require_ready()
     kind = request.type
-    actions = task_actions(chassis, kind, request.task_type_no)
     target = _target(chassis, request)
+    if not kind:
+        raise RefusedError("the task has no type: set type to 1 pick, 2 park, 3 charge or 4 carry")
+    actions = task_actions(chassis, kind, request.task_type_no)
     jobs = task_jobs(chassis, actions, request.direction, target)
     number = request.task_id or chassis.tasks.new_id()
     dest = target.number if isinstance(target, Mark) else ""

@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Collection, Iterable
 from functools import lru_cache
 from pathlib import Path
+from urllib.parse import unquote
 
 from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.simulator.scenes.robot_files import Read, map_names, read_robot_scene
@@ -17,6 +18,9 @@ from woosh_robot_agent.simulator.scenes.scene import SCENE_INDEX, Scene
 from woosh_robot_agent.simulator.scenes.scene_yaml import SCENE_FILE, read_maps, read_scene_yaml
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
 from woosh_robot_agent.simulator.world.maps import Map
+
+_ADDED_FOLDERS = ("nav2", "marks")
+"""Folders that `maps download` adds to those of the robot."""
 
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 """Maximum size of a file, in bytes."""
@@ -46,20 +50,22 @@ def load_scene(path: Path) -> Scene:
 
 
 def robot_folder(folder: Path) -> dict[str, bytes]:
-    """Return the files in a robot's folder of a scene and in the folders of its maps, by path.
+    """Return the files in a robot's folder of a scene, by the robot's name for them.
+
+    Hidden files beside those of the robot, and the folders that the program `maps` adds, are not
+    among them.
 
     Raises:
         DataFileError: A file cannot be read.
     """
     maps = map_names(_content(folder / SCENE_INDEX))
-    found = [
-        each for part in (folder, *(folder / name for name in maps)) for each in part.glob("*")
-    ]
-    return {
-        file.relative_to(folder).as_posix(): _content(file)
-        for file in sorted(found)
-        if file.is_file() and not file.name.startswith(".")
-    }
+    files: dict[str, bytes] = {}
+    for file in sorted(folder.rglob("*")):
+        name = file.relative_to(folder)
+        added = name.parts[0] in _ADDED_FOLDERS and name.parts[0] not in maps
+        if file.is_file() and not added and not name.parts[0].startswith("."):
+            files[unquote(name.as_posix())] = _content(file)
+    return files
 
 
 def read_written(

@@ -18,7 +18,7 @@ from woosh_robot_agent.link.server import (
 from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
-from woosh_robot_agent.simulator.serving.http import HttpCalls
+from woosh_robot_agent.simulator.serving.http import HttpCalls, HttpTransport
 
 _LOG = logging.getLogger(__name__)
 
@@ -106,9 +106,10 @@ class Connections:
             client.release()
 
     def send_raw(self, data: str | bytes) -> None:
-        """Send a frame to every client unchanged."""
+        """Send a frame to every client unchanged; a call over HTTP gets nothing but its answer."""
         for client in list(self._exchange.clients):
-            client.send(data)
+            if not isinstance(client.transport, HttpTransport):
+                client.send(data)
 
     async def readable(self) -> None:
         """Wait while the connections are paused."""

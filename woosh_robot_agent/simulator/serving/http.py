@@ -58,7 +58,7 @@ class _HttpCodec(JsonCodec):
 _CODEC = _HttpCodec(defaults=True)
 
 
-class _HttpTransport:
+class HttpTransport:
     """The server's end of one HTTP call, whose only frame is the body of the response.
 
     Args:
@@ -162,6 +162,8 @@ class HttpCalls:
         if not self._exchange.hooks.admits():
             connection.transport.abort()
             return web.Response()
+        if request.headers.get("Expect", "").lower() == "100-continue":  # curl, for large bodies
+            await connection.write(b"HTTP/1.1 100 Continue\r\n\r\n")
         try:
             data = await run_with_timeout(_BODY_TIMEOUT, self._body(request))
         except TimeoutError as error:
@@ -196,7 +198,7 @@ class HttpCalls:
             except FrameError as error:
                 exchange.bad_frames += 1
                 status, reason = HTTPStatus.BAD_REQUEST, f"unreadable body: {error}"
-        transport = _HttpTransport(connection, status)
+        transport = HttpTransport(connection, status)
         client = Client(transport, self._config.max_outbox)
         exchange.join(client)
         writing = asyncio.ensure_future(client.write(self._writable))

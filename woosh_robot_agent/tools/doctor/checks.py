@@ -10,8 +10,11 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
+from google.protobuf.message import Message
+
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs import JSON, client_codec
+from woosh_robot_agent.link.codecs.json_codec import to_json
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import enum_name, full_name
 from woosh_robot_agent.link.tasks import run_with_timeout
@@ -83,7 +86,7 @@ class SurveyError(Exception):
     """A survey cannot be made, or its folder cannot be written."""
 
 
-_MAX_BODY = 1024 * 1024
+_MAX_BODY = 64 * 1024 * 1024
 """Number of bytes after which the rest of an HTTP response is not read."""
 
 _SN = 1
@@ -290,13 +293,18 @@ async def open_link(config: LinkConfig) -> Transport:
     except TransportClosedError as error:
         raise await _explained(
             config,
+            str(error),
             f"the program on this port is not a chassis: {error}",
             "check --ip and --transport; a proxy or another program may use the port",
         ) from None
     except TimeoutError:
+        text = (
+            f"the connection was accepted, but no answer came within {config.connect_timeout:g} s"
+        )
         raise await _explained(
             config,
-            f"the connection was accepted, but no answer came within {config.connect_timeout:g} s",
+            text,
+            text,
             "check --ip and --transport; if they are right, the robot's program hangs: switch "
             "the robot off and on",
         ) from None
@@ -307,14 +315,20 @@ async def open_link(config: LinkConfig) -> Transport:
         ) from None
 
 
-async def _explained(config: LinkConfig, text: str, remedy: str) -> CheckFailedError:
+async def _explained(config: LinkConfig, reason: str, text: str, remedy: str) -> CheckFailedError:
     """Return the error for a link that did not open, which tells what answers HTTP at its address.
 
     A chassis answers HTTP on the same port, so that a proxy or firewall that refuses WebSockets can
     be told from another program.
+
+    Args:
+        config: Address and timeouts of the robot.
+        reason: Why the link did not open.
+        text: What is wrong if no chassis answers HTTP either.
+        remedy: What to do about it then.
     """
     is_http = config.transport == "websocket"
-    answer = await ask_over_http(config, full_name(RobotInfo)) if is_http else None
+    answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
     if answer is None:
         return CheckFailedError(text, remedy)
     info = _info_in(answer.body)
@@ -325,7 +339,7 @@ async def _explained(config: LinkConfig, text: str, remedy: str) -> CheckFailedE
     number = info.robot_id or info.genral.serial_number
     return CheckFailedError(
         f"robot {number} answers HTTP requests at this address, but its WebSocket cannot be "
-        f"opened: {text}",
+        f"opened: {reason}",
         "a proxy or firewall between this computer and the robot lets only HTTP pass: let it pass "
         "the headers Upgrade and Connection too, or connect without it",
     )
@@ -347,12 +361,13 @@ class HttpAnswer(NamedTuple):
     delay: float
 
 
-async def ask_over_http(config: LinkConfig, name: str) -> HttpAnswer | None:
-    """Send an empty request over HTTP.
+async def ask_over_http(config: LinkConfig, request: Message, timeout: float) -> HttpAnswer | None:
+    """Send a request over HTTP.
 
     Args:
-        config: Address of the robot, and the timeout.
-        name: Full name of the request.
+        config: Address of the robot, and the timeout of the connection.
+        request: The request.
+        timeout: Timeout of the answer, in seconds.
 
     Returns:
         The answer; None if nothing answers HTTP.
@@ -360,21 +375,23 @@ async def ask_over_http(config: LinkConfig, name: str) -> HttpAnswer | None:
     import aiohttp  # loads slowly, and is seldom needed
 
     host = f"[{config.ip}]" if ":" in config.ip else config.ip
-    url = f"http://{host}:{config.effective_port}/{name.replace('.', '/')}"
-    timeout = aiohttp.ClientTimeout(total=config.connect_timeout)
+    url = f"http://{host}:{config.effective_port}/{full_name(request).replace('.', '/')}"
+    limits = aiohttp.ClientTimeout(total=timeout, sock_connect=config.connect_timeout)
     began = time.monotonic()
     try:
         async with (
-            aiohttp.ClientSession(timeout=timeout) as session,
-            session.post(url, json={}, allow_redirects=False) as response,
+            aiohttp.ClientSession(timeout=limits) as session,
+            session.post(
+                url, json=to_json(request, defaults=False), allow_redirects=False
+            ) as response,
         ):
-            body = b""
+            body = bytearray()
             async for chunk in response.content.iter_any():
                 body += chunk
                 if len(body) > _MAX_BODY:
                     break
             server = response.headers.get("Server", "")
-            return HttpAnswer(response.status, server, body, time.monotonic() - began)
+            return HttpAnswer(response.status, server, bytes(body), time.monotonic() - began)
     except (aiohttp.ClientError, TimeoutError, OSError):  # nothing answers HTTP
         return None
 

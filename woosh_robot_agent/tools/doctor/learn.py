@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,13 +22,12 @@ from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
-from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, Operation, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
     General,
     Model,
     PoseSpeed,
-    ScannerData,
     TaskProc,
 )
 from woosh_robot_agent.pb.util import task_pb2
@@ -69,7 +69,12 @@ def quantile(values: Sequence[float], share: float) -> float:
 def learn(seen: Observations) -> Values:
     """Return all values of a profile that can be learned from the observations."""
     parts = (_model, _tasks, _answers, _mapping, _rates, _laser, _driving, _battery, _refusals)
-    return {path: found for part in parts for path, found in part(seen)}
+    return {path: found for part in parts for path, found in part(seen) if _is_field(path)}
+
+
+def _is_field(path: Keys) -> bool:
+    """Return True for the keys of a value that profiles have."""
+    return len(path) > 1 and path[1] in reference().get(path[0], {})
 
 
 _Found = Iterator[tuple[Keys, Learned]]
@@ -144,8 +149,6 @@ def _tasks(seen: Observations) -> _Found:
 
 _SLOW = {cls.DESCRIPTOR.full_name for cls in (pack.InitRobot, pack.BuildMap)}
 """Requests that are answered when they are done. Other fields of the profile describe them."""
-_FREQUENT = {cls.DESCRIPTOR.full_name for cls in (pack.Twist, ScannerData)}
-"""Requests that are sent so often that they would outweigh all others."""
 
 
 def _answers(seen: Observations) -> _Found:
@@ -154,13 +157,16 @@ def _answers(seen: Observations) -> _Found:
         if each.ok and each.request in message_types() and each.request not in _SLOW:
             delays.setdefault(each.request, []).append(each.delay)
     delays = {name: found for name, found in delays.items() if len(found) >= _MIN_SAMPLES}
-    if delays.keys() - _FREQUENT:
-        everything = [
-            delay for name, found in delays.items() if name not in _FREQUENT for delay in found
+    times = {name: _distribution(found) for name, found in sorted(delays.items())}
+    usual = [each for name, each in times.items() if name not in reference()["answers"]["requests"]]
+    if usual:  # each request counts alike, so that one that is slow or frequent changes little
+        medians = [
+            quantile(column, 0.5) for column in zip(*(each.value for each in usual), strict=True)
         ]
-        yield ("answers", "default"), _distribution(everything)
-    for name, found in sorted(delays.items()):
-        yield ("answers", "requests", name), _distribution(found)
+        samples = sum(each.samples for each in usual)
+        yield ("answers", "default"), Learned(list(map(_round_to_ms, medians)), samples)
+    for name, found in times.items():
+        yield ("answers", "requests", name), found
     done = [each.delay for each in seen.answered(pack.InitRobot)]
     if done:
         yield ("answers", "initialisation"), _interval(done)
@@ -199,8 +205,10 @@ def _rates(seen: Observations) -> _Found:
     if len(pushed) >= _MIN_SAMPLES:
         push = _median(pushed)
         yield ("rates", "scan_push"), push
-        # each scan is pushed, unless requests have shown many more
-        if polled is None or polled.value > _SAME_PERIOD * push.value:
+        # each scan is pushed, unless requests have shown many more; without requests, all that is
+        # known is that there are as many scans as pushes
+        longest = _SAME_PERIOD * push.value if polled else push.value
+        if (polled.value if polled else reference()["rates"]["scan"]) > longest:
             polled = push
     if polled:
         yield ("rates", "scan"), polled
@@ -208,20 +216,28 @@ def _rates(seen: Observations) -> _Found:
     repeated = [after - t for (t, one), (after, two) in pairwise(batteries) if one == two]
     if len(repeated) >= _MIN_SAMPLES:
         yield ("rates", "battery"), _interval(repeated)
+    days = seen.pushed(Operation)
+    resting = [after - t for (t, one), (after, two) in pairwise(days) if one.mileage == two.mileage]
+    if len(resting) >= _MIN_SAMPLES:
+        yield ("rates", "operation"), _median(resting)
 
 
 def _scan_period(seen: Observations) -> Learned | None:
     """Return the time between two scans, from requests that were more frequent than the scans."""
     polls = busiest([each for each in seen.scans if not each.pushed])
     ends = [number for number, gap in enumerate(_gaps([each.t for each in polls]), 1) if gap > 1.0]
-    time, count = 0.0, 0
+    gaps: list[float] = []
     for begin, end in pairwise([0, *ends, len(polls)]):
         series = polls[begin:end]
         changes = [two.t for one, two in pairwise(series) if one.ranges != two.ranges]
-        if len(changes) > 1 and len(series) >= 2 * len(changes):
-            time += changes[-1] - changes[0]
-            count += len(changes) - 1
-    return Learned(_round_to_ms(time / count), count) if count >= _MIN_SAMPLES else None
+        if len(series) >= 2 * len(changes):
+            gaps += _gaps(changes)
+    if len(gaps) < _MIN_SAMPLES:
+        return None
+    # the mean, because the times of requests divide each gap; without those of late answers
+    outer = len(gaps) // 4
+    usual = sorted(gaps)[outer : len(gaps) - outer]
+    return Learned(_round_to_ms(sum(usual) / len(usual)), len(gaps))
 
 
 def _laser(seen: Observations) -> _Found:
@@ -295,7 +311,7 @@ def _refusals(seen: Observations) -> _Found:
             yield ("refusals", "always", name), Learned(text or REQUEST_FAILED, count)
         elif text and text not in _WORDS:
             yield ("refusals", "texts", name), Learned(text, count)
-    messages = [code.msg for body in seen.bodies() for code in _codes(body)]
+    messages = [code.msg for body in seen.bodies() for code in _codes(body) if code.code]
     if messages:
         foreign = any(not text.isascii() for text in messages)
         language = "zh" if foreign else "en" if any(messages) else "none"
@@ -373,6 +389,19 @@ def _differ(one: Any, other: Any, share: float, least: float) -> bool:
     return bool(gap > least and gap > share * max(abs(one), abs(other)))
 
 
+_NOT_LEARNED = {
+    "tasks": "starting_states between_jobs state_first report_last_action final_wait leave_dock "
+    "pause_at_obstacle obstacle_timeout charge_as_parking messages own_id_factor own_id_offset",
+    "mapping": "state_after scene_after",
+    "laser": "noise",
+    "driving": "rolls_for stops_below",
+    "battery": "idle_drain driving_drain charging_rate",
+    "charging": "docking_distance docking_speed starts_after confirmed_after completed_after",
+    "refusals": "explained codes while_busy",
+}
+"""Fields of a profile that are never learned, whatever a robot shows."""
+
+
 def profile_text(values: Mapping[Keys, Learned], source: str) -> str:
     """Return the file of a profile.
 
@@ -386,7 +415,15 @@ def profile_text(values: Mapping[Keys, Learned], source: str) -> str:
     lines = [
         f"# Learned from {printable(source)}. Values with a number of samples are of the robot,",
         f"# all others of {REFERENCE}. docs/simulator_reference.md describes the fields.",
+        "# Not learned, whatever the robot does: change these yourself if you know better.",
     ]
+    for section, names in _NOT_LEARNED.items():
+        lines += textwrap.wrap(
+            f"{section}: {', '.join(names.split())}",
+            96,
+            initial_indent="#   ",
+            subsequent_indent="#     ",
+        )
     for section, fields in reference().items():
         lines += ["", f"{section}:"]
         for name, value in fields.items():
@@ -456,7 +493,11 @@ def learn_profile(source: Path, target: Path) -> str:
             raise DataFileError(text) from None
         content = load_json(file.name, data, _MAX_SURVEY)
         entries = structure(_Survey, content, file.name, known_only=False).profile
-        values = {each.field: Learned(each.value, each.samples) for each in entries}
+        values = {
+            each.field: Learned(each.value, each.samples)
+            for each in entries
+            if _is_field(each.field)
+        }
     else:
         values = learn(observe_recording(source))
     if not values:

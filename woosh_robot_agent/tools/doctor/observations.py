@@ -342,8 +342,20 @@ def _plain(body: object) -> Any:
     return f"{len(body)} bytes of protobuf" if isinstance(body, bytes) else body
 
 
-_ADDRESS = re.compile(r"\b(?:\d{1,3}(?:\.\d{1,3}){3}|(?:[0-9a-f]{2}:){5}[0-9a-f]{2})\b", re.I)
-"""An IPv4 address or a MAC address."""
+_ADDRESS = re.compile(
+    r"""
+    [\w.+-]+@[\w.-]*\w                                     # a mail address
+    | \b\d{1,3}(?:\.\d{1,3}){3}\b                          # of IPv4
+    | \b(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}\b                # of Ethernet
+    | (?<![\w:])(?:                                        # of IPv6
+        (?:[0-9a-f]{1,4}:){6,7}[0-9a-f]{1,4}
+        | (?:[0-9a-f]{1,4}(?::[0-9a-f]{1,4})*)?::(?:[0-9a-f]{1,4}(?::[0-9a-f]{1,4})*)?
+      )(?:(?:\.\d{1,3}){3})?(?:%\w+)?(?!\w)
+    | (?<![\w.])(?!woosh\.)[\w-]+(?:\.[\w-]+)*\.[a-z]{2,}(?![\w-])   # a host, but not a type
+    """,
+    re.I | re.A | re.X,
+)
+"""An IP, MAC or mail address, or the name of a host."""
 _TELLING = re.compile(r"name|serial|sn$|id$|no$|addr|mac|ip$|wifi|ssid|pass|pwd|token|key", re.I)
 """Keys whose values could identify the robot or its site."""
 _PLAIN_KEY = re.compile(r"[a-z]\w{0,40}")
@@ -360,7 +372,7 @@ class Hider:
     def __init__(self, names: Iterable[str]) -> None:
         found = "|".join(re.escape(each) for each in sorted(names, key=len, reverse=True))
         # not inside of a type name, e.g. woosh.robot.PoseSpeed
-        self._names = re.compile(rf"(?<![\w.])(?:{found})(?!\w|\.\w)") if found else None
+        self._names = re.compile(rf"(?<![\w.])(?:{found})(?!\w|\.\w)", re.A) if found else None
 
     def text(self, text: str) -> str:
         """Return a text without names and addresses."""

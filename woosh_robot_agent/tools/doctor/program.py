@@ -96,6 +96,8 @@ async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Resu
     yield check_clock(answer, max_skew)
 
 
+_MINUTES = 2.0
+"""Default duration of a survey, in minutes."""
 _MAX_MINUTES = 600
 """Maximum duration of a survey, in minutes."""
 _NAME_WIDTH = max(map(len, CHECKS))
@@ -139,8 +141,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--minutes",
         type=_minutes,
-        default=2.0,
-        help="duration of the survey; 10 while you drive the robot by hand (default: %(default)g)",
+        help="duration of the survey; 10 while you drive the robot by hand "
+        f"(default: {_MINUTES:g})",
     )
     parser.add_argument(
         "--with-names",
@@ -149,6 +151,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     config = link_config(parser, options)
+    if not options.survey and (options.minutes or options.with_names):
+        parser.error("--minutes and --with-names need --survey")
     if options.survey and (config.transport, config.encoding) != ("websocket", "json"):
         parser.error("--survey needs --transport websocket and --encoding json")
     return asyncio.run(_run(config, options))
@@ -173,8 +177,11 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         failed = any(result.status is Status.FAIL for result in results)
         if options.json:
             print(json.dumps(_as_json(config, results, failed), indent=2))
-        if options.survey and not any(result.text == NOT_REACHED for result in results):
-            wanted = survey.SurveyOptions(options.survey, options.minutes, options.with_names)
+        if options.survey:
+            if any(each.check == "RobotInfo" and each.text == NOT_REACHED for each in results):
+                raise SurveyError("no survey, because the link to the robot does not open")
+            minutes = options.minutes or _MINUTES
+            wanted = survey.SurveyOptions(options.survey, minutes, options.with_names)
             text = await survey.survey(config, wanted)
             print(text, file=sys.stderr if options.json else None)
     except SurveyError as error:

@@ -15,7 +15,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert.converter import RequestMaker
-from woosh_robot_agent.endpoints import QUERIES, TOPICS
+from woosh_robot_agent.endpoints import QUERIES, TOPICS, minimum_timeouts
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs import JSON, client_codec
 from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, FrameError
@@ -23,21 +23,40 @@ from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.map import mark_pb2
-from woosh_robot_agent.pb.map.map_pack_pb2 import Download, SceneData, SceneDataEasy, SceneMd5
+from woosh_robot_agent.pb.map.map_pack_pb2 import (
+    Download,
+    SceneData,
+    SceneDataEasy,
+    SceneMd5,
+    SceneSync,
+)
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Find, Storages
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, ScannerData, Scene
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.robot.readiness import is_located
 from woosh_robot_agent.tools.doctor.checks import HttpAnswer, SurveyError, ask_over_http
 from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
 from woosh_robot_agent.tools.doctor.observations import Answered, Observations, Seen
 from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, HttpResult, markdown, results
 from woosh_robot_agent.tools.options import stop_event
 
-LARGE_QUERIES = frozenset(full_name(cls) for cls in (SceneDataEasy, SceneData, SceneMd5, Download))
-"""Queries with large answers, which are sent only a few times."""
+_PUSHED = tuple(dict.fromkeys(topic.push for topic in TOPICS))
+_SMALL = tuple(
+    name
+    for name in dict.fromkeys(
+        (*(query.request for query in QUERIES), *_PUSHED, full_name(Feedbacks), full_name(Storages))
+    )
+    if name != full_name(SceneDataEasy)
+)
+"""Types that are requested without content in each round. What is pushed can be requested, too: a
+request without content cannot change anything."""
+_SUBSCRIBED = tuple(dict.fromkeys((*_PUSHED, full_name(Feedbacks), *_SMALL)))
+"""Types of the pushes that are subscribed to: of everything that has a value."""
 _LARGE_ROUNDS = 3
-"""Number of rounds in which `LARGE_QUERIES` are sent."""
+"""Number of rounds in which queries with large answers are sent."""
 _PAUSE = 0.1
 """Time between two queries, in seconds."""
 _POLLS = 60
@@ -92,8 +111,10 @@ class _Survey:
         self._unanswered: dict[str, int] = {}
         self._scene = ""
         """Name of the current scene, for requests of its data."""
-        self._mark = ""
-        """Number of any mark, for the request Find."""
+        self._mark = mark_pb2.Storages.Base()
+        """Any mark, for the requests Find and PlanNavPath."""
+        self._pose: Pose2D | None = None
+        """Pose of the robot; None if it is not located."""
 
     async def run(self) -> None:
         """Observe the robot until the task is cancelled; reconnect when the connection is lost."""
@@ -137,8 +158,7 @@ class _Survey:
                 waiting.set_result(answer)
 
     async def _ask_all(self) -> None:
-        topics = [*dict.fromkeys(topic.push for topic in TOPICS), full_name(Feedbacks)]
-        subscription = Subscription(sub=True, topics=topics)
+        subscription = Subscription(sub=True, topics=_SUBSCRIBED)
         await self._send(SUBSCRIPTION_TYPE, subscription, 0)
         while True:
             for request, timeout in self._requests():
@@ -157,22 +177,26 @@ class _Survey:
 
     def _requests(self) -> Iterator[tuple[Message, float]]:
         """Yield the queries of a round, each with its timeout."""
-        timeout = self._config.request_timeout
-        for query in QUERIES:
-            if query.request not in LARGE_QUERIES:
-                yield self._make.empty(message_type(query.request)), max(timeout, query.timeout)
-        yield self._make.empty(ScannerData), timeout
-        yield self._make.empty(Storages), timeout
-        yield self._make.address(Find(no=self._mark)), timeout
+        timeout, slow = self._config.request_timeout, minimum_timeouts()
+        for name in _SMALL:
+            yield self._make.empty(message_type(name)), max(timeout, slow.get(name, 0.0))
+        yield self._make.address(Find(no=self._mark.identity.no)), timeout
         if self._rounds < _LARGE_ROUNDS:
             name = self._scene
-            for large in (
+            large: list[Message] = [
+                CountData(req_type=CountData.kGet),
                 SceneDataEasy(name=name),
                 SceneData(name=name),
                 SceneMd5(scene_name=name),
-            ):
-                yield self._make.address(large), max(timeout, 60.0)
-            yield self._make.address(Download(scene_name=name)), max(timeout, 120.0)
+                SceneSync(),
+                Download(scene_name=name),
+            ]
+            if self._pose and self._mark.HasField("pose"):
+                pose = self._mark.pose
+                end = pose.dock if pose.HasField("dock") else pose.real
+                large.append(PlanNavPath(start=self._pose, end=end))
+            for each in large:
+                yield self._make.address(each), max(timeout, slow.get(full_name(each), 0.0))
 
     async def _ask(self, request: Message, timeout: float) -> None:
         """Send a request, and wait for its answer."""
@@ -190,11 +214,14 @@ class _Survey:
             return
         if isinstance(answer.body, RobotInfo):
             self._scene = answer.body.scene.scene_name
+            located = is_located(answer.body)
+            self._pose = answer.body.pose_speed.pose if located else None
         elif isinstance(answer.body, Scene):
             self._scene = answer.body.scene_name
         elif isinstance(answer.body, mark_pb2.Storages):
             lists = (found for _, found in answer.body.ListFields())
-            self._mark = next((each.identity.no for found in lists for each in found), "")
+            marks = (mark for found in lists for mark in found)
+            self._mark = next(marks, mark_pb2.Storages.Base())
 
     async def _check_link(self) -> None:
         """Ping the robot.
@@ -219,11 +246,9 @@ class _Survey:
 
     async def _ask_over_http(self) -> None:
         """Send each query over HTTP, unless the first queries show that nothing answers HTTP."""
-        for query in QUERIES:
-            if query.request in LARGE_QUERIES:
-                continue
-            answer = await ask_over_http(self._config, query.request)
-            self.http[query.request] = _http_result(answer) if answer else None
+        for request, timeout in self._requests():
+            answer = await ask_over_http(self._config, request, timeout)
+            self.http[full_name(request)] = _http_result(answer) if answer else None
             if len(self.http) > 1 and not any(self.http.values()):
                 return
             await asyncio.sleep(_PAUSE)

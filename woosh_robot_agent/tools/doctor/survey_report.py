@@ -205,7 +205,7 @@ def _codes(seen: Observations, hider: Hider | None) -> Iterator[dict[str, Any]]:
     counts: Counter[int] = Counter()
     for body in seen.bodies():
         for code in _codes_in(body):
-            if not meaning(code.code):
+            if code.code and not meaning(code.code):  # 0 in an empty answer
                 counts[code.code] += 1
                 texts[code.code] = code.msg
     for number, count in sorted(counts.items()):

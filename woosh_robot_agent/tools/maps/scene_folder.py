@@ -400,9 +400,8 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _is_own(path: str) -> bool:
-    """Return True for a file that the robot does not have: of this program, or hidden."""
-    parts = path.split("/")
-    return parts[0] in (_NAV2, _MARKS_FOLDER) or any(part.startswith(".") for part in parts)
+    """Return True for a file that the robot does not have: of this program, or hidden beside."""
+    return path.startswith((f"{_NAV2}/", f"{_MARKS_FOLDER}/", "."))
 
 
 def _marks_in_files(area: str, files: Mapping[str, bytes]) -> tuple[str, MarkInfo] | None:
