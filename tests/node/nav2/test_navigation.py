@@ -32,7 +32,7 @@ from tests.node.nav2.goals import (
     pose,
     poses_field,
 )
-from woosh_robot_agent.pb.ros import action_pb2
+from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import SwitchWorkMode
@@ -303,6 +303,73 @@ def test_waypoints_that_cannot_be_reached_are_missed(
     assert (status, missed(result)) == (SUCCEEDED, [1])
     assert distance_to(simulator, 1.0) < 0.01
     assert goal.feedback.messages[-1].current_waypoint == 2
+
+
+PREVENTIONS = {
+    "emergency stop": (
+        lambda simulator: simulator.set_emergency_stop(True),
+        lambda simulator: simulator.set_emergency_stop(False),
+    ),
+    "key switch": (
+        lambda simulator: simulator.set_key_switch(True),
+        lambda simulator: simulator.set_key_switch(False),
+    ),
+    "localisation": (
+        lambda simulator: simulator.lose_localisation(),
+        lambda simulator: simulator.call(
+            lambda sim: setattr(sim.chassis.readiness, "located", True)
+        ),
+    ),
+}
+"""Functions that prevent the robot from driving, and that let it drive again."""
+
+
+@pytest.mark.parametrize("fault", ["none", "half_open", "off"])
+@pytest.mark.parametrize("prevention", PREVENTIONS)
+def test_waypoints_end_when_something_stops_the_robot(
+    client: Client, simulator: SimulatorThread, prevention: str, fault: str
+) -> None:
+    """Also if the robot could drive again by the time that the agent hears of it."""
+    prevent, permit = PREVENTIONS[prevention]
+    slow_down(simulator)
+    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0), ahead(2.0)])
+    wait_until(lambda: not stands(simulator), "the robot drives")
+    injected = simulator.inject(fault) if fault != "none" else None
+    prevent(simulator)
+    permit(simulator)
+    if injected is not None:
+        injected.clear()
+    status, result = goal.result()
+    assert (status, missed(result)) == (ABORTED, [])
+    assert prevention in getattr(result, "error_msg", prevention)
+    assert drives(simulator) == [action_pb2.kExecute]
+    wait_until(lambda: stands(simulator), "the robot stands")
+
+
+@pytest.mark.parametrize(
+    ("report", "is_missed"),
+    [
+        ({"msg": "no free path to (1.00, 2.00): choose a goal on free floor"}, True),
+        ({"code": 130101000011}, True),
+        ({"code": 130101000022, "msg": "no way"}, True),  # another level than in the table
+        ({"code": 130101000031}, False),  # the robot seems to be inside an obstacle
+        ({"msg": "an obstacle stands in the way"}, False),
+        ({"msg": "Request failed"}, False),
+        ({}, False),
+    ],
+)
+def test_a_waypoint_is_missed_only_for_its_pose(
+    client: Client, simulator: SimulatorThread, report: dict[str, Any], is_missed: bool
+) -> None:
+    slow_down(simulator)
+    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(0.3)])
+    wait_until(lambda: not stands(simulator), "the robot drives")
+    end = ros_pack_pb2.Feedback(
+        action="woosh.ros.action.MoveBase", state=ros_pack_pb2.kRosFailure, **report
+    )
+    simulator.push(ros_pack_pb2.Feedbacks(fbs=[end]))
+    status, result = goal.result()
+    assert (status, missed(result)) == ((SUCCEEDED, [0]) if is_missed else (ABORTED, []))
 
 
 def test_a_robot_that_accepts_no_tasks_misses_no_waypoints(

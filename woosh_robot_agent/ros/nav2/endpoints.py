@@ -58,7 +58,7 @@ NAV2 = (
     _action(
         "follow_waypoints",
         "FollowWaypoints",
-        "a `MoveBase` for each pose; a pose that cannot be reached is missed, and the next one is "
+        "a `MoveBase` for each pose; a pose without a path to it is missed, and the next one is "
         "tried",
     ),
     _action("compute_path_to_pose", "ComputePathToPose", "`PlanNavPath`"),

@@ -19,6 +19,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.ros.actions.actions import Actions, AgentGoal
 from woosh_robot_agent.ros.actions.goal import Cause, End, Outcome
 from woosh_robot_agent.ros.actions.run import STOPPING
@@ -67,12 +68,17 @@ class FailedCommand(GoalEnd):
 
     Attributes:
         cause: who decided the end.
+        status_code: the status code in the report; 0 without one.
     """
 
     def __init__(self, end: End) -> None:
-        text = getattr(end.result, "msg", "") or "the chassis ended it, and did not say why"
+        text, code = getattr(end.result, "msg", ""), int(getattr(end.result, "code", 0))
+        if code:
+            text = f"status code {explained(code, text)}"
+        text = text or "the chassis ended it, and did not say why"
         super().__init__(text, is_logged=end.cause is Cause.REFUSAL)
         self.cause = end.cause
+        self.status_code = code
 
 
 class Nav2Goal:

@@ -15,11 +15,10 @@ from geometry_msgs.msg import PoseStamped
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion import SpeedLimiter
-from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D as ChassisPose
 from woosh_robot_agent.robot.last_known import LastKnown
-from woosh_robot_agent.robot.readiness import rejections
 from woosh_robot_agent.ros.actions.goal import Cause
 from woosh_robot_agent.ros.actions.server import RejectedError
 from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
@@ -309,17 +308,30 @@ class FollowWaypoints(_Navigation):
                 tick=lambda: goal.feedback(current_waypoint=number),
             )
         except FailedCommand as failure:
-            if not self._is_about_the_pose(failure):
+            if not _is_about_the_pose(failure):
                 raise
             _LOG.warning("%s: waypoint %d is missed: %s", self.name, number, failure)
             goal.result.missed_waypoints.append(_missed(goal.result, number, pose, str(failure)))
 
-    def _is_about_the_pose(self, failure: FailedCommand) -> bool:
-        """Return True if the pose is the cause, so that the robot may reach the next pose."""
-        if failure.cause is Cause.REPORT:
-            return True
-        info = self.context.part.robot.last_known.value(RobotInfo)
-        return failure.cause is Cause.REFUSAL and info is not None and not rejections(info)
+
+_POSE_CODES = frozenset((13010100001, 13010100002, 13010100005))
+"""Status codes that say that a pose is occupied or out of reach, without their last digits: robots
+report some codes with another level than the table."""
+_POSE_WORDS = ("no free path", "no path", "keep-out area", "too winding to plan")
+"""Parts of texts that say so."""
+
+
+def _is_about_the_pose(failure: FailedCommand) -> bool:
+    """Return True if the report that ended a drive says that the pose cannot be reached.
+
+    Only that report counts. What stops the robot, such as an emergency stop, may be over by the
+    time that the report arrives, e.g. after a loss of the link. If the report leaves a doubt, the
+    robot must not drive on to another pose.
+    """
+    if failure.cause is not Cause.REPORT:
+        return False
+    text = str(failure).lower()
+    return failure.status_code // 10 in _POSE_CODES or any(words in text for words in _POSE_WORDS)
 
 
 def _missed(result: Any, number: int, pose: PoseStamped, reason: str) -> Any:
