@@ -10,11 +10,13 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.srv import GetState
 from nav_msgs.srv import GetMap
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from tests.harness import Client, Collector, wait_until
-from tests.node.goals import START, hurry, slow_down, task
-from tests.node.nav2.goals import SUCCEEDED, go
+from tests.node.goals import START, hurry, move_base, slow_down, task
+from tests.node.nav2.goals import ABORTED, SUCCEEDED, go
 from woosh_map_msgs.srv import SceneList
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, SwitchMap
@@ -223,6 +225,71 @@ class TestSpeedLimit:
         running = task(client)
         wait_until(lambda: self.sent(simulator, ChangeNavMode) == [0.5], "the limit is sent")
         running.cancel()
+
+    @pytest.mark.parametrize(
+        "fields",
+        [
+            {"percentage": True, "speed_limit": 100.0},
+            {"percentage": True, "speed_limit": 250.0},
+            {"speed_limit": 1.0},
+            {"speed_limit": 3.0},
+        ],
+        ids=str,
+    )
+    def test_the_highest_speed_is_no_limit(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+        fields: dict[str, Any],
+    ) -> None:
+        """The chassis takes a limit as its speed, so a high one would make the robot faster."""
+        limit(speed_limit=0.3)
+        assert go(client, 0.5).result()[0] == SUCCEEDED
+        assert self.sent(simulator, CallAction)[-1] == 0.3
+        limit(**fields)
+        assert go(client, 1.0).result()[0] == SUCCEEDED
+        assert self.sent(simulator, CallAction)[-1] == 0.0
+
+    def test_a_limit_above_that_of_cmd_vel_holds(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+    ) -> None:
+        """That of cmd_vel says nothing about the speed of navigation."""
+        lower = Parameter("cmd_vel_max_linear", value=0.2).to_parameter_msg()
+        answer = client.call(SetParameters, "agent/set_parameters", parameters=[lower])
+        assert answer.results[0].successful
+        limit(speed_limit=0.5)
+        assert go(client, 1.0).result()[0] == SUCCEEDED
+        assert set(self.sent(simulator, CallAction)) == {0.5}
+
+    def test_a_refused_limit_ends_a_navigation(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
+        """Without its limit, the robot would drive faster than it should."""
+        slow_down(simulator)
+        limit(speed_limit=0.001)
+        status, result = go(client, 5.0).result()
+        assert status == ABORTED
+        reason = "the robot refused the speed limit of 0.001 m/s"
+        assert reason in getattr(result, "error_msg", reason)
+        assert not simulator.call(lambda sim: sim.chassis.base.moving)
+
+    def test_a_refused_limit_of_another_navigation_is_logged(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+        logs: Collector,
+    ) -> None:
+        slow_down(simulator)
+        limit(speed_limit=0.001)
+        goal = move_base(client, 1.0)
+        logs.wait(lambda record: "refused the speed limit" in record.getMessage())
+        hurry(simulator)
+        assert goal.result()[0] == SUCCEEDED
 
     @pytest.mark.parametrize("value", [-1.0, math.nan])
     def test_a_limit_that_is_none_is_ignored(

@@ -120,6 +120,11 @@ class Nav2Goal:
         """Time since the goal was accepted, in seconds."""
         return asyncio.get_running_loop().time() - self.started
 
+    @property
+    def is_running(self) -> bool:
+        """True while the chassis executes a command for the goal, as far as is known."""
+        return self._running is not None
+
     def feedback(self, **fields: Any) -> None:
         """Publish feedback with these fields."""
         self._goal.feedback(self._feedback_class(**fields))
@@ -288,6 +293,13 @@ class Slot:
             each.stop(GoalEnd(_REPLACED))
         for each, _ in older:
             await goal.follow(_nothing, each.ended)
+
+    def stop(self, reason: GoalEnd) -> bool:
+        """End what the chassis executes for a reason; return False if it executes nothing."""
+        running = [each for each, _ in self._goals if each.is_running]
+        for each in running:
+            each.stop(reason)
+        return bool(running)
 
 
 def _nothing() -> None:

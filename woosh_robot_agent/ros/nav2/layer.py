@@ -66,7 +66,7 @@ class Nav2Layer:
         self._result_timeout = result_timeout
         self._teleop = AssistedTeleop(self._context, result_timeout)
         self._actions: list[Nav2Action] = [self._teleop]
-        SpeedLimit(part)
+        SpeedLimit(part, self._context.driving)
 
     def start(self) -> None:
         """Create the other actions and the services."""

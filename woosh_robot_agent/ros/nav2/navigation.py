@@ -28,6 +28,7 @@ from woosh_robot_agent.ros.nav2.goals import (
     GoalEnd,
     Nav2Action,
     Nav2Goal,
+    Slot,
     duration,
 )
 from woosh_robot_agent.ros.nav2.pose import RobotPose
@@ -350,22 +351,33 @@ def _missed(result: Any, number: int, pose: PoseStamped, reason: str) -> Any:
     return message(index=number, goal=pose)
 
 
+_HIGHEST_SPEED = 1.0
+"""Speed from which a limit is none, in m/s, or `cmd_vel_max_linear` if that is more. The robot does
+not report its own."""
+
+
 class SpeedLimit:
     """The topic speed_limit: limits the speed of all navigations, whoever starts them.
 
+    The robot takes a limit as its speed. So a limit that does not restrict it is not sent, because
+    it might make the robot faster. A navigation of Nav2's actions whose limit the robot refuses is
+    aborted.
+
     Args:
         context: the context of the standard layer.
+        driving: the place for the goal that moves the robot.
     """
 
-    def __init__(self, context: PartContext) -> None:
+    def __init__(self, context: PartContext, driving: Slot) -> None:
         robot = context.robot
         self._context = context
+        self._driving = driving
         self._log = LogOnce(_LOG)
         self._limiter = SpeedLimiter(
             robot.chassis,
             robot.gate,
             lambda work: asyncio.get_running_loop().create_task(work, name="nav2: speed limit"),
-            lambda reason: _LOG.warning("speed_limit: %s", reason),
+            self._refused,
         )
         endpoint = BY_NAME["speed_limit"]
         robot.node.create_subscription(
@@ -377,11 +389,22 @@ class SpeedLimit:
 
     def _received(self, message: Any) -> None:
         value = message.speed_limit
-        limit = value
-        if message.percentage:
-            limit = value / 100.0 * self._context.settings().velocity_limits.max_linear
         if not 0.0 <= value < math.inf:
             self._log.warn("value", f"speed_limit is ignored, because it is {value:g}")
             return
+        most = self._context.settings().velocity_limits.max_linear
+        if message.percentage:
+            limit = value / 100.0 * most if value < 100.0 else math.inf
+        else:
+            limit = value if value < max(most, _HIGHEST_SPEED) else math.inf
+        if value and not limit:
+            text = "speed_limit is ignored: it is a percentage of cmd_vel_max_linear, which is 0"
+            self._log.warn("value", text)
+            return
         self._log.clear()
         self._limiter.limit(limit or math.inf)  # 0 stands for no limit
+
+    def _refused(self, reason: str) -> None:
+        advice = "publish a higher one on speed_limit, or 0 for none"
+        if not self._driving.stop(GoalEnd(f"{reason}; {advice}")):
+            _LOG.warning("speed_limit: %s", reason)
