@@ -25,6 +25,9 @@ from woosh_robot_agent.ros.standard.poses import check_finite
 _LOG = logging.getLogger(__name__)
 _FOOTPRINT_RATE = 2.0
 """Rate of footprint, in Hz."""
+_BATTERY_RATE = 1.0
+"""Rate of battery_state, in Hz. Robots report the battery every 500 s, and many subscribers, such as
+free_fleet's, ask for no earlier message."""
 _CHARGE = {
     Battery.kNot: BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
     Battery.kManual: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
@@ -104,7 +107,8 @@ class _State(Part):
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
             if that is not possible. A large push is converted in another thread.
         rate: rate at which the last value is repeated with a new stamp while there are
-            subscribers, in Hz, so that viewers draw it at the robot's current pose; 0 for never.
+            subscribers, in Hz, e.g. so that viewers draw it at the robot's current pose; 0 for
+            never.
     """
 
     def __init__(
@@ -184,7 +188,7 @@ class _State(Part):
 
 def battery_part(context: PartContext) -> _State:
     """Return the part that publishes battery_state."""
-    return _State(context, "battery_state", Battery, battery_state)
+    return _State(context, "battery_state", Battery, battery_state, rate=_BATTERY_RATE)
 
 
 def plan_part(context: PartContext) -> _State:
