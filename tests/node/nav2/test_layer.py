@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 
 import pytest
 from rcl_interfaces.srv import GetParameters
 
-from tests.harness import Client, Collector, Program, RunningAgent, wait_until
+from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
 from tests.node.goals import slow_down
 from tests.node.nav2.goals import ABORTED, Nav2Client, go
 from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
+nav2_services = pytest.importorskip("nav2_msgs.srv")
 
 
 def services(client: Client) -> dict[str, str]:
@@ -37,9 +39,22 @@ def test_there_is_everything_in_the_table(client: Client, agent: RunningAgent) -
             there = f"{each.name}/_action/send_goal" in found
             assert there is hasattr(nav2_actions, name), each.name
         elif "service" in each.kind.value:
-            assert found[each.name] == each.type
+            there = package != "nav2_msgs" or hasattr(nav2_services, name)
+            assert found.get(each.name) == (each.type if there else None), each.name
         else:
             assert topics[client.path(each.name)] == [f"{package}/msg/{name}"]
+
+
+def test_there_are_the_definitions_that_basic_navigator_imports() -> None:
+    """They are those of this repository if ROS has none."""
+    actions, services = ["FollowPath", "SmoothPath"], ["ClearEntireCostmap", "GetCostmap"]
+    if not HUMBLE:
+        actions.append("FollowGPSWaypoints")
+        services += ["ClearCostmapAroundRobot", "ClearCostmapExceptRegion"]
+    if os.environ["ROS_DISTRO"] == "kilted":
+        actions += ["ComputeRoute", "ComputeAndTrackRoute"]
+    assert [name for name in actions if not hasattr(nav2_actions, name)] == []
+    assert [name for name in services if not hasattr(nav2_services, name)] == []
 
 
 def test_it_is_off_by_default(

@@ -138,6 +138,15 @@ class TestMapServer:
 
 
 @pytest.mark.usefixtures("agent")
+def test_costmaps_are_cleared_without_an_effect(client: Client, logs: Collector) -> None:
+    clear = class_of("nav2_msgs/ClearEntireCostmap", "srv")
+    for costmap in ("global", "local"):
+        client.call(clear, f"{costmap}_costmap/clear_entirely_{costmap}_costmap")
+    said = [each for each in logs.messages if "costmap has no effect" in each.getMessage()]
+    assert len(said) == 1
+
+
+@pytest.mark.usefixtures("agent")
 class TestAmclPose:
     def test_it_is_latched_and_follows_the_robot(self, client: Client) -> None:
         poses = client.echo(PoseWithCovarianceStamped, "amcl_pose", depth=1)

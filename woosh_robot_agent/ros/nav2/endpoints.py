@@ -48,6 +48,15 @@ def _reading(name: str, type_name: str, meaning: str) -> Nav2Endpoint:
 MANAGERS = ("lifecycle_manager_navigation", "lifecycle_manager_localization")
 """Managers of Nav2's nodes: the first one manages bt_navigator, the second one amcl."""
 
+CLEARING = {
+    "global_costmap/clear_entirely_global_costmap": "ClearEntireCostmap",
+    "local_costmap/clear_entirely_local_costmap": "ClearEntireCostmap",
+    "local_costmap/clear_costmap_except_region": "ClearCostmapExceptRegion",
+    "local_costmap/clear_costmap_around_robot": "ClearCostmapAroundRobot",
+    "local_costmap/clear_costmap_around_pose": "ClearCostmapAroundPose",
+}
+"""Services that clear costmaps, as nav2_simple_commander names them, and their types."""
+
 NAV2 = (
     _action("navigate_to_pose", "NavigateToPose", "`MoveBase` to the pose"),
     _action(
@@ -117,6 +126,10 @@ NAV2 = (
             "navigation cannot be switched off",
         )
         for manager in MANAGERS
+    ),
+    *(
+        _reading(name, f"nav2_msgs/{type_name}", "nothing: the robot keeps no costmap for clients")
+        for name, type_name in CLEARING.items()
     ),
     Nav2Endpoint(
         "amcl_pose",

@@ -20,7 +20,7 @@ from woosh_robot_agent.ros.nav2.navigation import (
 )
 from woosh_robot_agent.ros.nav2.planning import ComputePathThroughPoses, ComputePathToPose
 from woosh_robot_agent.ros.nav2.pose import RobotPose
-from woosh_robot_agent.ros.nav2.servers import Lifecycle, MapServer
+from woosh_robot_agent.ros.nav2.servers import Costmaps, Lifecycle, MapServer
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D
 
@@ -76,6 +76,7 @@ class Nav2Layer:
                 self._actions.append(action(self._context, self._result_timeout))
         Lifecycle(part)
         MapServer(part)
+        Costmaps(part)
         part.robot.thread.spawn(self._teleop.run)
 
     @property

@@ -10,6 +10,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from lifecycle_msgs.msg import State
+from nav2_msgs import srv as nav2_services
 from nav_msgs.msg import OccupancyGrid
 
 from woosh_robot_agent.convert.mapping import class_of
@@ -21,7 +22,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.robot.maps import scene_map
 from woosh_robot_agent.robot.readiness import busy, rejections
 from woosh_robot_agent.ros.bridge import DeferredService, Reply
-from woosh_robot_agent.ros.nav2.endpoints import BY_NAME, MANAGERS
+from woosh_robot_agent.ros.nav2.endpoints import BY_NAME, CLEARING, MANAGERS
 from woosh_robot_agent.ros.qos import RARE_QOS
 from woosh_robot_agent.ros.standard.map import grid
 from woosh_robot_agent.ros.standard.part import PartContext
@@ -179,6 +180,24 @@ class MapServer:
         except (LinkError, ValueError) as error:
             _LOG.warning("map_server: no map: %s", error)
             return OccupancyGrid()
+
+
+class Costmaps:
+    """The services that clear costmaps. They have no effect: the robot notes obstacles by itself.
+
+    Programs call them before they try again, and wait for the answer.
+    """
+
+    def __init__(self, context: PartContext) -> None:
+        self._is_said = False
+        for name, type_name in CLEARING.items():
+            if hasattr(nav2_services, type_name):
+                create_service(context, name, partial(self._clear, name))
+
+    async def _clear(self, name: str, _request: Any, _response: Any) -> None:
+        if not self._is_said:
+            self._is_said = True
+            _LOG.info("%s has no effect: the robot notes obstacles by itself", name)
 
 
 def create_service(

@@ -26,8 +26,8 @@ _LOG = logging.getLogger(__name__)
 _FOOTPRINT_RATE = 2.0
 """Rate of footprint, in Hz."""
 _BATTERY_RATE = 1.0
-"""Rate of battery_state, in Hz. Robots report the battery every 500 s, and many subscribers, such as
-free_fleet's, ask for no earlier message."""
+"""Rate of battery_state, in Hz. Robots report the battery every 500 s, and many subscribers, such
+as free_fleet's, ask for no earlier message."""
 _CHARGE = {
     Battery.kNot: BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
     Battery.kManual: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
