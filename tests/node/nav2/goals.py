@@ -32,6 +32,7 @@ class Nav2Client:
         self._client = client
         action = class_of(BY_NAME[name].type, "action")
         goal = action.Goal(**fields)
+        self._has_text = hasattr(action.Result, "error_msg")
         server = client.action(action, name)
         sent = client.in_executor(
             lambda: server.send_goal_async(
@@ -47,6 +48,21 @@ class Nav2Client:
         assert self._result is not None, "the goal was rejected"
         response = wait_future(self._result)
         return response.status, response.result
+
+    def refusal(self, logs: Collector) -> str:
+        """Return why the goal was refused: the text of its result, or of the log.
+
+        A goal whose result has no text is rejected, because a rejection has none either.
+        """
+        assert self.accepted is self._has_text
+        if not self.accepted:
+            return str(logs.wait(lambda each: "is rejected" in each.getMessage()).getMessage())
+        status, result = self.result()
+        assert status == ABORTED
+        constants = type(result)
+        unknown = getattr(constants, "UNKNOWN", 0)
+        assert result.error_code == getattr(constants, "TF_ERROR", unknown)
+        return str(result.error_msg)
 
     @property
     def done(self) -> bool:

@@ -111,15 +111,25 @@ class TestFrames:
         assert go(client, there).result()[0] == SUCCEEDED
         assert target(simulator) == near(0.0, 0.0, 0.0)
 
-    def test_an_unknown_frame_is_rejected(
-        self, client: Client, simulator: SimulatorThread, logs: Collector, static: Any
+    @pytest.mark.parametrize(
+        ("frame", "text"), [("nowhere", "the frame nowhere with"), ("shelf", "world, which is")]
+    )
+    def test_an_unknown_frame_is_refused(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        logs: Collector,
+        static: Any,
+        frame: str,
+        text: str,
     ) -> None:
         static(transform("world", "shelf"))
-        for frame, text in (("nowhere", "the frame nowhere with"), ("shelf", "world, which is")):
-            goal = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0), ahead(1.0, frame)])
-            assert not goal.accepted
-            logs.wait(lambda record, text=text: text in record.getMessage())
-        assert "pose 1 of 2" in logs.messages[-1].getMessage()
+        goal = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0), ahead(1.0, frame)])
+        refusal = goal.refusal(logs)
+        assert text in refusal
+        assert "pose 1 of 2" in refusal
+        path = Nav2Client(client, "compute_path_to_pose", goal=ahead(1.0, frame))
+        assert text in path.refusal(logs)
         assert simulator.counts["woosh.ros.CallAction"] == 0
 
     def test_other_actions_bring_their_poses_too(
@@ -150,5 +160,4 @@ def test_frames_with_a_prefix(
     goal = go(client, ahead(0.5, "r1/map"))
     goal.feedback.wait(lambda each: each.current_pose.header.frame_id == "r1/map")
     assert goal.result()[0] == SUCCEEDED
-    assert not go(client, ahead(0.5, "map")).accepted
-    logs.wait(lambda record: "give the pose in one of r1/map" in record.getMessage())
+    assert "give the pose in one of r1/map" in go(client, ahead(0.5, "map")).refusal(logs)

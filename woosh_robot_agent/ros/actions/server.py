@@ -39,15 +39,24 @@ class Goal:
         info: id, and time of the acceptance.
         request: the goal as the client gave it.
         published: loop time at which the client sent it, as far as that is known.
+        objection: why it cannot be executed, if the server accepts such goals; otherwise empty.
 
     Attributes:
         status: state of the goal, a constant of action_msgs/GoalStatus.
     """
 
-    def __init__(self, server: GoalServer, info: GoalInfo, request: Any, published: float) -> None:
+    def __init__(
+        self,
+        server: GoalServer,
+        info: GoalInfo,
+        request: Any,
+        published: float,
+        objection: str = "",
+    ) -> None:
         self.info = info
         self.request = request
         self.published = published
+        self.objection = objection
         self.status = GoalStatus.STATUS_EXECUTING
         self._server = server
         self._result: Any = None
@@ -110,7 +119,7 @@ class Goal:
 
 
 class RejectedError(Exception):
-    """A goal is rejected. The text is the reason; it is logged, because ROS cannot transmit it."""
+    """A goal cannot be executed. The text is the reason."""
 
 
 async def _accept(_request: Any) -> None:
@@ -129,6 +138,8 @@ class GoalServer:
         result_timeout: time for which the result of a goal is kept, in seconds.
         check: called with each goal before it is accepted; may change the goal, and raises a
             RejectedError to reject it. By default, every goal is accepted.
+        rejects: False to accept what `check` rejects, too, with the reason as its `objection`: a
+            rejection cannot carry a text.
         services: profile of the services.
         feedback: profile of the feedback.
     """
@@ -143,6 +154,7 @@ class GoalServer:
         result_timeout: float,
         check: Callable[[Any], Awaitable[None]] = _accept,
         *,
+        rejects: bool = True,
         services: QoSProfile = SERVICE_QOS,
         feedback: QoSProfile = FEEDBACK_QOS,
     ) -> None:
@@ -151,6 +163,7 @@ class GoalServer:
         self._node = node
         self._start = start
         self._check = check
+        self._rejects = rejects
         self._checking = asyncio.Lock()
         """Held while a goal is checked, so that goals are accepted in the order of arrival."""
         self._result_timeout = result_timeout
@@ -199,20 +212,23 @@ class GoalServer:
     async def _goal_sent(self, request: Any, reply: Reply, taken: float) -> None:
         response = self.action_type.Impl.SendGoalService.Response()
         published = self._clock.published(*reply.times, taken)
+        objection = ""
         try:
             async with self._checking:
                 await self._check(request.goal)
         except RejectedError as error:
-            _LOG.warning("%s: a goal is rejected: %s", self._name, error)
-            reply.send(response)
-            return
+            if self._rejects:
+                _LOG.warning("%s: a goal is rejected: %s", self._name, error)
+                reply.send(response)
+                return
+            objection = str(error)
         if bytes(request.goal_id.uuid) in self._goals:  # not accepted: the id is in use
             reply.send(response)
             return
         response.accepted = True
         response.stamp = self._node.get_clock().now().to_msg()
         info = GoalInfo(goal_id=request.goal_id, stamp=response.stamp)
-        goal = Goal(self, info, request.goal, published)
+        goal = Goal(self, info, request.goal, published, objection)
         self._goals[_key(info)] = goal
         reply.send(response)
         self._publish_status()

@@ -91,6 +91,7 @@ class Nav2Goal:
 
     Attributes:
         request: the goal as the client gave it.
+        objection: why it cannot be executed; otherwise empty.
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
         started: loop time at which the goal was accepted.
@@ -99,6 +100,7 @@ class Nav2Goal:
     def __init__(self, goal: Goal, action_type: Any, context: Nav2Context) -> None:
         loop = asyncio.get_running_loop()
         self.request = goal.request
+        self.objection = goal.objection
         self.result = action_type.Result()
         self.ended: asyncio.Future[None] = loop.create_future()
         self.started = loop.time()
@@ -358,6 +360,7 @@ class Nav2Action(ABC):
             self._start,
             result_timeout,
             self.check,
+            rejects=not hasattr(self.action_type.Result, "error_msg"),
             services=RARE_QOS,
             feedback=RARE_QOS,
         )
@@ -366,7 +369,8 @@ class Nav2Action(ABC):
         """Check a goal before it is accepted, and transform its poses into the frame of the map.
 
         Raises:
-            RejectedError: the goal cannot be accepted.
+            RejectedError: the goal cannot be executed. It is aborted if its result has a text, and
+                otherwise rejected. The running goal goes on.
         """
 
     @abstractmethod
@@ -404,6 +408,8 @@ class Nav2Action(ABC):
     async def _run(self, goal: Nav2Goal) -> None:
         reason: GoalEnd | None = GoalEnd(STOPPING)
         try:
+            if goal.objection:
+                raise GoalEnd(goal.objection, "TF_ERROR")
             await self._slot.take(goal, navigates=self.navigates)
             await self.execute(goal)
             reason = None
