@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.goals import (
     CALL_ACTION,
+    CANCEL,
     EXECUTING,
     START,
     hurry,
@@ -150,6 +151,35 @@ def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(
     assert distance_to(simulator, 5.0) > 2.0
 
 
+@pytest.mark.parametrize(
+    ("cancel", "text"),
+    [
+        (lambda client, _: client.call(Trigger, "stop"), "cancelled by the service stop"),
+        (lambda client, _: move_base(client, 0.0, CANCEL).result(), "cancelled by ros/MoveBase"),
+        (
+            lambda _, simulator: simulator.call(
+                lambda sim: sim.chassis.actions.cancel("woosh.ros.action.MoveBase")
+            ),
+            "cancelled by the robot itself or another client of it",
+        ),
+    ],
+    ids=["stop", "MoveBase", "another client"],
+)
+def test_a_cancel_of_others_is_explained(
+    client: Client,
+    simulator: SimulatorThread,
+    cancel: Callable[[Client, SimulatorThread], Any],
+    text: str,
+) -> None:
+    slow_down(simulator)
+    goal = go(client, 5.0)
+    goal.feedback.wait(lambda each: each.distance_remaining < 4.8)
+    cancel(client, simulator)
+    status, result = goal.result()
+    assert status == ABORTED
+    assert text in getattr(result, "error_msg", text)
+
+
 def test_a_goal_of_the_agents_own_action_replaces_it(
     client: Client, simulator: SimulatorThread
 ) -> None:
@@ -278,6 +308,13 @@ def test_poses_outside_of_the_map_are_not_reached(client: Client) -> None:
     status, result = through_poses(client, [ahead(1.0), pose(*OUTSIDE)]).result()
     assert status == ABORTED
     assert "no free path" in getattr(result, "error_msg", "no free path")
+
+
+def test_a_refusal_that_may_be_due_to_the_number_of_poses_says_so(client: Client) -> None:
+    status, result = through_poses(client, [ahead(n / 100) for n in range(201)]).result()
+    assert status == ABORTED
+    text = "the goal has 201 poses, which may be too many: send fewer"
+    assert text in getattr(result, "error_msg", text)
 
 
 def test_no_poses_are_no_goal(client: Client) -> None:

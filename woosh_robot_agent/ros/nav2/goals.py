@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +20,15 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.motion import AnsweredCommand, MotionGate
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.ros.action_pb2 import kCancel
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, kRosCancel
+from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util.task_pb2 import kCanceled
+from woosh_robot_agent.robot.code_log import GOAL_CANCEL
 from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.robot.who_drives import command_name
 from woosh_robot_agent.ros.actions.actions import Actions, AgentGoal
 from woosh_robot_agent.ros.actions.goal import Cause, End, Outcome
 from woosh_robot_agent.ros.actions.run import STOPPING
@@ -33,7 +42,11 @@ from woosh_robot_agent.ros.standard.part import PartContext
 _LOG = logging.getLogger(__name__)
 _PERIOD = 0.1
 """Period of feedback, in seconds."""
+_ANSWER_DELAY = 0.1
+"""Maximum time from the report of a cancel to the answer to its request, in seconds."""
 _REPLACED = "replaced by a newer goal"
+_CANCELLED = (kRosCancel, kCanceled)
+"""States in reports on an action or a task that was cancelled."""
 
 
 class GoalEnd(Exception):
@@ -60,21 +73,63 @@ class GoalEnd(Exception):
         self.is_logged = is_logged
 
 
+class Cancels:
+    """Who has cancelled what the robot does, besides the clients of goals. Used in the link thread.
+
+    Args:
+        gate: the gate through which the agent sends cancels.
+    """
+
+    def __init__(self, gate: MotionGate) -> None:
+        self._last = ""
+        """Name of the endpoint that has cancelled something last."""
+        self._time = -math.inf
+        """Loop time of that cancel."""
+        gate.on_stop(lambda: self._note("the service stop"))
+        gate.on_answered(self._answered)
+
+    async def who(self, since: float) -> str:
+        """Return who has cancelled something since a loop time; wait a little for the answer."""
+        clock = asyncio.get_running_loop().time
+        until = clock() + _ANSWER_DELAY
+        while self._time < since:
+            if clock() > until:
+                return "the robot itself or another client of it"
+            await asyncio.sleep(_ANSWER_DELAY / 10)
+        return self._last
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        message = command.message
+        if isinstance(message, CallAction) and (member := message.WhichOneof("action")):
+            is_cancel = getattr(getattr(message, member), "action", None) == kCancel
+        else:
+            is_cancel = isinstance(message, ActionOrder) and message.order == action.kCancel
+        if is_cancel and command.answer.ok and command.source != GOAL_CANCEL:
+            self._note(command_name(command))
+
+    def _note(self, who: str) -> None:
+        self._last, self._time = who, asyncio.get_running_loop().time()
+
+
 class FailedCommand(GoalEnd):
     """The chassis refused or failed to execute a command.
 
     Args:
         end: end of the command.
+        canceller: who has cancelled it; empty if it was not cancelled.
 
     Attributes:
         cause: who decided the end.
         status_code: the status code in the report; 0 without one.
     """
 
-    def __init__(self, end: End) -> None:
+    def __init__(self, end: End, canceller: str) -> None:
         text, code = getattr(end.result, "msg", ""), int(getattr(end.result, "code", 0))
         if code:
             text = f"status code {explained(code, text)}"
+        if canceller:
+            details = "" if text in ("", "cancelled") else f" ({text})"
+            text = f"cancelled by {canceller}{details}"
         text = text or "the chassis ended it, and did not say why"
         super().__init__(text, is_logged=end.cause is Cause.REFUSAL)
         self.cause = end.cause
@@ -184,6 +239,7 @@ class Nav2Goal:
             FailedCommand: the command has failed.
         """
         self.check()
+        sent = asyncio.get_running_loop().time()
         running = self._context.actions.start(command, on_report, self._published)
         self._running, self._published = running, None
         if (older := self._older) is not None:
@@ -199,14 +255,19 @@ class Nav2Goal:
             return
         end = running.ended.result()
         if not self._stop.done():
-            raise FailedCommand(end)
+            raise await self._failure(end, sent)
         reason = self._stop.result()
         if end.outcome is Outcome.CANCELED:
             await self._context.pose.wait_standing()
             raise reason
         if reason.outcome is Outcome.CANCELED or reason.code == "TIMEOUT":
-            raise FailedCommand(end)  # the robot may go on
+            raise await self._failure(end, sent)  # the robot may go on
         raise reason
+
+    async def _failure(self, end: End, sent: float) -> FailedCommand:
+        """Return the failure of a command that was sent at a loop time."""
+        is_cancelled = getattr(end.result, "state", None) in _CANCELLED
+        return FailedCommand(end, await self._context.cancels.who(sent) if is_cancelled else "")
 
     async def follow(self, tick: Callable[[], None], *ends: asyncio.Future[Any]) -> None:
         """Wait until one of some futures is done.
@@ -322,6 +383,8 @@ class Nav2Context:
     """The robot's pose."""
     driving: Slot
     """The place for the goal that moves the robot."""
+    cancels: Cancels
+    """Knows who has cancelled a goal, besides its client."""
 
 
 class Nav2Action(ABC):

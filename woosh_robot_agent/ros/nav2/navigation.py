@@ -46,6 +46,8 @@ _DRIVING = 0.05
 """Speed from which the robot drives, instead of turning, in m/s."""
 _STEADY = 0.02
 """Maximum difference of two successive reports that counts as a steady speed, in m/s."""
+_MANY = 100
+"""Number of poses that a robot may refuse for it. The simulated one accepts 200."""
 _SMOOTHING = 0.02
 """Weight of a reported speed in the average that is the expected speed."""
 
@@ -245,7 +247,7 @@ class NavigateThroughPoses(_Navigation):
         )
         end: GoalEnd | None = None
         try:
-            await goal.drive(command, tick=lambda: self._publish(goal, poses, way))
+            await self._drive(goal, command, poses, way)
         except GoalEnd as reason:
             end = reason
             raise
@@ -253,6 +255,17 @@ class NavigateThroughPoses(_Navigation):
             if hasattr(goal.result, "waypoint_statuses"):
                 passed = len(poses) if end is None else len(poses) - way.stops_left
                 goal.result.waypoint_statuses = _statuses(poses, passed, str(end or ""))
+
+    async def _drive(
+        self, goal: Nav2Goal, command: MoveBase, poses: Sequence[PoseStamped], way: Way
+    ) -> None:
+        try:
+            await goal.drive(command, tick=lambda: self._publish(goal, poses, way))
+        except FailedCommand as failure:
+            if failure.cause is Cause.REFUSAL and len(poses) > _MANY:
+                many = f"the goal has {len(poses)} poses, which may be too many: send fewer"
+                raise GoalEnd(f"{failure}; {many}") from None
+            raise
 
     def _publish(self, goal: Nav2Goal, poses: Sequence[PoseStamped], way: Way) -> None:
         left = way.stops_left

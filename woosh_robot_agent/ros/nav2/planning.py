@@ -79,7 +79,11 @@ class _Planning(Nav2Action):
             code = "TIMEOUT" if isinstance(error, RequestTimeoutError) else "UNKNOWN"
             raise GoalEnd(str(error), code) from None
         if not answer.ok:
-            raise GoalEnd(f"the chassis plans no path: {answer.msg}", "NO_VALID_PATH")
+            here, there = (
+                f"({each.pose.position.x:.2f}, {each.pose.position.y:.2f})" for each in (start, end)
+            )
+            text = f"no free path from {here} to {there}: choose a goal on free floor"
+            raise GoalEnd(f"{text} (the chassis: {answer.msg})", "NO_VALID_PATH")
         # firmware answers with the type NavPath or PlanNavPath; the content is a NavPath
         body = answer.body
         if not isinstance(body, NavPath):
