@@ -48,6 +48,11 @@ def stands(simulator: SimulatorThread) -> bool:
     return not simulator.call(lambda sim: sim.chassis.base.moving)
 
 
+def test_a_spin_by_nothing_succeeds_at_once(client: Client, simulator: SimulatorThread) -> None:
+    assert Nav2Client(client, "spin", target_yaw=0.0).result()[0] == SUCCEEDED
+    assert simulator.counts["woosh.ros.CallAction"] == 0
+
+
 @pytest.mark.parametrize("angle", [1.5, -0.7, 4.0])
 def test_spin(client: Client, simulator: SimulatorThread, angle: float) -> None:
     goal = Nav2Client(client, "spin", target_yaw=angle)

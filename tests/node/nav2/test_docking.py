@@ -8,6 +8,7 @@ from tests.harness import Client, wait_until
 from tests.node.goals import slow_down
 from tests.node.nav2.goals import ABORTED, CANCELED, SUCCEEDED, Nav2Client, pose
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery
 from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -102,7 +103,26 @@ def test_the_way_to_the_charger_takes_too_long(client: Client, simulator: Simula
     assert not simulator.call(lambda sim: sim.chassis.tasks.active)
 
 
+def test_a_robot_in_no_charger_is_not_undocked(client: Client, simulator: SimulatorThread) -> None:
+    """The chassis might back out of where it is."""
+    status, result = Nav2Client(client, "undock_robot").result()
+    assert (status, result.success) == (ABORTED, False)
+    assert result.error_code == nav2_actions.UndockRobot.Result.DOCK_NOT_VALID
+    assert "the robot is in no charger" in result.error_msg
+    assert simulator.counts["woosh.ros.CallAction"] == 0
+
+
+def test_a_robot_that_charges_no_more_is_undocked(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
+    simulator.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kNot))
+    assert Nav2Client(client, "undock_robot").result()[0] == SUCCEEDED
+    assert simulator.call(lambda sim: sim.chassis.charger) is None
+
+
 def test_a_refusal_is_explained(client: Client, simulator: SimulatorThread) -> None:
+    assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
     simulator.set_emergency_stop(True)
     for name in ("dock_robot", "undock_robot"):
         status, result = Nav2Client(client, name).result()

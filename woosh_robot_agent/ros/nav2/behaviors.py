@@ -104,6 +104,8 @@ class Spin(_Behavior):
     name = "spin"
 
     async def execute(self, goal: Nav2Goal) -> None:
+        if not goal.request.target_yaw:
+            return  # the chassis takes 5 s to turn by nothing
         travelled = self.travelled()
         speed = min(_TURN_SPEED, self.context.part.settings().velocity_limits.max_angular)
         await self.step(

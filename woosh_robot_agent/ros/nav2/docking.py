@@ -23,7 +23,7 @@ from woosh_robot_agent.ros.nav2.navigation import bring_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
 _NEAR = 1.0
-"""Maximum distance between `dock_pose` and its charger, in metres."""
+"""Maximum distance between `dock_pose`, or a docked robot, and its charger, in metres."""
 _PHASES = {
     action.kNav: ("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
     action.kSecondposEnter: ("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
@@ -33,7 +33,36 @@ _PHASES = {
 """By the action of the charging task: state in the feedback, and error code if it fails."""
 
 
-class DockRobot(Nav2Action):
+class _Docking(Nav2Action):
+    """An action that concerns chargers."""
+
+    @property
+    def is_charging(self) -> bool:
+        """True if the robot reports that it is charging."""
+        battery = self.context.part.robot.last_known.value(Battery)
+        return battery is not None and is_charging(battery)
+
+    async def chargers(self) -> dict[str, tuple[float, float]]:
+        """Return the positions of the chargers in the map, by their marks.
+
+        Raises:
+            GoalEnd: the chassis does not answer.
+        """
+        robot = self.context.part.robot
+        try:
+            answer = await robot.chassis.request(
+                robot.requests.address(storage_edit_pb2.Storages())
+            )
+        except LinkError as error:
+            raise GoalEnd(str(error)) from None
+        found: dict[str, tuple[float, float]] = {}
+        for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
+            pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
+            found[charger.identity.no] = (pose.x, pose.y)
+        return found
+
+
+class DockRobot(_Docking):
     """Docks the robot at a charger by a task of the chassis; succeeds when the robot charges."""
 
     name = "dock_robot"
@@ -71,16 +100,12 @@ class DockRobot(Nav2Action):
                 ExecTask(type=task.kCharge, mark_no=mark),
                 tick=publish,
                 on_report=reported,
-                is_done=lambda: phase == action.kCharge and self._is_charging(),
+                is_done=lambda: phase == action.kCharge and self.is_charging,
             )
         except GoalEnd as end:
             if end.code == "UNKNOWN":
                 end.code = _PHASES[phase][1]
             raise
-
-    def _is_charging(self) -> bool:
-        battery = self.context.part.robot.last_known.value(Battery)
-        return battery is not None and is_charging(battery)
 
     async def _find(self, request: Any) -> str:
         """Return the mark of the requested charger; empty if the robot must choose a charger.
@@ -88,7 +113,7 @@ class DockRobot(Nav2Action):
         Raises:
             GoalEnd: there is no such charger.
         """
-        chargers = await self._chargers()
+        chargers = await self.chargers()
         if not request.use_dock_id:
             pose = from_pose(request.dock_pose.pose)
             distance, mark = _nearest(chargers, pose)
@@ -109,25 +134,6 @@ class DockRobot(Nav2Action):
             )
         return str(request.dock_id)
 
-    async def _chargers(self) -> dict[str, tuple[float, float]]:
-        """Return the positions of the chargers in the map, by their marks.
-
-        Raises:
-            GoalEnd: the chassis does not answer.
-        """
-        robot = self.context.part.robot
-        try:
-            answer = await robot.chassis.request(
-                robot.requests.address(storage_edit_pb2.Storages())
-            )
-        except LinkError as error:
-            raise GoalEnd(str(error)) from None
-        found: dict[str, tuple[float, float]] = {}
-        for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
-            pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
-            found[charger.identity.no] = (pose.x, pose.y)
-        return found
-
 
 def _nearest(chargers: Mapping[str, tuple[float, float]], pose: Pose2D) -> tuple[float, str]:
     """Return the distance to the nearest charger, and its mark; (inf, "") without chargers."""
@@ -135,7 +141,7 @@ def _nearest(chargers: Mapping[str, tuple[float, float]], pose: Pose2D) -> tuple
     return min(distances, default=(math.inf, ""))
 
 
-class UndockRobot(Nav2Action):
+class UndockRobot(_Docking):
     """Ends a charging task, and backs the robot out of the charger."""
 
     name = "undock_robot"
@@ -147,6 +153,7 @@ class UndockRobot(Nav2Action):
         most = float(goal.request.max_undocking_time)
         late = f"undocking has taken longer than max_undocking_time, {most:g} s"
         goal.limit(most, GoalEnd(late, "TIMEOUT"))
+        await self._check_docked()
         await self._end_task(goal)
         command = ChargeControl(execute_mode=ChargeControl.kExit, action=kExecute)
         try:
@@ -155,6 +162,25 @@ class UndockRobot(Nav2Action):
             if end.code == "UNKNOWN":
                 end.code = "FAILED_TO_CONTROL"
             raise
+
+    async def _check_docked(self) -> None:
+        """Check that the robot is in a charger, or on its way: it may charge no more when full.
+
+        Raises:
+            GoalEnd: it is not.
+        """
+        if self.is_charging or self._charges():
+            return
+        here = self.context.pose.pose
+        if here is None:
+            raise GoalEnd("the robot's pose is not known: wait for the link to the robot")
+        distance, _ = _nearest(await self.chargers(), here)
+        if distance > _NEAR:
+            raise GoalEnd(
+                f"the robot is in no charger: it does not charge, and there is none within "
+                f"{_NEAR:g} m of it",
+                "DOCK_NOT_VALID",
+            )
 
     async def _end_task(self, goal: Nav2Goal) -> None:
         """Cancel a charging task, and wait for its end.
