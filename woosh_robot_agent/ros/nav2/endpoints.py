@@ -98,8 +98,8 @@ NAV2 = (
     _action(
         "undock_robot",
         "UndockRobot",
-        "cancels a charging task, and backs out of the charger by `ChargeControl`; fails if the robot "
-        "is in no charger",
+        "cancels a charging task, and backs out of the charger by `ChargeControl`; fails if the "
+        "robot is in no charger",
     ),
     Nav2Endpoint(
         "map_server/load_map",
