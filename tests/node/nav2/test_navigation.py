@@ -67,6 +67,16 @@ def stands(simulator: SimulatorThread) -> bool:
     return not simulator.call(lambda sim: sim.chassis.base.moving)
 
 
+def driving(
+    client: Client, simulator: SimulatorThread, name: str = "navigate_to_pose", **fields: Any
+) -> Nav2Client:
+    """Start a goal, 5 m ahead by default, in real time, and wait until the robot drives."""
+    slow_down(simulator)
+    goal = Nav2Client(client, name, **(fields or {"pose": ahead(5.0)}))
+    wait_until(lambda: not stands(simulator), "the robot drives")
+    return goal
+
+
 def test_the_robot_drives_to_the_pose(client: Client, simulator: SimulatorThread) -> None:
     goal = go(client, 1.0)
     status, result = goal.result()
@@ -98,9 +108,7 @@ def test_feedback_falls_while_the_robot_drives(client: Client, simulator: Simula
 def test_a_cancel_ends_cancelled_and_the_robot_stands(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    slow_down(simulator)
-    goal = go(client, 5.0)
-    goal.feedback.wait(lambda each: each.distance_remaining < 4.7)
+    goal = driving(client, simulator)
     assert goal.cancel().goals_canceling
     status, result = goal.result()
     assert (status, getattr(result, "error_code", 0)) == (CANCELED, 0)
@@ -111,9 +119,7 @@ def test_a_cancel_ends_cancelled_and_the_robot_stands(
 def test_a_new_goal_replaces_the_running_one_without_a_stop(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    slow_down(simulator)
-    first = go(client, 5.0)
-    first.feedback.wait(lambda each: each.distance_remaining < 4.8)
+    first = driving(client, simulator)
     second = go(client, 1.0)
     hurry(simulator)
     assert first.result()[0] == ABORTED
@@ -125,9 +131,7 @@ def test_a_new_goal_replaces_the_running_one_without_a_stop(
 def test_goals_of_different_actions_replace_each_other(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    slow_down(simulator)
-    waypoints = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
-    waypoints.feedback.wait(lambda each: each.current_waypoint == 0)
+    waypoints = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
     to_pose = go(client, 0.5)
     assert waypoints.result()[0] == ABORTED
     spin = Nav2Client(client, "spin", target_yaw=0.5)
@@ -139,9 +143,7 @@ def test_goals_of_different_actions_replace_each_other(
 def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    slow_down(simulator)
-    first = go(client, 5.0)
-    first.feedback.wait(lambda each: each.distance_remaining < 4.8)
+    first = driving(client, simulator)
     simulator.inject("refuse", type=CALL_ACTION, text="not there", count=1)
     status, result = go(client, 1.0).result()
     assert status == ABORTED
@@ -171,9 +173,7 @@ def test_a_cancel_of_others_is_explained(
     cancel: Callable[[Client, SimulatorThread], Any],
     text: str,
 ) -> None:
-    slow_down(simulator)
-    goal = go(client, 5.0)
-    goal.feedback.wait(lambda each: each.distance_remaining < 4.8)
+    goal = driving(client, simulator)
     cancel(client, simulator)
     status, result = goal.result()
     assert status == ABORTED
@@ -183,9 +183,7 @@ def test_a_cancel_of_others_is_explained(
 def test_a_goal_of_the_agents_own_action_replaces_it(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    slow_down(simulator)
-    goal = go(client, 5.0)
-    goal.feedback.wait(lambda each: each.distance_remaining < 4.8)
+    goal = driving(client, simulator)
     other = move_base(client, 1.0)
     status, result = goal.result()
     assert status == ABORTED
@@ -372,9 +370,9 @@ def test_waypoints_end_when_something_stops_the_robot(
 ) -> None:
     """Also if the robot could drive again by the time that the agent hears of it."""
     prevent, permit = PREVENTIONS[prevention]
-    slow_down(simulator)
-    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0), ahead(2.0)])
-    wait_until(lambda: not stands(simulator), "the robot drives")
+    goal = driving(
+        client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0), ahead(2.0)]
+    )
     injected = simulator.inject(fault) if fault != "none" else None
     prevent(simulator)
     permit(simulator)
@@ -402,9 +400,7 @@ def test_waypoints_end_when_something_stops_the_robot(
 def test_a_waypoint_is_missed_only_for_its_pose(
     client: Client, simulator: SimulatorThread, report: dict[str, Any], is_missed: bool
 ) -> None:
-    slow_down(simulator)
-    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(0.3)])
-    wait_until(lambda: not stands(simulator), "the robot drives")
+    goal = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(0.3)])
     end = ros_pack_pb2.Feedback(
         action="woosh.ros.action.MoveBase", state=ros_pack_pb2.kRosFailure, **report
     )
@@ -423,9 +419,7 @@ def test_a_robot_that_accepts_no_tasks_misses_no_waypoints(
 
 
 def test_waypoints_are_cancelled(client: Client, simulator: SimulatorThread) -> None:
-    slow_down(simulator)
-    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
-    goal.feedback.wait(lambda _: True)
+    goal = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
     goal.cancel()
     assert goal.result()[0] == CANCELED
     assert stands(simulator)
@@ -433,9 +427,7 @@ def test_waypoints_are_cancelled(client: Client, simulator: SimulatorThread) -> 
 
 
 def test_the_service_stop_ends_waypoints(client: Client, simulator: SimulatorThread) -> None:
-    slow_down(simulator)
-    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
-    goal.feedback.wait(lambda _: True)
+    goal = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
     assert client.call(Trigger, "stop").success
     status, result = goal.result()
     assert (status, missed(result)) == (ABORTED, [])

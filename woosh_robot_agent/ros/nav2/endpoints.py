@@ -142,8 +142,8 @@ NAV2 = (
         "speed_limit",
         "nav2_msgs/SpeedLimit",
         Kind.INPUT,
-        "limits the speed of each navigation; a percentage refers to `cmd_vel_max_linear`, and 100 % "
-        "is no limit",
+        "limits the speed of each navigation; a percentage refers to `cmd_vel_max_linear`, and "
+        "100 % is no limit",
     ),
     Nav2Endpoint(
         "cmd_vel_teleop",
