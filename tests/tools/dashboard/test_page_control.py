@@ -389,6 +389,23 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
 
 
 @aio
+@pytest.mark.parametrize("how", ["release", "watch"])
+async def test_a_press_does_not_take_the_control_again_that_was_given_back(
+    chassis: SimulatorThread, how: str
+) -> None:
+    async with controlled(chassis) as viewer:
+        await hold(viewer, lambda: is_driving(chassis))
+        await viewer.send(do=how, robot=0)
+        await viewer.until(lambda parts: parts["control"]["owner"] is None)
+        await eventually(lambda: is_stopped_by_zero(chassis))
+        sent = chassis.counts[TWIST]
+        await viewer.drive(0.3)
+        assert await viewer.command("stop")  # its reply comes after the velocity
+        assert chassis.counts[TWIST] == sent + 1
+        assert viewer.parts["control"]["owner"] is None
+
+
+@aio
 async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await hold(viewer, lambda: is_driving(chassis))

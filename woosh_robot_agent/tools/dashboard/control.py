@@ -234,9 +234,10 @@ class Control:
         self._stick.drive(linear, 0.0, angular)
 
     def release(self, viewer: Viewer) -> None:
-        """Take the control from a viewer, and stop the robot if the viewer's stick drives it."""
+        """Take the control from a viewer that has it, and end the press of its stick."""
         if viewer is self.owner:
             self._stick.drive(0.0, 0.0, 0.0)
+            viewer.ended_press = max(viewer.ended_press, self._press)
             self.owner = None
             self._press = -1
             self._robot.parts.changed()

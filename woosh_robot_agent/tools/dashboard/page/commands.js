@@ -1,6 +1,6 @@
 // Actions of the viewer: commands, STOP, the choice of a robot, of a target, of a pose.
 
-import { batch, effect } from "./vendor/preact.js";
+import { batch } from "./vendor/preact.js";
 import { Connection } from "./connection.js";
 import * as store from "./store.js";
 import { say } from "./texts.js";
@@ -23,7 +23,7 @@ let standingSince = 0; // time since which the robot is seen to stand still
  */
 function received(name, data) {
   if (name === "stick") {
-    store.held.value = null;
+    store.letGo();
     tell(false, data);
     return;
   }
@@ -75,7 +75,7 @@ export async function run(name, args = {}) {
 }
 
 export async function stop() {
-  store.held.value = null;
+  store.letGo();
   const { robot } = connection;
   tell(true, { key: "reply.stopping", values: {} }, robot);
   const { ok, text } = await connection.stop();
@@ -109,8 +109,9 @@ function checkAlarm() {
 /** @param {number} index */
 export function chooseRobot(index) {
   if (index === store.chosen.value) return;
+  store.letGo();
   batch(() => {
-    store.held.value = null;
+    store.keyboard.value = false; // the arrow keys were switched on for the former robot
     store.chosen.value = index;
     store.forget();
   });
@@ -118,6 +119,7 @@ export function chooseRobot(index) {
 }
 
 export function release() {
+  store.letGo();
   connection.send({ do: "release" });
 }
 
@@ -172,7 +174,3 @@ export async function confirmPose() {
   const pose = store.draft.value;
   if (pose && (await run("setPose", pose))) forgetTarget();
 }
-
-effect(() => {
-  if (store.outdated.value) store.held.value = null;
-});

@@ -110,6 +110,22 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {{path: number[][], length: number} | {error: string} | null} plan null while it is asked
  */
 /** @typedef {{ok: boolean, text: import("./texts.js").Text, time: number, robot: number}} Answer */
+/**
+ * @typedef {object} Grip
+ * @property {number} id of the pointer
+ * @property {Point} start where it went down, in pixels
+ * @property {number} right its distance from there, of the stick's radius
+ * @property {number} up
+ */
+
+const DEAD_ZONE = 0.12; // of the stick's radius
+/** @type {Record<string, [number, number]>} distances to the right and up, by the code of the key */
+export const KEYS = {
+  ArrowUp: [0, 1],
+  ArrowDown: [0, -1],
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+};
 
 /**
  * @template T
@@ -189,8 +205,18 @@ export const alarms = state(
 );
 /** True if the arrow keys drive. */
 export const keyboard = state(false);
+/** The pointer that holds the stick; null without one. */
+export const grip = state(/** @type {Grip | null} */ (null));
+/** Codes of the arrow keys that are down and drive. */
+export const keys = state(/** @type {ReadonlySet<string>} */ (new Set()));
 /** Velocity that the stick or the keys ask for; null while nothing is held. */
-export const held = state(/** @type {{linear: number, angular: number} | null} */ (null));
+export const held = computed(() => {
+  if (grip.value) return stickVelocity(grip.value.right, grip.value.up);
+  if (!keys.value.size) return null;
+  const pressed = [...keys.value].map((code) => KEYS[code]);
+  const [right, up] = [0, 1].map((axis) => pressed.reduce((sum, each) => sum + each[axis], 0));
+  return stickVelocity(right, up);
+});
 
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
 export const mine = computed(() => control.value !== null && control.value.owner === you.value);
@@ -240,6 +266,29 @@ export function receiveScan(buffer) {
     points[count++] = left + range * Math.sin(angle);
   }
   scan.value = { pose: { x, y, theta }, points: points.subarray(0, count) };
+}
+
+/**
+ * Return the velocity for the distance of a pointer from where it went down.
+ * @param {number} right of the stick's radius
+ * @param {number} up of the stick's radius
+ */
+function stickVelocity(right, up) {
+  const { linear, angular } = control.value?.limits ?? { linear: 0, angular: 0 };
+  const dead = (/** @type {number} */ value) => (Math.abs(value) < DEAD_ZONE ? 0 : value);
+  return {
+    linear: dead(up) * linear,
+    // backwards, the robot still moves to the side to which the stick points
+    angular: -dead(right) * angular * (up < -DEAD_ZONE ? -1 : 1),
+  };
+}
+
+/** Stop driving by hand. A pointer or a key that is still down drives no more. */
+export function letGo() {
+  batch(() => {
+    grip.value = null;
+    keys.value = new Set();
+  });
 }
 
 /** Forget everything about the former robot, because the viewer has chosen another one. */
