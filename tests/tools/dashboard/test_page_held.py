@@ -1,4 +1,4 @@
-"""Driving by hand ends with whatever ends the hold, and a press that has ended never drives again."""
+"""Driving by hand: whatever may hide the end of a press ends it, and it never drives again."""
 
 from __future__ import annotations
 
@@ -141,9 +141,7 @@ def test_a_key_is_known_by_its_place_whatever_it_means_when_it_is_let_go(
 
 
 @pytest.mark.parametrize("end", ["another button", "lost release", "another place", "Tab"])
-def test_the_held_stick_drives_no_more_after(
-    robot: SimulatedPage, browser: Any, end: str
-) -> None:
+def test_the_held_stick_drives_no_more_after(robot: SimulatedPage, browser: Any, end: str) -> None:
     hold_stick(browser, robot)
     x, y = middle(browser, "#stick")
     if end == "another button":

@@ -69,5 +69,8 @@ addEventListener("blur", store.letGo);
 addEventListener("pagehide", store.letGo);
 document.addEventListener("visibilitychange", () => document.hidden && store.letGo());
 effect(() => {
-  if (!store.keyboard.value || store.outdated.value) store.letGo();
+  if (store.outdated.value) store.letGo();
+});
+effect(() => {
+  if (!store.keyboard.value) store.letGo();
 });
