@@ -175,8 +175,11 @@ class Page:
         """Send a command, and wait for the reply.
 
         On a busy machine, the connection to the dashboard or to the robot may be too slow for a
-        moment.
+        moment. Places are on the map that the robot uses, unless `args` name another one.
         """
+        if name in ("go", "goMark", "setPose"):
+            used = await self.until(lambda parts: parts["robot"])
+            args = {"scene": used["scene"], "map": used["map"], **args}
         while True:
             clock = await self.until(lambda parts: parts.pop("clock", 0))
             self._commands += 1

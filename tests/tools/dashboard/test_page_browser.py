@@ -162,6 +162,7 @@ def test_a_mark_is_found_by_its_name_and_has_a_kind_of_task(
     eventually(lambda: "Cancelled" in text(browser, "#ended"), "the end")
     assert not is_enabled(browser, ".panel #cancel")
     press(browser, "#ended button")  # repeat
+    go(browser)
     eventually(lambda: "K10" in text(browser, "#running"), "the task again")
 
 
@@ -213,6 +214,78 @@ def test_the_pose_is_shown_with_the_laser_before_it_is_told(
     pose = told().pose
     assert math.dist((pose.x, pose.y), _PLACE) < 0.1
     assert pose.theta == pytest.approx(math.pi / 2 + math.radians(1), abs=0.005)
+
+
+def switch_map(driver: Any, scene: str) -> None:
+    """Let the robot use the map of another scene, as another program may, and find itself there."""
+    run = f"connection.command('switchMap', {{scene: {scene!r}, map: {scene!r}}})"
+    known = f"store.robot.value.map === {scene!r} && store.map.value.name === {scene!r}"
+    again_if_slow(
+        driver, lambda: script(driver, run), lambda: script(driver, known), "the other map"
+    )
+    pose = "connection.command('setPose', {x: 1, y: 1, theta: 0, ...store.shownMap.value})"
+    is_ready = "store.robot.value.objections.length === 0"
+    again_if_slow(
+        driver, lambda: script(driver, pose), lambda: script(driver, is_ready), "the pose"
+    )
+
+
+def test_what_was_about_to_be_done_on_a_map_ends_with_it(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    press(browser, "#marks li:nth-child(2) button")
+    eventually(lambda: " m" in text(browser, "#now .way"), "the way")
+    switch_map(browser, "scenex")
+    assert script(browser, "store.target.value") is None
+    show(browser, "map")
+    press(browser, "#set-pose")
+    click_at(browser, 1.0, 1.0, drag=(0, -60))
+    eventually(lambda: script(browser, "store.draft.value !== null"), "the pose")
+    switch_map(browser, "wooshmap")
+    assert script(browser, "store.draft.value") is None
+    # while the picture of the former map is still shown, its places are not sent
+    script(browser, "store.map.value = {...store.map.value, name: 'scenex', scene: 'scenex'}")
+    click_at(browser, *_PLACE)
+    press(browser, "#go")
+    eventually(lambda: "another map" in text(browser, "#answer"), "the refusal")
+    assert robot.call(lambda simulator: simulator.counts[full_name(ExecTask)]) == 0
+
+
+def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    def sent() -> int:
+        return robot.call(lambda simulator: simulator.counts[full_name(ExecTask)])
+
+    repeat = "#ended li:first-child .quiet"
+    give = (
+        "connection.command('goMark', {mark: 'A2', type: 'carry', number: 2, direction: 'feeding',"
+        " ...store.shownMap.value})"
+    )
+    show(browser, "tasks")
+    again_if_slow(
+        browser, lambda: script(browser, give), lambda: text(browser, "#running"), "the task"
+    )
+    press(browser, "#panel #cancel")
+    eventually(lambda: is_enabled(browser, repeat), "its end")
+    before = sent()
+    press(browser, repeat)
+    eventually(lambda: " m" in text(browser, "#now .way"), "the way")
+    kind = "document.querySelector('#kind').selectedOptions[0].innerText"
+    assert script(browser, kind) == "Carry: unload a trailer or trolley"
+    assert script(browser, "document.querySelector('#direction').value") == "feeding"
+    assert sent() == before
+    go(browser)
+    eventually(lambda: sent() == before + 1, "the task")
+    again = robot.call(lambda simulator: simulator.last(full_name(ExecTask)))
+    assert (again.mark_no, again.type, again.task_type_no) == ("A2", task.kCarry, 2)
+    assert again.direction == task.kFeeding
+    press(browser, "#panel #cancel")
+    eventually(lambda: is_enabled(browser, repeat), "its end")
+    switch_map(browser, "scenex")
+    assert not is_enabled(browser, repeat)
+    title = f"document.querySelector({repeat!r}).title"
+    assert script(browser, title) == "A2 is on another map"
 
 
 def test_a_failed_task_has_its_time_and_its_reason(robot: SimulatedPage, browser: Any) -> None:

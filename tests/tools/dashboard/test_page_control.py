@@ -278,6 +278,25 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
         await hold(viewer, lambda: is_driving(chassis))
 
 
+@pytest.mark.parametrize(
+    ("name", "shown", "sent"),
+    [("go", "Go", ExecTask), ("goMark", "Go", ExecTask), ("setPose", "Set pose", SetRobotPose)],
+)
+@aio
+async def test_a_place_of_another_map_is_not_sent(
+    chassis: SimulatorThread, name: str, shown: str, sent: Any
+) -> None:
+    place = {"mark": "A2"} if name == "goMark" else {"x": 0.0, "y": 0.0, "theta": 0.0}
+    async with controlled(chassis) as viewer:
+        for other in ({"map": "scenex"}, {"scene": "scenex"}, {"map": None}):
+            reason = "the robot uses another map than the page has shown: wooshmap"
+            answer = await viewer.command(name, **{**place, **other})
+            assert answer == (False, f"{shown} was not sent: {reason}")
+        assert chassis.counts[full_name(sent)] == 0
+        ok, reason = await viewer.command(name, **place)
+        assert ok, reason
+
+
 @pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])
 @aio
 async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -> None:

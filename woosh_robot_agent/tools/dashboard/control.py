@@ -107,6 +107,8 @@ class Control:
        or a gap between the velocities ends the press. Only another press drives again.
     7. A robot that hangs may execute a command later. While it sends nothing, it gets no command
        that may start a motion.
+    8. The page sends a place with the map that it shows. The robot gets the place only if it uses
+       this map.
 
     Args:
         robot: the robot.
@@ -194,6 +196,8 @@ class Control:
         request = command.request(args, self._robot.view.info) if command else None
         limit = self._speed_in(args) if command is None else None
         reason = self._outdated(clock) or self._robot.no_data
+        if command and command.on_map:
+            reason = reason or self._other_map(args)
         if reason and not (command and command.interrupts):
             raise CommandError(Text("reply.notSent", command=_name(name), reason=reason))
         if reason := self._claim(viewer):
@@ -273,6 +277,13 @@ class Control:
         if known <= self._stopped_at:
             return Text("reason.stoppedMeanwhile")
         return None
+
+    def _other_map(self, args: Args) -> Text | None:
+        """Return the reason if a place is on another map than the robot; None if it is not."""
+        used = self._robot.view.info.scene
+        if (args.get("scene"), args.get("map")) == (used.scene_name, used.map_name):
+            return None
+        return Text("reason.otherMap", map=used.map_name)
 
     @property
     def _gap(self) -> float:

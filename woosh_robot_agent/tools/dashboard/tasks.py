@@ -33,6 +33,8 @@ class _Task:
         by: source of the task: the viewer's name, or a name as in `Driver`; empty if unknown.
         known: True if the robot has accepted or reported the task.
         report: last report about the task; without a state, the end of the task was not seen.
+        scene: scene that the robot used when the task was given or first seen; empty if unknown.
+        map: map that the robot used then.
         begun: Unix time at which the task was given or first seen, in milliseconds; 0 if unknown.
         changed: Unix time at which the task got its present state, in milliseconds.
     """
@@ -41,6 +43,8 @@ class _Task:
     by: str = ""
     known: bool = False
     report: TaskProc = field(default_factory=TaskProc)
+    scene: str = ""
+    map: str = ""
     begun: int = 0
     changed: int = 0
 
@@ -80,6 +84,7 @@ class TaskLog:
             args: arguments of the command.
         """
         given = _Task({"name": command, "args": dict(args)}, by, begun=part_data.now())
+        self._note_map(given)
         self._tasks[task_id] = given
 
     def answered(self, task_id: int, ok: bool) -> None:
@@ -116,11 +121,16 @@ class TaskLog:
             known = self._tasks[report.robot_task_id] = _Task()
             if is_running(report):
                 known.begun = now
-                # later, because `WhoDrives` must process this report first
+                self._note_map(known)
+                # after the other consumers of this report, which know who drives
                 asyncio.get_running_loop().call_soon(self._ask_driver, known)
         if known.report.state != report.state:
             known.changed = now
         known.known, known.report = True, report
+
+    def _note_map(self, known: _Task) -> None:
+        used = self._robot.view.info.scene
+        known.scene, known.map = used.scene_name, used.map_name
 
     def _ask_driver(self, known: _Task) -> None:
         if known.runs and self._robot.chassis.state is LinkState.READY:
@@ -144,6 +154,8 @@ class TaskLog:
             "running": each.runs,
             "text": report.msg,
             "code": self._failure(report) if failed else None,
+            "scene": each.scene,
+            "map": each.map,
             "begun": each.begun,
             "changed": each.changed,
             "by": each.by,

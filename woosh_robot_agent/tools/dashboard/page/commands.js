@@ -1,6 +1,6 @@
 // Actions of the viewer: commands, STOP, the choice of a robot, of a target, of a pose.
 
-import { batch } from "./vendor/preact.js";
+import { batch, computed } from "./vendor/preact.js";
 import { Connection } from "./connection.js";
 import * as store from "./store.js";
 import { say } from "./texts.js";
@@ -172,5 +172,11 @@ export function startPose() {
 /** Send the pose that the viewer has set to the robot. */
 export async function confirmPose() {
   const pose = store.draft.value;
-  if (pose && (await run("setPose", pose))) forgetTarget();
+  if (pose && (await run("setPose", { ...pose, ...store.shownMap.value }))) forgetTarget();
 }
+
+const maps = computed(() => {
+  const { scene, map } = store.robot.value ?? {};
+  return JSON.stringify([store.shownMap.value, scene, map]);
+});
+maps.subscribe(forgetTarget); // places of one map mean nothing on another one

@@ -47,6 +47,8 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {boolean} running
  * @property {string} text
  * @property {Code | null} code
+ * @property {string} scene empty if it is not known on which map the task is
+ * @property {string} map
  * @property {number} begun Unix time in milliseconds; 0 if the begin was not seen
  * @property {number} changed
  * @property {string} by
@@ -56,6 +58,8 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @typedef {object} Area the map, as far as it is known
  * @property {number} number
  * @property {string} error
+ * @property {string} [scene]
+ * @property {string} [name]
  * @property {number} [resolution]
  * @property {Pose} [origin]
  * @property {boolean} [keepout]
@@ -108,7 +112,9 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {string} [mark]
  * @property {Pose} [pose]
  * @property {{path: number[][], length: number} | {error: string} | null} plan null while it is asked
+ * @property {TaskKind} [kind] what shall be done there, as far as it is known
  */
+/** @typedef {{type: string, number: number, direction: string}} TaskKind */
 /** @typedef {{ok: boolean, text: import("./texts.js").Text, time: number, robot: number}} Answer */
 /**
  * @typedef {object} Grip
@@ -217,6 +223,13 @@ export const held = computed(() => {
   const [right, up] = [0, 1].map((axis) => pressed.reduce((sum, each) => sum + each[axis], 0));
   return stickVelocity(right, up);
 });
+
+/** Scene and map that are shown; without a picture, those that the robot uses. */
+export const shownMap = computed(() =>
+  map.value?.resolution
+    ? { scene: map.value.scene ?? "", map: map.value.name ?? "" }
+    : { scene: robot.value?.scene ?? "", map: robot.value?.map ?? "" },
+);
 
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
 export const mine = computed(() => control.value !== null && control.value.owner === you.value);

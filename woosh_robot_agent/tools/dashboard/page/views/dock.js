@@ -151,7 +151,7 @@ function Preview() {
       <p>${about.filter(Boolean).join(" · ")}</p>
     </div>
     <div class="act">
-      ${may && html`<${TaskOptions} key=${to} target=${target} command=${command} />`}
+      ${may && html`<${TaskOptions} key=${`${to} ${JSON.stringify(target.kind)}`} target=${target} command=${command} />`}
       <${Dismiss} />
     </div>`;
 }

@@ -82,6 +82,9 @@ export function destination(task) {
   return t("task.number", { id: task.id });
 }
 
+/** Kinds of tasks that the page gives. */
+export const TYPES = ["pick", "parking", "charge", "carry"];
+
 /** @param {string} type of a task */
 export function taskType(type) {
   return tOr(`type.${type}`, type);
