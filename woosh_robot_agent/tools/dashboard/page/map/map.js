@@ -116,10 +116,15 @@ export class MapCanvas {
     this.zoom(1 / ZOOM_STEP);
   }
 
-  /** Say what lies over the canvas, so that `fit` leaves it free. @param {import("./view.js").Inset} inset */
+  /**
+   * Say what lies over the canvas. A map that is shown as a whole is shown beside it, unless somebody
+   * presses it just now.
+   * @param {import("./view.js").Inset} inset
+   */
   setInset(inset) {
     this.view.inset = inset;
-    this.redraw();
+    if (this.whole && !this.pointers.size) this.fit();
+    else this.redraw();
   }
 
   followRobot() {
