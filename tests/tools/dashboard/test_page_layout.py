@@ -226,6 +226,39 @@ def test_a_whole_map_stays_beside_what_lies_over_it_until_somebody_moves_it(
         assert script(browser, "mapCanvas.view.scale") == scale
 
 
+@pytest.mark.parametrize("width", [1440, 390])
+def test_the_bar_stands_still_when_its_numbers_get_more_digits(
+    shared_browser: SharedBrowser, width: int
+) -> None:
+    change = """(({delay, power}) => {
+        store.link.value = {...store.link.value, delay};
+        const {battery} = store.robot.value;
+        store.robot.value = {...store.robot.value, battery: {...battery, power}};
+        return new Promise((resolve) => setTimeout(() => requestAnimationFrame(() => resolve(
+          [...document.querySelectorAll(".chip")].map((each) => each.getBoundingClientRect().x)
+        ))));
+      })(%s)
+    """
+    with served(1) as page_, opened(shared_browser, page_.url, width, 900) as browser:
+        numbers = ("{delay: 4, power: 7}", "{delay: 45, power: 70}", "{delay: 4567, power: 100}")
+        places = [script(browser, change % each) for each in numbers]
+        assert len(places[0]) == 4
+        assert places[0] == places[1] == places[2]
+
+
+def test_an_unconfirmed_stop_and_a_lost_link_are_counted_as_alarms(
+    shared_browser: SharedBrowser,
+) -> None:
+    with served(1) as page_, opened(shared_browser, page_.url, 1440, 900) as browser:
+        assert text(browser, "button.chip") == "0 alarms"
+        page_.robots[0].stop_listening()
+        eventually(lambda: text(browser, "button.chip") == "1 alarm", "the lost link")
+        press(browser, "#stop")
+        eventually(lambda: text(browser, "#alarm"), "the unconfirmed stop")
+        assert text(browser, "button.chip") == "2 alarms"
+        assert "bad" in element(browser, "button.chip").get_attribute("class")
+
+
 _SMALL_TARGETS = """[...document.querySelectorAll("button, select, input, summary, [role=tab]")]
   .map((each) => [each, (each.closest("label") ?? each).getBoundingClientRect()])
   .filter(([, box]) => box.width && (box.height < 43.5 || box.width < 43.5))
