@@ -586,7 +586,8 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
             await ready(viewer)
             await eventually(lambda: running.robots[1].view.has_robot_info)
             clock = viewer.parts["clock"]
-            command = {"do": "command", "id": 1, "name": name, "args": {"mark": "A2"}}
+            place = {"mark": "A2", "scene": "wooshmap", "map": "wooshmap"}
+            command = {"do": "command", "id": 1, "name": name, "args": place}
             await asyncio.gather(  # both are there when the dashboard reads the first one
                 viewer.send(**command, clock=clock), viewer.send(do="watch", robot=1)
             )

@@ -116,6 +116,7 @@ class Control:
 
     Attributes:
         owner: the viewer that has the control; None if no viewer has it.
+        tasks: the tasks of the robot.
     """
 
     def __init__(self, robot: Robot, config: ControlConfig) -> None:
@@ -141,7 +142,7 @@ class Control:
         self._standstill = Standstill(robot.chassis, self._gate, last_known)
         velocities = VelocitySources(robot.chassis, self._gate)
         self._who_drives = WhoDrives(robot.chassis, self._gate, last_known, velocities, tuple)
-        self._tasks = TaskLog(robot, self._who_drives.now)
+        self.tasks = TaskLog(robot, self._who_drives.now)
         self.owner: Viewer | None = None
         self._used_at = -math.inf
         """Loop time of the last command of the owner."""
@@ -205,7 +206,7 @@ class Control:
         if request is None:
             return self._limit_speed(limit)
         if isinstance(request, ExecTask):
-            self._tasks.given(request.task_id, viewer.name, name, args)
+            self.tasks.given(request.task_id, viewer.name, name, args)
         return self._execute(name, request)
 
     def drive(self, viewer: Viewer, message: Args) -> None:
@@ -311,7 +312,7 @@ class Control:
         except LinkError as error:  # if the robot has got the request, its reports will show that
             return Outcome(False, Text("reply.refused", command=_name(name), text=str(error)))
         if isinstance(request, ExecTask):
-            self._tasks.answered(request.task_id, answer.ok)
+            self.tasks.answered(request.task_id, answer.ok)
         if answer.ok:
             return Outcome(True, Text("reply.accepted", command=_name(name)))
         reason = await self._explainer.reason(type_of(request))

@@ -207,8 +207,12 @@ class Dashboard:
 
     def _fleet_data(self) -> list[dict[str, Any]]:
         return [
-            {**part_data.card_data(each.view, each.chassis, each.silence), "order": each.order()}
-            for each in self.robots
+            {
+                **part_data.card_data(each.view, each.chassis, each.silence),
+                "order": each.order(),
+                "task": control.tasks.running(),
+            }
+            for each, control in self._controls.items()
         ]
 
     def _places_data(self) -> list[dict[str, Any]]:

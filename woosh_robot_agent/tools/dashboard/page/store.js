@@ -43,6 +43,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {string} id
  * @property {string} type
  * @property {string} to
+ * @property {[number, number] | null} place where the robot goes, in metres, if that is known
  * @property {string} state
  * @property {boolean} running
  * @property {string} text
@@ -95,7 +96,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {number} problems
  * @property {string} level
  * @property {Battery | null} battery
- * @property {string | null} task
+ * @property {Task | null} task the one that runs
  * @property {Order | null} order
  */
 /**

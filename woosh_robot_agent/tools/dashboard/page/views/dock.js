@@ -4,7 +4,7 @@ import { html, useEffect, useRef } from "../vendor/preact.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
-import { degrees, destination, Icon, placeText } from "./parts.js";
+import { degrees, goalText, Icon, placeText } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
@@ -160,9 +160,8 @@ function Running() {
   const running = store.tasks.value.find((each) => each.running);
   const task = store.robot.value?.task;
   if (!task) return null;
-  const to = running ? destination(running) : task.to;
   return html`<div class="now" id="now">
-      <b>${t("dock.to", { place: to || task.id })}</b>
+      <b>${running ? goalText(running) : stateText()}</b>
       <p>${[taskState(task), task.text].filter(Boolean).join(" · ")}</p>
     </div>
     <div class="act">${taskButtons()}</div>`;
@@ -235,9 +234,7 @@ export function ReadOnly() {
     </section>`;
   return html`<section class="dock looking" aria-label=${t("dock.name")}>
     <div class="now" id="now">
-      <b
-        >${task?.running && running ? t("dock.to", { place: destination(running) }) : stateText()}</b
-      >
+      <b>${task?.running && running ? goalText(running) : stateText()}</b>
       <p>${task?.running ? taskState(task) : t("dock.looking")}</p>
     </div>
   </section>`;
