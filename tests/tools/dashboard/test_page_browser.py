@@ -23,6 +23,7 @@ from tests.tools.dashboard.browsers import (
     open_page,
     press,
     script,
+    set_screen,
     show,
     text,
     touch,
@@ -209,11 +210,23 @@ def test_the_pose_is_shown_with_the_laser_before_it_is_told(
     drawn = script(browser, "(({x, y, theta}) => [x, y, theta])(mapCanvas.picture().scan.pose)")
     assert drawn == pytest.approx([*_PLACE, math.pi / 2], abs=0.05)
     assert told() is None
+    clipped = (
+        "[...document.querySelectorAll('.doing .act button')]"
+        ".filter((each) => each.scrollWidth > each.clientWidth).map((each) => each.innerText)"
+    )
+    for size in ((1440, 900), (844, 390), (360, 640), (1280, 800)):
+        set_screen(browser, *size)
+        eventually(lambda size=size: script(browser, "innerWidth") == size[0], "the size")
+        assert script(browser, clipped) == [], size
     press(browser, ".doing .act button:first-child")  # turn left
     again_if_slow(browser, lambda: press(browser, "#confirm"), told, "the pose")
     pose = told().pose
     assert math.dist((pose.x, pose.y), _PLACE) < 0.1
     assert pose.theta == pytest.approx(math.pi / 2 + math.radians(1), abs=0.005)
+    there = "store.pose.value && Math.hypot(store.pose.value.x - 1, store.pose.value.y + 6) < 0.1"
+    eventually(lambda: script(browser, there), "the robot there")
+    trail = script(browser, "mapCanvas.trail")
+    assert all(math.dist(place, _PLACE) < 0.1 for place in trail), "no line from the former pose"
 
 
 def switch_map(driver: Any, scene: str) -> None:

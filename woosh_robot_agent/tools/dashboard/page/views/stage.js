@@ -167,10 +167,9 @@ function Notices() {
       alarms.length > 0 &&
       html`<details class="alarm" id="alarm" role="alert">
         <summary>
-          <span>
-            ${alarms.map(([robot, text]) => t("alarm.stop", { reason: text }) + ofRobot(robot)).join("; ")}
-          </span>
+          <span> ${t("alarm.stop")}${alarms.map(([robot]) => ofRobot(robot)).join("")} </span>
         </summary>
+        ${alarms.map(([robot, text]) => html`<p key=${robot}>${t("alarm.reason", { reason: text })}${ofRobot(robot)}</p>`)}
         <p>${t("alarm.advice")}</p>
       </details>`
     }
