@@ -10,6 +10,7 @@ import io
 import json
 import math
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,8 +22,10 @@ from PIL import Image, ImageChops, ImageStat
 from tests.tools.dashboard.browsers import (
     SharedBrowser,
     SimulatedPage,
+    actions,
     check_console_and_requests,
     click_at,
+    element,
     eventually,
     is_enabled,
     open_page,
@@ -33,6 +36,7 @@ from tests.tools.dashboard.browsers import (
     text,
 )
 from tests.tools.dashboard.pages import program
+from woosh_robot_agent.sentences import SENTENCES
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.texts import PAGE
 
@@ -164,6 +168,63 @@ def test_both_languages_have_the_same_texts() -> None:
         values = {part.split("}")[0] for part in text_.split("{")[1:]}
         others = {part.split("}")[0] for part in texts["zh"][key].split("{")[1:]}
         assert values == others, key
+
+
+def test_each_sentence_of_the_program_is_in_chinese() -> None:
+    chinese = json.loads((PAGE / "texts/said.zh.json").read_text("utf-8"))
+    assert set(chinese) == set(SENTENCES)
+    for key, pattern in SENTENCES.items():
+        assert _braces(pattern) == _braces(chinese[key]), key
+
+
+def _braces(pattern: str) -> set[str]:
+    return {part.split("}")[0] for part in pattern.split("{")[1:]}
+
+
+def test_what_the_program_explains_is_in_the_language_of_the_page(
+    robot: SimulatedPage, shared_browser: SharedBrowser
+) -> None:
+    english = re.compile(r"[a-z]{4,} [a-z]{2,} [a-z]{2,}")
+    with opened(shared_browser, robot.url, 1440, 900) as driver:
+        press(driver, "#language")
+        press(driver, "#stop")
+        eventually(lambda: text(driver, "#answer").endswith("已停止"), "the stop")
+        robot.call(lambda simulator: simulator.inject("emergency_stop"))
+        eventually(lambda: script(driver, "store.robot.value.emergencyStop"), "the stop button")
+        press(driver, "#marks li:nth-child(2) button")
+
+        def is_refused() -> bool:
+            press(driver, "#go")  # shortly after the stop, nothing is sent
+            return "急停按钮已按下" in text(driver, "#answer")
+
+        eventually(is_refused, "why it is refused")
+        press(driver, "#dismiss")
+        robot.call(lambda simulator: simulator.clear_faults())
+        eventually(lambda: not script(driver, "store.robot.value.emergencyStop"), "its release")
+        pose = robot.call(lambda simulator: simulator.state.pose)
+        ahead = {"x": pose.x + 0.7 * math.cos(pose.theta), "y": pose.y + 0.7 * math.sin(pose.theta)}
+        robot.call(lambda simulator: simulator.inject("obstacle", radius=0.3, **ahead))
+
+        def stands() -> bool:
+            if not script(driver, "store.held.value !== null"):
+                stick = element(driver, "#stick")
+                actions(driver).release().perform()
+                actions(driver).move_to_element(stick).click_and_hold().move_by_offset(
+                    0, -50
+                ).perform()
+            return "没有移动" in text(driver, "#notice")
+
+        eventually(stands, "the standstill")
+        assert not english.search(text(driver, "#notice")), text(driver, "#notice")
+        actions(driver).release().perform()
+        robot.call(lambda simulator: simulator.inject("off"))
+        eventually(lambda: "无法连接" in text(driver, "#notice"), "why there is no link")
+        press(driver, "#stop")
+        eventually(lambda: text(driver, "#alarm"), "the alarm")
+        press(driver, "#alarm summary")
+        assert "未停止" in text(driver, "#alarm")
+        assert "未连接" in text(driver, "#alarm")
+        assert text(driver, "#alarm").count("未发送") <= 1, "one reason"
 
 
 def test_chinese_covers_what_the_page_shows(

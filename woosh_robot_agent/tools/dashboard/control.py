@@ -23,13 +23,15 @@ from woosh_robot_agent.motion import (
     VelocityLimits,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.robot.readiness import Objection
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.standstill import Standstill
 from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
+from woosh_robot_agent.sentences import THEN, Said, Sentence, joined, said_by
 from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandError, number
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.tasks import TaskLog
-from woosh_robot_agent.tools.dashboard.texts import Text
+from woosh_robot_agent.tools.dashboard.texts import Text, english, value_data
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 
@@ -55,6 +57,8 @@ SPEED_LIMIT = "speedLimit"
 """Name of the command that limits the speed of the robot."""
 TOO_SLOW = Text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
+_REFUSED = Sentence("refusal.refused", "refused")
+_BECAUSE = Sentence("refusal.because", "{text} ({reason})")
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
 _MAX_AGE = 0.5
@@ -310,15 +314,16 @@ class Control:
             request = self._robot.requests.address(request)
             answer = await self._gate.request(request, sender=Sender(name))
         except LinkError as error:  # if the robot has got the request, its reports will show that
-            return Outcome(False, Text("reply.refused", command=_name(name), text=str(error)))
+            return Outcome(False, Text("reply.refused", command=_name(name), text=said_by(error)))
         if isinstance(request, ExecTask):
             self.tasks.answered(request.task_id, answer.ok)
         if answer.ok:
             return Outcome(True, Text("reply.accepted", command=_name(name)))
-        reason = await self._explainer.reason(type_of(request))
-        text = answer.msg or "refused"
-        if reason:
-            text += f" ({reason})"
+        reasons = await self._explainer.reasons(type_of(request))
+        text = answer.msg or _REFUSED()
+        if reasons:
+            because = joined(THEN, map(_said, reasons))
+            text = _BECAUSE(text=text, reason=because)
         return Outcome(False, Text("reply.refused", command=_name(name), text=text))
 
     def _speed_in(self, args: Args) -> float | None:
@@ -362,8 +367,14 @@ class Control:
             "speedLimit": self._speed,
             "speedRefusal": self._speed_limiter.refusal,
             "driver": {"name": driver.name, "detail": driver.detail},
-            "standstill": self._standstill.warning,
+            "standstill": value_data(self._standstill.warning),
         }
+
+
+def _said(objection: Objection) -> str:
+    """Return the reason of an objection, which the page has in its language, by its name."""
+    key = f"objection.{objection.name}.reason"
+    return Said(objection.reason, key) if key in english() else objection.reason
 
 
 def _name(command: str) -> Text:

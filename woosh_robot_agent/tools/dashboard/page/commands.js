@@ -3,7 +3,6 @@
 import { batch, computed } from "./vendor/preact.js";
 import { Connection } from "./connection.js";
 import * as store from "./store.js";
-import { say } from "./texts.js";
 
 const DOUBLE_CLICK = 500; // milliseconds within which a repeated command is not sent
 const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
@@ -132,7 +131,7 @@ export async function setTarget(target) {
   if (!target.pose || !store.mayControl.value) return;
   const { ok, text, data } = await connection.command("plan", target.pose);
   if (store.target.value !== target) return; // the viewer has chosen another target meanwhile
-  const error = { error: say(text) };
+  const error = { error: text };
   store.target.value = { ...target, plan: ok ? data : error };
 }
 

@@ -77,10 +77,10 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {number | null} speedLimit
  * @property {string} speedRefusal
  * @property {{name: string, detail: string}} driver
- * @property {string} standstill
+ * @property {import("./texts.js").Value} standstill
  */
 /**
- * @typedef {{good: boolean, state: string, since: number, silence: number, error: string,
+ * @typedef {{good: boolean, state: string, since: number, silence: number, error: import("./texts.js").Value,
  *   advice: string, delay: number | null}} Link
  */
 /**
@@ -112,7 +112,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {"go" | "goMark" | "charge"} command
  * @property {string} [mark]
  * @property {Pose} [pose]
- * @property {{path: number[][], length: number} | {error: string} | null} plan null while it is asked
+ * @property {{path: number[][], length: number} | {error: import("./texts.js").Value} | null} plan null while it is asked
  * @property {TaskKind} [kind] what shall be done there, as far as it is known
  */
 /** @typedef {{type: string, number: number, direction: string}} TaskKind */

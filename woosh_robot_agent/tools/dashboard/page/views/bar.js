@@ -3,7 +3,7 @@
 import { html, useRef } from "../vendor/preact.js";
 import { chooseRobot, stop } from "../commands.js";
 import * as store from "../store.js";
-import { alarmCount, LANGUAGES, language, setLanguage, t, tOr } from "../texts.js";
+import { alarmCount, LANGUAGES, language, say, setLanguage, t, tOr } from "../texts.js";
 import { openTab } from "./panel.js";
 import { Icon, robotName } from "./parts.js";
 
@@ -50,7 +50,7 @@ export function linkText() {
   if (link.silence) {
     return { short: t("link.noData", { seconds: link.silence }), long: t("link.noDataReason") };
   }
-  const long = [link.error, link.advice && t("link.doctor", { options: link.advice })];
+  const long = [say(link.error), link.advice && t("link.doctor", { options: link.advice })];
   return { short: t(`link.${link.state}`), long: long.filter(Boolean).join(". ") };
 }
 

@@ -263,7 +263,8 @@ export function notices() {
   const error = store.map.value?.error;
   if (error) found.push({ tone: "warn", title: t("map.none"), text: error });
   const standstill = store.control.value?.standstill;
-  if (standstill) found.push({ tone: "warn", title: t("notice.standstill"), text: standstill });
+  if (standstill)
+    found.push({ tone: "warn", title: t("notice.standstill"), text: say(standstill) });
   return found;
 }
 
