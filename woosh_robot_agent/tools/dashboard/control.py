@@ -245,17 +245,20 @@ class Control:
     def release(self, viewer: Viewer) -> None:
         """Take the control from a viewer that has it, and end the press of its stick."""
         if viewer is self.owner:
-            self._stick.drive(0.0, 0.0, 0.0)
             viewer.ended_press = max(viewer.ended_press, self._press)
-            self.owner = None
-            self._press = -1
-            self._robot.parts.changed()
+            self._end_control()
+
+    def _end_control(self) -> None:
+        self._stick.drive(0.0, 0.0, 0.0)
+        self.owner = None
+        self._press = -1
+        self._robot.parts.changed()
 
     def _release_idle(self) -> None:
         """Take the control from a viewer that has not used it for long."""
         now = asyncio.get_running_loop().time()
         if self.owner and now > self._used_at + self._config.idle_timeout:
-            self.release(self.owner)
+            self._end_control()
 
     def _claim(self, viewer: Viewer) -> Text | None:
         """Give the control to a viewer; return the reason if that is not possible."""

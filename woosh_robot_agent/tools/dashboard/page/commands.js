@@ -151,10 +151,16 @@ export function setTargetPlace({ x, y }, direction) {
   setTarget({ command: "go", pose: { x, y, theta }, plan: null });
 }
 
+function forgetPlaces() {
+  batch(() => {
+    store.target.value = store.draft.value = store.measured.value = null;
+  });
+}
+
 /** Forget the target, the pose and the tool that the viewer has begun to use on the map. */
 export function forgetTarget() {
   batch(() => {
-    store.target.value = store.draft.value = store.measured.value = null;
+    forgetPlaces();
     if (store.tool.value === "pose") store.tool.value = store.mayControl.value ? "go" : "move";
   });
 }
@@ -178,4 +184,4 @@ const maps = computed(() => {
   const { scene, map } = store.robot.value ?? {};
   return JSON.stringify([store.shownMap.value, scene, map]);
 });
-maps.subscribe(forgetTarget); // places of one map mean nothing on another one
+maps.subscribe(forgetPlaces); // places of one map mean nothing on another one
