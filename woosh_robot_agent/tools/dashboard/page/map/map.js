@@ -118,13 +118,13 @@ export class MapCanvas {
   }
 
   /**
-   * Say what lies over the canvas. A map that is shown as a whole is shown beside it, unless somebody
+   * Say what lies over the canvas. A map that is still fitted is fitted anew, unless somebody
    * presses it just now.
    * @param {import("./view.js").Inset} inset
    */
   setInset(inset) {
     this.view.inset = inset;
-    if (this.whole && !this.pointers.size) this.fit();
+    if (this.stillFitted && !this.pointers.size) this.fit();
     else this.redraw();
   }
 
