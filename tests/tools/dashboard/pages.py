@@ -110,6 +110,8 @@ async def fetch(
 
 def say(text: dict[str, Any]) -> str:
     """Return in English what the dashboard says."""
+    if "english" in text:
+        return str(text["english"])
     values = {
         name: say(value) if isinstance(value, dict) else str(value)
         for name, value in text["values"].items()
