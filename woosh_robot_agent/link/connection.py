@@ -38,6 +38,21 @@ from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with
 from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.sentences import Sentence, said_by
+
+_SILENT = Sentence(
+    "link.silent",
+    "nothing was heard for {seconds} s; check that the robot is on and that the network reaches it",
+)
+_READS_NOTHING = Sentence(
+    "link.readsNothing",
+    "the chassis has read nothing for {seconds} s; bytes waiting to be sent: {bytes}",
+)
+_NOT_SENT = Sentence("link.notSent", "{name} was not sent: {reason}")
+_NO_ANSWER = Sentence(
+    "link.noAnswer",
+    "the chassis did not answer {name} within {seconds} s; whether it took effect is not known",
+)
 
 
 class Expiry:
@@ -135,10 +150,7 @@ class Liveness:
                 await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._ask())
             except (TimeoutError, RequestTimeoutError):
                 if self._check() >= self._usable_timeout:
-                    raise ConnectionLostError(
-                        f"nothing was heard for {self._timeout:g} s; check that the robot is on "
-                        "and that the network reaches it"
-                    ) from None
+                    raise ConnectionLostError(_SILENT(seconds=f"{self._timeout:g}")) from None
 
     async def _sleep(self, seconds: float) -> None:
         """Sleep. A delay because this program was busy does not count as silence."""
@@ -169,10 +181,8 @@ class Liveness:
         if not backlog or sent != previous_sent or backlog < previous_backlog:
             self._taken_at = now
         elif now - self._taken_at >= self._timeout:
-            raise ConnectionLostError(
-                f"the chassis has read nothing for {self._timeout:g} s; bytes waiting to be sent: "
-                f"{backlog}"
-            )
+            seconds = f"{self._timeout:g}"
+            raise ConnectionLostError(_READS_NOTHING(seconds=seconds, bytes=backlog))
         return now - self._heard_at
 
 
@@ -329,7 +339,8 @@ class Connection:
         """
         name = full_name(message)
         if self._cause is not None:
-            raise NotConnectedError(f"{name} was not sent: {self._cause}") from self._cause
+            reason = said_by(self._cause)
+            raise NotConnectedError(_NOT_SENT(name=name, reason=reason)) from self._cause
         urgent = how.urgent or how.first
         if not urgent:
             self._check_in_flight(name)
@@ -429,7 +440,7 @@ class Connection:
         except asyncio.CancelledError:
             raise
         except TransportClosedError as error:
-            self._fail(ConnectionLostError(str(error)))
+            self._fail(ConnectionLostError(said_by(error)))
         except LinkError as error:
             self._fail(error)
         except Exception as error:
@@ -531,10 +542,7 @@ class Connection:
                 continue
             self._stats.timeouts[pending.name] += 1
             pending.future.set_exception(
-                RequestTimeoutError(
-                    f"the chassis did not answer {pending.name} within {pending.timeout:g} s; "
-                    "whether it took effect is not known"
-                )
+                RequestTimeoutError(_NO_ANSWER(name=pending.name, seconds=f"{pending.timeout:g}"))
             )
         return following
 

@@ -32,7 +32,23 @@ from woosh_robot_agent.link.subscriptions import Subscriptions, call
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.sentences import Sentence, said_by
 
+_NOT_CONNECTED = Sentence(
+    "link.notConnected",
+    "not connected to {address} since {since} ({why}); check that the robot is on, that `ip` and "
+    "`port` are right, and that the network reaches it",
+)
+_LAST_ERROR = Sentence("link.lastError", "last error: {error}")
+_NO_ATTEMPT = Sentence("link.noAttempt", "no attempt has ended yet")
+_UNREACHABLE = Sentence("link.unreachable", "{reason}")
+_OTHER_ROBOT = Sentence(
+    "link.otherRobot",
+    "{robot} answers instead of {expected}; commands go only to the robot that answered first: "
+    "connect that one, or restart this program to use the other one",
+)
+_NO_INFO = Sentence("link.noInfo", "the chassis did not send its RobotInfo: {reason}")
+_CLOSED = Sentence("link.closed", "the link was closed")
 _JITTER = 0.2
 """Maximum share by which a pause is shortened at random, so that many agents do not retry in
 step."""
@@ -137,11 +153,9 @@ class LinkStatus:
     def not_connected(self) -> NotConnectedError:
         """Return the error for a request while there is no link."""
         since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.since))
-        why = f"last error: {self.last_error}" if self.last_error else "no attempt has ended yet"
-        return NotConnectedError(
-            f"not connected to {self.address} since {since} ({why}); check that the robot is on, "
-            "that `ip` and `port` are right, and that the network reaches it"
-        )
+        error = self.last_error
+        why = _LAST_ERROR(error=said_by(error)) if error else _NO_ATTEMPT()
+        return NotConnectedError(_NOT_CONNECTED(address=self.address, since=since, why=why))
 
 
 @dataclass(frozen=True)
@@ -195,9 +209,10 @@ async def open_link(config: LinkConfig) -> Transport:
     try:
         return await open_transport(config)
     except OSError as error:
-        raise NotConnectedError(error.strerror or str(error) or type(error).__name__) from None
+        reason = error.strerror or said_by(error) or type(error).__name__
+        raise NotConnectedError(_UNREACHABLE(reason=reason)) from None
     except TransportClosedError as error:
-        raise HandshakeError(str(error)) from None
+        raise HandshakeError(said_by(error)) from None
 
 
 async def handshake(
@@ -237,10 +252,7 @@ async def handshake(
         _check(answer, log)
         robot = _sender(answer)
         if _is_other(robot, expected):
-            raise OtherRobotError(
-                f"{robot} answers instead of {expected}; commands go only to the robot that "
-                "answered first: connect that one, or restart this program to use the other one"
-            )
+            raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
         subscriptions.release()
         return expected if robot is None else robot.completed_by(expected)
     finally:
@@ -260,7 +272,7 @@ def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bo
 def _check(answer: Answer, log: LogOnce) -> None:
     if not answer.ok or answer.type != full_name(RobotInfo):
         reason = answer.msg if not answer.ok else answer.defect or "another type of answer"
-        raise HandshakeError(f"the chassis did not send its RobotInfo: {one_line(reason)}")
+        raise HandshakeError(_NO_INFO(reason=one_line(reason)))
     if answer.defect:  # perhaps from newer firmware; everything else may work
         log.warn("no snapshot", f"the first values are missing because {answer.defect}")
 
@@ -422,7 +434,7 @@ class ReconnectLoop:
         """Keep the link ready until the connection ends; return the duration, in seconds."""
         loop = asyncio.get_running_loop()
         ready_at = loop.time()
-        cause: LinkError = ConnectionLostError("the link was closed")
+        cause: LinkError = ConnectionLostError(_CLOSED())
         try:
             self._status.last_error = None
             self._log.clear()

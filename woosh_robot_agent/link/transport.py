@@ -11,7 +11,11 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout, wait_then_cancel
+from woosh_robot_agent.sentences import Sentence
 
+_NO_WEBSOCKET = Sentence("link.noWebsocket", "not a WebSocket server: {error}")
+_NOT_OPEN = Sentence("link.notOpen", "the WebSocket did not open: {error}")
+_TOO_LATE = Sentence("link.tooLate", "no connection within {seconds} s")
 CHUNK = 256 * 1024
 """Size of the pieces in which large frames are read and written, in bytes."""
 
@@ -341,9 +345,9 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
             close_timeout=config.close_timeout,
         )
     except (InvalidHandshake, InvalidURI) as error:
-        raise TransportClosedError(f"not a WebSocket server: {error}") from None
+        raise TransportClosedError(_NO_WEBSOCKET(error=str(error))) from None
     except (WebSocketException, EOFError) as error:
-        raise TransportClosedError(f"the WebSocket did not open: {error}") from None
+        raise TransportClosedError(_NOT_OPEN(error=str(error))) from None
     return WebSocketTransport(socket)
 
 
@@ -389,7 +393,7 @@ async def open_transport(config: LinkConfig) -> Transport:
     try:
         await asyncio.wait({opening}, timeout=config.connect_timeout)
         if not opening.done():
-            raise TimeoutError(f"no connection within {config.connect_timeout:g} s")
+            raise TimeoutError(_TOO_LATE(seconds=f"{config.connect_timeout:g}"))
         return opening.result()
     except BaseException:
         for socket in made:  # first: otherwise websockets may wait for an orderly close

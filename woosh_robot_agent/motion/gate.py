@@ -50,6 +50,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
+from woosh_robot_agent.sentences import THEN, Said, Sentence, joined, said_by
 
 
 def cancel_orders() -> dict[str, Message]:
@@ -90,16 +91,19 @@ class StopReport:
     @property
     def message(self) -> str:
         """Human-readable result, with advice if the stop failed."""
-        parts = ["stopped" if _is_ok(self.zero) else f"NOT STOPPED: {_reason(self.zero)}"]
-        parts += [f"{name} cancelled" for name, answer in self.cancels.items() if _is_ok(answer)]
+        stopped = _is_ok(self.zero)
+        parts = [_DONE() if stopped else _NOT_STOPPED(reason=_reason(self.zero))]
+        cancelled = [name for name, answer in self.cancels.items() if _is_ok(answer)]
+        parts += [_CANCELLED(what=_name(each)) for each in cancelled]
         if not self.success:
-            parts += [*self._lost[:1], "if the robot moves, press its emergency stop"]
-        return "; ".join(parts)
+            lost = self._lost[:1] if stopped else []  # otherwise it repeats why the zero is lost
+            parts += [*lost, _ADVICE()]
+        return joined(THEN, parts)
 
     @property
-    def _lost(self) -> list[str]:
+    def _lost(self) -> list[Said]:
         return [
-            f"cancel of {name}: {answer}"
+            _CANCEL_LOST(what=_name(name), reason=said_by(answer))
             for name, answer in self.cancels.items()
             if isinstance(answer, LinkError)
         ]
@@ -110,9 +114,19 @@ def _is_ok(answer: Answer | LinkError) -> bool:
 
 
 def _reason(answer: Answer | LinkError) -> str:
-    return answer.msg if isinstance(answer, Answer) else str(answer)
+    return answer.msg if isinstance(answer, Answer) else said_by(answer)
 
 
+def _name(what: str) -> str:
+    return _TASK() if what == "task" else what
+
+
+_DONE = Sentence("stop.done", "stopped")
+_NOT_STOPPED = Sentence("stop.not", "NOT STOPPED: {reason}")
+_CANCELLED = Sentence("stop.cancelled", "{what} cancelled")
+_CANCEL_LOST = Sentence("stop.cancelLost", "cancel of {what}: {reason}")
+_ADVICE = Sentence("stop.advice", "if the robot moves, press its emergency stop")
+_TASK = Sentence("stop.task", "task")
 _LOG = logging.getLogger(__name__)
 
 _STOPPED = "cancelled by a stop of the robot"

@@ -38,13 +38,22 @@ from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.readiness import is_charging, is_located
 from woosh_robot_agent.robot.refusals import type_of
 from woosh_robot_agent.robot.who_drives import command_name
+from woosh_robot_agent.sentences import AND, THEN, Sentence, joined
 
-_KEY = "the key switch is at manual"
-_STOP = "the emergency stop is pressed"
-_BRAKE = "the brake or the servo drives are released"
-_OBSTACLE = "an obstacle is in the way"
-_CHARGER = "the charging cable is connected"
-_LOST = "the robot does not know its position"
+_KEY = Sentence("standstill.key", "the key switch is at manual")()
+_STOP = Sentence("standstill.stop", "the emergency stop is pressed")()
+_BRAKE = Sentence("standstill.brake", "the brake or the servo drives are released")()
+_OBSTACLE = Sentence("standstill.obstacle", "an obstacle is in the way")()
+_CHARGER = Sentence("standstill.charger", "the charging cable is connected")()
+_LOST = Sentence("standstill.lost", "the robot does not know its position")()
+_REPORTED = Sentence("standstill.reported", "the robot reports that {cause}")
+_PERHAPS = Sentence("standstill.perhaps", "perhaps {cause}")
+_LESS_LIKELY = Sentence(
+    "standstill.lessLikely", "less likely, because the robot reports otherwise: {causes}"
+)
+_STANDS = Sentence(
+    "standstill.stands", "{command} was accepted, but the robot does not move: {causes}"
+)
 
 
 def likely_causes(info: RobotInfo) -> str:
@@ -54,11 +63,11 @@ def likely_causes(info: RobotInfo) -> str:
     excluded: list[str] = []
     for cause, state in _causes(info):
         (possible if state is None else reported if state else excluded).append(cause)
-    parts = [f"the robot reports that {cause}" for cause in reported]
-    parts += [f"perhaps {cause}" for cause in possible]
-    text = ", ".join(parts)
+    parts = [_REPORTED(cause=cause) for cause in reported]
+    parts += [_PERHAPS(cause=cause) for cause in possible]
+    text = joined(AND, parts)
     if excluded:
-        text += f"; less likely, because the robot reports otherwise: {', '.join(excluded)}"
+        return THEN(one=text, other=_LESS_LIKELY(causes=joined(AND, excluded)))
     return text
 
 
@@ -182,7 +191,7 @@ class Standstill:
     def _text(self, demand: _Demand) -> str:
         """Return the warning about a command."""
         causes = likely_causes(self._last_known.value(RobotInfo) or RobotInfo())
-        return f"{demand.name} was accepted, but the robot does not move: {causes}"
+        return _STANDS(command=demand.name, causes=causes)
 
     # Commands
 

@@ -110,6 +110,8 @@ async def fetch(
 
 def say(text: dict[str, Any]) -> str:
     """Return in English what the dashboard says."""
+    if "english" in text:
+        return str(text["english"])
     values = {
         name: say(value) if isinstance(value, dict) else str(value)
         for name, value in text["values"].items()
@@ -175,8 +177,11 @@ class Page:
         """Send a command, and wait for the reply.
 
         On a busy machine, the connection to the dashboard or to the robot may be too slow for a
-        moment.
+        moment. Places are on the map that the robot uses, unless `args` name another one.
         """
+        if name in ("go", "goMark", "setPose"):
+            used = await self.until(lambda parts: parts["robot"])
+            args = {"scene": used["scene"], "map": used["map"], **args}
         while True:
             clock = await self.until(lambda parts: parts.pop("clock", 0))
             self._commands += 1

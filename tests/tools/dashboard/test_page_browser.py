@@ -23,6 +23,7 @@ from tests.tools.dashboard.browsers import (
     open_page,
     press,
     script,
+    set_screen,
     show,
     text,
     touch,
@@ -162,6 +163,7 @@ def test_a_mark_is_found_by_its_name_and_has_a_kind_of_task(
     eventually(lambda: "Cancelled" in text(browser, "#ended"), "the end")
     assert not is_enabled(browser, ".panel #cancel")
     press(browser, "#ended button")  # repeat
+    go(browser)
     eventually(lambda: "K10" in text(browser, "#running"), "the task again")
 
 
@@ -208,11 +210,98 @@ def test_the_pose_is_shown_with_the_laser_before_it_is_told(
     drawn = script(browser, "(({x, y, theta}) => [x, y, theta])(mapCanvas.picture().scan.pose)")
     assert drawn == pytest.approx([*_PLACE, math.pi / 2], abs=0.05)
     assert told() is None
+    clipped = (
+        "[...document.querySelectorAll('.doing .act button')]"
+        ".filter((each) => each.scrollWidth > each.clientWidth).map((each) => each.innerText)"
+    )
+    for size in ((1440, 900), (844, 390), (360, 640), (1280, 800)):
+        set_screen(browser, *size)
+        eventually(lambda size=size: script(browser, "innerWidth") == size[0], "the size")
+        assert script(browser, clipped) == [], size
     press(browser, ".doing .act button:first-child")  # turn left
     again_if_slow(browser, lambda: press(browser, "#confirm"), told, "the pose")
     pose = told().pose
     assert math.dist((pose.x, pose.y), _PLACE) < 0.1
     assert pose.theta == pytest.approx(math.pi / 2 + math.radians(1), abs=0.005)
+    there = "store.pose.value && Math.hypot(store.pose.value.x - 1, store.pose.value.y + 6) < 0.1"
+    eventually(lambda: script(browser, there), "the robot there")
+    trail = script(browser, "mapCanvas.trail")
+    assert all(math.dist(place, _PLACE) < 0.1 for place in trail), "no line from the former pose"
+
+
+def switch_map(driver: Any, scene: str) -> None:
+    """Let the robot use the map of another scene, as another program may, and find itself there."""
+    run = f"connection.command('switchMap', {{scene: {scene!r}, map: {scene!r}}})"
+    known = f"store.robot.value.map === {scene!r} && store.map.value.name === {scene!r}"
+    eventually(lambda: script(driver, run)["ok"], "the switch of the map")
+    eventually(lambda: script(driver, known), "the other map")
+    pose = "connection.command('setPose', {x: 1, y: 1, theta: 0, ...store.shownMap.value})"
+    eventually(lambda: script(driver, pose)["ok"], "the pose")
+    eventually(lambda: script(driver, "store.robot.value.objections.length === 0"), "the robot")
+
+
+def test_what_was_about_to_be_done_on_a_map_ends_with_it(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    press(browser, "#marks li:nth-child(2) button")
+    eventually(lambda: " m" in text(browser, "#now .way"), "the way")
+    switch_map(browser, "scenex")
+    assert script(browser, "store.target.value") is None
+    show(browser, "map")
+    press(browser, "#set-pose")
+    click_at(browser, 1.0, 1.0, drag=(0, -60))
+    eventually(lambda: script(browser, "store.draft.value !== null"), "the pose")
+    switch_map(browser, "wooshmap")
+    assert script(browser, "store.draft.value") is None
+    press(browser, "#dismiss")  # the tool stays, to show the pose on the other map
+    former = "store.map.value = {...store.map.value, name: 'scenex', scene: 'scenex'}"
+
+    def is_refused() -> bool:
+        # while the picture of the former map is still shown, its places are not sent
+        script(browser, former)
+        click_at(browser, *_PLACE)
+        script(browser, f"({former}, document.querySelector('#go')?.click())")
+        return "another map" in text(browser, "#answer")
+
+    eventually(is_refused, "the refusal")
+    assert robot.call(lambda simulator: simulator.counts[full_name(ExecTask)]) == 0
+
+
+def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    def sent() -> int:
+        return robot.call(lambda simulator: simulator.counts[full_name(ExecTask)])
+
+    repeat = "#ended li:first-child .quiet"
+    give = (
+        "connection.command('goMark', {mark: 'A2', type: 'carry', number: 2, direction: 'feeding',"
+        " ...store.shownMap.value})"
+    )
+    show(browser, "tasks")
+    again_if_slow(
+        browser, lambda: script(browser, give), lambda: text(browser, "#running"), "the task"
+    )
+    press(browser, "#panel #cancel")
+    eventually(lambda: is_enabled(browser, repeat), "its end")
+    before = sent()
+    press(browser, repeat)
+    eventually(lambda: " m" in text(browser, "#now .way"), "the way")
+    kind = "document.querySelector('#kind').selectedOptions[0].innerText"
+    assert script(browser, kind) == "Carry: unload a trailer or trolley"
+    assert script(browser, "document.querySelector('#direction').value") == "feeding"
+    assert sent() == before
+    go(browser)
+    eventually(lambda: sent() == before + 1, "the task")
+    again = robot.call(lambda simulator: simulator.last(full_name(ExecTask)))
+    assert (again.mark_no, again.type, again.task_type_no) == ("A2", task.kCarry, 2)
+    assert again.direction == task.kFeeding
+    press(browser, "#panel #cancel")
+    eventually(lambda: is_enabled(browser, repeat), "its end")
+    switch_map(browser, "scenex")
+    assert not is_enabled(browser, repeat)
+    title = f"document.querySelector({repeat!r}).title"
+    assert script(browser, title) == "A2 is on another map"
 
 
 def test_a_failed_task_has_its_time_and_its_reason(robot: SimulatedPage, browser: Any) -> None:
@@ -451,6 +540,8 @@ def test_emergency_stop_lost_position_faults_and_obstacles(
     press(browser, "#dismiss")
     press(browser, "#clear-faults")
     eventually(lambda: not robot.call(lambda s: s.faults), "the end of the faults")
+    # the map, which nobody has moved, takes the place of the banner
+    eventually(lambda: script(browser, "mapCanvas.view.inset.top === 0"), "the end of the banner")
     press(browser, "#obstacle")
     click_at(browser, *_PLACE)
     eventually(lambda: robot.call(lambda s: len(s.chassis.obstacles.names)) == 1, "the obstacle")

@@ -278,6 +278,25 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
         await hold(viewer, lambda: is_driving(chassis))
 
 
+@pytest.mark.parametrize(
+    ("name", "shown", "sent"),
+    [("go", "Go", ExecTask), ("goMark", "Go", ExecTask), ("setPose", "Set pose", SetRobotPose)],
+)
+@aio
+async def test_a_place_of_another_map_is_not_sent(
+    chassis: SimulatorThread, name: str, shown: str, sent: Any
+) -> None:
+    place = {"mark": "A2"} if name == "goMark" else {"x": 0.0, "y": 0.0, "theta": 0.0}
+    async with controlled(chassis) as viewer:
+        for other in ({"map": "scenex"}, {"scene": "scenex"}, {"map": None}):
+            reason = "the robot uses another map than the page has shown: wooshmap"
+            answer = await viewer.command(name, **{**place, **other})
+            assert answer == (False, f"{shown} was not sent: {reason}")
+        assert chassis.counts[full_name(sent)] == 0
+        ok, reason = await viewer.command(name, **place)
+        assert ok, reason
+
+
 @pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])
 @aio
 async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -> None:
@@ -386,6 +405,23 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
         await driver.command("pause")  # its reply comes after the velocities
         assert (chassis.counts[TWIST], is_stopped_by_zero(chassis)) == (sent, True)
         await hold(driver, lambda: is_driving(chassis))
+
+
+@aio
+@pytest.mark.parametrize("how", ["release", "watch"])
+async def test_a_press_does_not_take_the_control_again_that_was_given_back(
+    chassis: SimulatorThread, how: str
+) -> None:
+    async with controlled(chassis) as viewer:
+        await hold(viewer, lambda: is_driving(chassis))
+        await viewer.send(do=how, robot=0)
+        await viewer.until(lambda parts: parts["control"]["owner"] is None)
+        await eventually(lambda: is_stopped_by_zero(chassis))
+        sent = chassis.counts[TWIST]
+        await viewer.drive(0.3)
+        assert await viewer.command("stop")  # its reply comes after the velocity
+        assert chassis.counts[TWIST] == sent + 1
+        assert viewer.parts["control"]["owner"] is None
 
 
 @aio
@@ -550,7 +586,8 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
             await ready(viewer)
             await eventually(lambda: running.robots[1].view.has_robot_info)
             clock = viewer.parts["clock"]
-            command = {"do": "command", "id": 1, "name": name, "args": {"mark": "A2"}}
+            place = {"mark": "A2", "scene": "wooshmap", "map": "wooshmap"}
+            command = {"do": "command", "id": 1, "name": name, "args": place}
             await asyncio.gather(  # both are there when the dashboard reads the first one
                 viewer.send(**command, clock=clock), viewer.send(do="watch", robot=1)
             )

@@ -129,7 +129,9 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
         assert script(browser, "store.held.value === null")
         element(browser, "#stop").click()
         eventually(lambda: "emergency stop: STOP is not" in text(browser, "#alarm"), "the alarm")
-        assert "(no answer)" in text(browser, "#alarm")
+        assert "no answer" not in text(browser, "#alarm")
+        press(browser, "#alarm summary")
+        assert "Reason: no answer" in text(browser, "#alarm")
     actions(browser).release().perform()
     eventually(lambda: script(browser, "!store.outdated.value"), "the dashboard")
     # the robot is seen to stand still
@@ -222,7 +224,7 @@ def test_a_restarted_dashboard_is_found_again(shared_browser: SharedBrowser) -> 
             process.wait()
         eventually(lambda: "No connection to the dashboard" in text(driver, "#notice"), "the loss")
         press(driver, "#stop")
-        eventually(lambda: "no answer" in text(driver, "#alarm"), "the alarm")
+        eventually(lambda: "not confirmed" in text(driver, "#alarm"), "the alarm")
         with program(robot, options=options):
             eventually(lambda: script(driver, "!store.outdated.value"), "the new dashboard")
             wait_for_map(driver)

@@ -188,6 +188,77 @@ def test_nothing_lies_over_anything_that_is_pressed(
             assert 0 <= y <= canvas["height"], (x, y)
 
 
+_MAP_BOX = """(() => {
+  const over = document.querySelector("#map").getBoundingClientRect();
+  const corners = mapCanvas.corners(mapCanvas.area).map(({x, y}) => mapCanvas.view.toScreen(x, y));
+  const [across, down] = [corners.map(({x}) => x + over.x), corners.map(({y}) => y + over.y)];
+  const [x, y] = [Math.min(...across), Math.min(...down)];
+  return {x, y, width: Math.max(...across) - x, height: Math.max(...down) - y};
+})()"""
+"""The box of the map's picture on the screen."""
+
+
+def test_a_whole_map_stays_beside_what_lies_over_it_until_somebody_moves_it(
+    shared_browser: SharedBrowser,
+) -> None:
+    def is_beside(selector: str) -> bool:
+        box = script(browser, f"document.querySelector('{selector}').getBoundingClientRect()")
+        return box["height"] > 0 and are_apart(script(browser, _MAP_BOX), box)
+
+    with served(1) as page_, opened(shared_browser, page_.url, 390, 844) as browser:
+        press(browser, "#tab-go")
+        eventually(lambda: is_beside(".panel"), "the map beside the sheet")
+        press(browser, ".panel [aria-label=Close]")
+        page_.robots[0].set_emergency_stop(True)
+        eventually(lambda: text(browser, "#notice"), "the banner")
+        eventually(lambda: is_beside("#notice"), "the map beside the banner")
+        for width, height in ((390, 844), (1440, 900)) * 3:
+            set_screen(browser, width, height, mobile=width < 1000)
+            browser.refresh()
+            wait_for_map(browser)
+            eventually(lambda: is_beside("#notice"), "the map beside the banner after a load")
+        set_screen(browser, 390, 844, mobile=True)
+        eventually(lambda: is_beside("#notice"), "the map on the phone")
+        press(browser, "#zoom-in")
+        scale = script(browser, "mapCanvas.view.scale")
+        press(browser, "#tab-go")
+        eventually(lambda: script(browser, "mapCanvas.view.inset.bottom > 0"), "the sheet")
+        assert script(browser, "mapCanvas.view.scale") == scale
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+def test_the_bar_stands_still_when_its_numbers_get_more_digits(
+    shared_browser: SharedBrowser, width: int
+) -> None:
+    change = """(({delay, power}) => {
+        store.link.value = {...store.link.value, delay};
+        const {battery} = store.robot.value;
+        store.robot.value = {...store.robot.value, battery: {...battery, power}};
+        return new Promise((resolve) => setTimeout(() => requestAnimationFrame(() => resolve(
+          [...document.querySelectorAll(".chip")].map((each) => each.getBoundingClientRect().x)
+        ))));
+      })(%s)
+    """
+    with served(1) as page_, opened(shared_browser, page_.url, width, 900) as browser:
+        numbers = ("{delay: 4, power: 7}", "{delay: 45, power: 70}", "{delay: 4567, power: 100}")
+        places = [script(browser, change % each) for each in numbers]
+        assert len(places[0]) == 4
+        assert places[0] == places[1] == places[2]
+
+
+def test_an_unconfirmed_stop_and_a_lost_link_are_counted_as_alarms(
+    shared_browser: SharedBrowser,
+) -> None:
+    with served(1) as page_, opened(shared_browser, page_.url, 1440, 900) as browser:
+        assert text(browser, "button.chip") == "0 alarms"
+        page_.robots[0].stop_listening()
+        eventually(lambda: text(browser, "button.chip") == "1 alarm", "the lost link")
+        press(browser, "#stop")
+        eventually(lambda: text(browser, "#alarm"), "the unconfirmed stop")
+        assert text(browser, "button.chip") == "2 alarms"
+        assert "bad" in element(browser, "button.chip").get_attribute("class")
+
+
 _SMALL_TARGETS = """[...document.querySelectorAll("button, select, input, summary, [role=tab]")]
   .map((each) => [each, (each.closest("label") ?? each).getBoundingClientRect()])
   .filter(([, box]) => box.width && (box.height < 43.5 || box.width < 43.5))

@@ -6,10 +6,12 @@ with, are made anew.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import math
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,11 +20,14 @@ from typing import Any
 import pytest
 from PIL import Image, ImageChops, ImageStat
 
+from tests.quick_chassis import quick_config
 from tests.tools.dashboard.browsers import (
     SharedBrowser,
     SimulatedPage,
+    actions,
     check_console_and_requests,
     click_at,
+    element,
     eventually,
     is_enabled,
     open_page,
@@ -31,8 +36,13 @@ from tests.tools.dashboard.browsers import (
     set_screen,
     show,
     text,
+    wait_for_map,
 )
 from tests.tools.dashboard.pages import program
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
+from woosh_robot_agent.sentences import SENTENCES
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.texts import PAGE
 
@@ -166,6 +176,63 @@ def test_both_languages_have_the_same_texts() -> None:
         assert values == others, key
 
 
+def test_each_sentence_of_the_program_is_in_chinese() -> None:
+    chinese = json.loads((PAGE / "texts/said.zh.json").read_text("utf-8"))
+    assert set(chinese) == set(SENTENCES)
+    for key, pattern in SENTENCES.items():
+        assert _braces(pattern) == _braces(chinese[key]), key
+
+
+def _braces(pattern: str) -> set[str]:
+    return {part.split("}")[0] for part in pattern.split("{")[1:]}
+
+
+def test_what_the_program_explains_is_in_the_language_of_the_page(
+    robot: SimulatedPage, shared_browser: SharedBrowser
+) -> None:
+    english = re.compile(r"[a-z]{4,} [a-z]{2,} [a-z]{2,}")
+    with opened(shared_browser, robot.url, 1440, 900) as driver:
+        press(driver, "#language")
+        press(driver, "#stop")
+        eventually(lambda: text(driver, "#answer").endswith("已停止"), "the stop")
+        robot.call(lambda simulator: simulator.inject("emergency_stop"))
+        eventually(lambda: script(driver, "store.robot.value.emergencyStop"), "the stop button")
+        press(driver, "#marks li:nth-child(2) button")
+
+        def is_refused() -> bool:
+            press(driver, "#go")  # shortly after the stop, nothing is sent
+            return "急停按钮已按下" in text(driver, "#answer")
+
+        eventually(is_refused, "why it is refused")
+        press(driver, "#dismiss")
+        robot.call(lambda simulator: simulator.clear_faults())
+        eventually(lambda: not script(driver, "store.robot.value.emergencyStop"), "its release")
+        pose = robot.call(lambda simulator: simulator.state.pose)
+        ahead = {"x": pose.x + 0.7 * math.cos(pose.theta), "y": pose.y + 0.7 * math.sin(pose.theta)}
+        robot.call(lambda simulator: simulator.inject("obstacle", radius=0.3, **ahead))
+
+        def stands() -> bool:
+            if not script(driver, "store.held.value !== null"):
+                stick = element(driver, "#stick")
+                actions(driver).release().perform()
+                actions(driver).move_to_element(stick).click_and_hold().move_by_offset(
+                    0, -50
+                ).perform()
+            return "没有移动" in text(driver, "#notice")
+
+        eventually(stands, "the standstill")
+        assert not english.search(text(driver, "#notice")), text(driver, "#notice")
+        actions(driver).release().perform()
+        robot.call(lambda simulator: simulator.inject("off"))
+        eventually(lambda: "无法连接" in text(driver, "#notice"), "why there is no link")
+        press(driver, "#stop")
+        eventually(lambda: text(driver, "#alarm"), "the alarm")
+        press(driver, "#alarm summary")
+        assert "未停止" in text(driver, "#alarm")
+        assert "未连接" in text(driver, "#alarm")
+        assert text(driver, "#alarm").count("未发送") <= 1, "one reason"
+
+
 def test_chinese_covers_what_the_page_shows(
     robot: SimulatedPage, shared_browser: SharedBrowser
 ) -> None:
@@ -225,6 +292,9 @@ def test_the_first_load_is_small(robot: SimulatedPage, shared_browser: SharedBro
         ("emergency", 768, 1024, "light"),
         ("sheet", 390, 844, "dark"),
         ("low", 844, 390, "light"),
+        ("task", 1440, 900, "light"),
+        ("fault", 390, 844, "light"),
+        ("lost", 1024, 768, "light"),
     ],
 )
 def test_main_states_look_as_stored(
@@ -246,10 +316,69 @@ def test_main_states_look_as_stored(
         elif name == "sheet":
             show(driver, "go")
             press(driver, "#fit")
-        # without the laser, which varies, the battery of a simulated robot that has waited
-        script(driver, "document.getAnimations().forEach((each) => each.finish())")
-        with Image.open(io.BytesIO(driver.get_screenshot_as_png())) as screen:
-            seen = screen.convert("RGB").resize((width // _SHRINK, height // _SHRINK))
+        elif name == "task":
+            robot.call(
+                lambda simulator: setattr(simulator, "speed", 0.05)
+            )  # so that it stays there
+            press(driver, "#marks li:nth-child(2) button")
+            eventually(lambda: is_enabled(driver, "#go"), "the preview")
+            press(driver, "#go")
+            eventually(lambda: script(driver, "store.path.value.length > 1"), "the path")
+            show(driver, "tasks")
+        elif name == "fault":
+            code = StatusCode(code=11020100001, level=StatusCode.kFault, msg="the brake is stuck")
+            robot.call(lambda simulator: simulator.push(AbnormalCodes(scs=[code])))
+            eventually(lambda: text(driver, "#notice"), "the banner")
+        elif name == "lost":
+            robot.call(lambda simulator: simulator.inject("off"))
+            eventually(lambda: "doctor" in text(driver, "#notice"), "the banner")
+            press(driver, "#stop")
+            eventually(lambda: text(driver, "#alarm"), "the alarm of the stop")
+        check_picture(driver, name, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "width", "height"), [("watching", 1024, 768), ("two", 1440, 900), ("nomap", 390, 844)]
+)
+def test_other_states_look_as_stored(
+    shared_browser: SharedBrowser, tmp_path: Path, name: str, width: int, height: int
+) -> None:
+    options = ["--host", "0.0.0.0"] if name == "watching" else []
+    robots = [
+        SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=number))
+        for number in ((30001, 30002) if name == "two" else (30001,))
+    ]
+    with contextlib.ExitStack() as running:
+        for each in robots:
+            running.enter_context(each)
+        if name == "nomap":
+            robots[0].refuse(full_name(SceneData), "the scene is damaged")
+        watch = name == "watching"
+        _, url = running.enter_context(program(*robots, options=options, watch=watch))
+        driver = running.enter_context(shared_browser.window())
+        set_screen(driver, width, height, mobile=width < 1000)
+        set_media(driver, **{"prefers-color-scheme": "light"})
+        driver.get(url)
+        eventually(lambda: script(driver, "globalThis.store?.scan.value != null"), "the laser")
+        if name == "nomap":
+            eventually(lambda: "No map" in text(driver, "#notice"), "the banner")
+        else:
+            wait_for_map(driver)
+        if name == "two":
+            show(driver, "fleet")
+            eventually(lambda: text(driver, "#fleet").count("Ready") == 2, "the cards")
+            eventually(lambda: script(driver, "mapCanvas.picture().others.length") == 1, "both")
+        check_picture(driver, name, tmp_path)
+        check_console_and_requests(driver, url)
+
+
+def check_picture(driver: Any, name: str, tmp_path: Path) -> None:
+    """Compare the screen with a stored picture."""
+    # without the laser, which varies, the battery of a simulated robot that has waited
+    script(driver, "document.getAnimations().forEach((each) => each.finish())")
+    with Image.open(io.BytesIO(driver.get_screenshot_as_png())) as screen:
+        size = screen.width // _SHRINK, screen.height // _SHRINK
+        seen = screen.convert("RGB").resize(size)
     path = _PICTURES / f"{name}.png"
     if _DOCS:
         seen.save(path, optimize=True)

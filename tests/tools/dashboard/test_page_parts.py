@@ -11,7 +11,7 @@ from typing import Any
 from PIL import Image
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import dashboard, fetch, page
+from tests.tools.dashboard.pages import dashboard, fetch, page, say
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
@@ -194,9 +194,9 @@ async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread)
         config = quick_config(port=chassis.port, tcp_port=0, robot_id=7)
         with SimulatorThread(config) as other:
             link = await viewer.until(
-                lambda parts: "robot 7 " in parts["link"]["error"] and parts["link"]
+                lambda parts: "robot 7 " in say(parts["link"]["error"]) and parts["link"]
             )
-            assert "answers instead of robot 30001" in link["error"]
+            assert "answers instead of robot 30001" in say(link["error"])
             assert (link["good"], link["advice"]) == (False, "")
             assert viewer.parts["robot"]["id"] == 30001
             ok, text = await viewer.command("goMark", mark="A2")

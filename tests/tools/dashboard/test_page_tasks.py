@@ -15,6 +15,7 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
 
 
@@ -49,7 +50,9 @@ async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThrea
         begun = await newest(viewer, to="A2", state="executing", running=True)
         assert (begun["type"], begun["by"]) == ("carry", viewer.parts["hello"]["you"])
         wanted = {"mark": "A2", "type": "carry", "direction": "feeding"}
-        assert begun["command"] == {"name": "goMark", "args": wanted}
+        assert (begun["scene"], begun["map"]) == ("wooshmap", "wooshmap")
+        place = {"scene": "wooshmap", "map": "wooshmap"}
+        assert begun["command"] == {"name": "goMark", "args": {**wanted, **place}}
         done = await newest(viewer, id=begun["id"], state="completed", running=False)
         assert 0 < begun["begun"] == done["begun"] < done["changed"] <= time.time() * 1000
         assert (await viewer.command("go", x=500.0, y=500.0, theta=0.0))[0]
@@ -111,3 +114,25 @@ async def test_tasks_of_others_and_of_earlier_are_in_the_list(
             await newest(viewer, id="7", to="A2", state="completed", by="", command={})
             await client.request(ExecTask(task_id=8, type=task.kParking, mark_no="P1"))
             await newest(viewer, id="8", type="parking", running=True, by="another client")
+
+
+@aio
+@pytest.mark.parametrize("by", ["page", "other"])
+async def test_where_a_task_to_a_place_goes(chassis: SimulatorThread, by: str) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        if by == "page":
+            assert (await viewer.command("go", x=1.0, y=-6.0, theta=0.0))[0]
+        else:
+            config = LinkConfig("127.0.0.1", chassis.port)
+            async with ChassisClient(config=config) as client:
+                pose = Pose2D(x=1.0, y=-6.0)
+                await client.request(ExecTask(task_id=7, type=task.kPick, pose=pose))
+        task_ = await viewer.until(
+            lambda parts: (
+                parts["tasks"][0]["place"] and parts["tasks"][0]["running"] and parts["tasks"][0]
+            )
+        )
+        assert (task_["to"], task_["place"]) == ("", pytest.approx([1.0, -6.0], abs=0.1))
+        card = await viewer.until(lambda parts: parts["fleet"][0]["task"])
+        assert card["place"] == task_["place"]

@@ -196,18 +196,21 @@ class Command(NamedTuple):
             `CommandError` if the arguments are not valid.
         interrupts: True if the command only ends or interrupts a motion, so that it is never too
             old to be sent.
+        on_map: True if the command has a place on the map that the arguments `scene` and `map`
+            name.
     """
 
     request: Callable[[Args, RobotInfo], Message]
     interrupts: bool = False
+    on_map: bool = False
 
 
 COMMANDS: Mapping[str, Command] = MappingProxyType(
     {
-        "go": Command(_go),
-        "goMark": Command(_go_to_mark),
+        "go": Command(_go, on_map=True),
+        "goMark": Command(_go_to_mark, on_map=True),
         "charge": Command(_charge),
-        "setPose": Command(_tell_pose),
+        "setPose": Command(_tell_pose, on_map=True),
         "keepPose": Command(lambda *_: InitRobot(is_record=True)),
         "pause": Command(lambda *_: ActionOrder(order=action.kPause), interrupts=True),
         "continue": Command(lambda *_: ActionOrder(order=action.kContinue)),

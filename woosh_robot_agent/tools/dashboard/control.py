@@ -23,13 +23,15 @@ from woosh_robot_agent.motion import (
     VelocityLimits,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.robot.readiness import Objection
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.standstill import Standstill
 from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
+from woosh_robot_agent.sentences import THEN, Said, Sentence, joined, said_by
 from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandError, number
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.tasks import TaskLog
-from woosh_robot_agent.tools.dashboard.texts import Text
+from woosh_robot_agent.tools.dashboard.texts import Text, english, value_data
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 
@@ -55,6 +57,8 @@ SPEED_LIMIT = "speedLimit"
 """Name of the command that limits the speed of the robot."""
 TOO_SLOW = Text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
+_REFUSED = Sentence("refusal.refused", "refused")
+_BECAUSE = Sentence("refusal.because", "{text} ({reason})")
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
 _MAX_AGE = 0.5
@@ -107,6 +111,8 @@ class Control:
        or a gap between the velocities ends the press. Only another press drives again.
     7. A robot that hangs may execute a command later. While it sends nothing, it gets no command
        that may start a motion.
+    8. The page sends a place with the map that it shows. The robot gets the place only if it uses
+       this map.
 
     Args:
         robot: the robot.
@@ -114,6 +120,7 @@ class Control:
 
     Attributes:
         owner: the viewer that has the control; None if no viewer has it.
+        tasks: the tasks of the robot.
     """
 
     def __init__(self, robot: Robot, config: ControlConfig) -> None:
@@ -139,7 +146,7 @@ class Control:
         self._standstill = Standstill(robot.chassis, self._gate, last_known)
         velocities = VelocitySources(robot.chassis, self._gate)
         self._who_drives = WhoDrives(robot.chassis, self._gate, last_known, velocities, tuple)
-        self._tasks = TaskLog(robot, self._who_drives.now)
+        self.tasks = TaskLog(robot, self._who_drives.now)
         self.owner: Viewer | None = None
         self._used_at = -math.inf
         """Loop time of the last command of the owner."""
@@ -194,6 +201,8 @@ class Control:
         request = command.request(args, self._robot.view.info) if command else None
         limit = self._speed_in(args) if command is None else None
         reason = self._outdated(clock) or self._robot.no_data
+        if command and command.on_map:
+            reason = reason or self._other_map(args)
         if reason and not (command and command.interrupts):
             raise CommandError(Text("reply.notSent", command=_name(name), reason=reason))
         if reason := self._claim(viewer):
@@ -201,7 +210,7 @@ class Control:
         if request is None:
             return self._limit_speed(limit)
         if isinstance(request, ExecTask):
-            self._tasks.given(request.task_id, viewer.name, name, args)
+            self.tasks.given(request.task_id, viewer.name, name, args)
         return self._execute(name, request)
 
     def drive(self, viewer: Viewer, message: Args) -> None:
@@ -234,18 +243,22 @@ class Control:
         self._stick.drive(linear, 0.0, angular)
 
     def release(self, viewer: Viewer) -> None:
-        """Take the control from a viewer, and stop the robot if the viewer's stick drives it."""
+        """Take the control from a viewer that has it, and end the press of its stick."""
         if viewer is self.owner:
-            self._stick.drive(0.0, 0.0, 0.0)
-            self.owner = None
-            self._press = -1
-            self._robot.parts.changed()
+            viewer.ended_press = max(viewer.ended_press, self._press)
+            self._end_control()
+
+    def _end_control(self) -> None:
+        self._stick.drive(0.0, 0.0, 0.0)
+        self.owner = None
+        self._press = -1
+        self._robot.parts.changed()
 
     def _release_idle(self) -> None:
         """Take the control from a viewer that has not used it for long."""
         now = asyncio.get_running_loop().time()
         if self.owner and now > self._used_at + self._config.idle_timeout:
-            self.release(self.owner)
+            self._end_control()
 
     def _claim(self, viewer: Viewer) -> Text | None:
         """Give the control to a viewer; return the reason if that is not possible."""
@@ -273,6 +286,13 @@ class Control:
             return Text("reason.stoppedMeanwhile")
         return None
 
+    def _other_map(self, args: Args) -> Text | None:
+        """Return the reason if a place is on another map than the robot; None if it is not."""
+        used = self._robot.view.info.scene
+        if (args.get("scene"), args.get("map")) == (used.scene_name, used.map_name):
+            return None
+        return Text("reason.otherMap", map=used.map_name)
+
     @property
     def _gap(self) -> float:
         """Time since the last velocity of the press that drives, in seconds."""
@@ -297,15 +317,16 @@ class Control:
             request = self._robot.requests.address(request)
             answer = await self._gate.request(request, sender=Sender(name))
         except LinkError as error:  # if the robot has got the request, its reports will show that
-            return Outcome(False, Text("reply.refused", command=_name(name), text=str(error)))
+            return Outcome(False, Text("reply.refused", command=_name(name), text=said_by(error)))
         if isinstance(request, ExecTask):
-            self._tasks.answered(request.task_id, answer.ok)
+            self.tasks.answered(request.task_id, answer.ok)
         if answer.ok:
             return Outcome(True, Text("reply.accepted", command=_name(name)))
-        reason = await self._explainer.reason(type_of(request))
-        text = answer.msg or "refused"
-        if reason:
-            text += f" ({reason})"
+        reasons = await self._explainer.reasons(type_of(request))
+        text = answer.msg or _REFUSED()
+        if reasons:
+            because = joined(THEN, map(_said, reasons))
+            text = _BECAUSE(text=text, reason=because)
         return Outcome(False, Text("reply.refused", command=_name(name), text=text))
 
     def _speed_in(self, args: Args) -> float | None:
@@ -349,8 +370,14 @@ class Control:
             "speedLimit": self._speed,
             "speedRefusal": self._speed_limiter.refusal,
             "driver": {"name": driver.name, "detail": driver.detail},
-            "standstill": self._standstill.warning,
+            "standstill": value_data(self._standstill.warning),
         }
+
+
+def _said(objection: Objection) -> str:
+    """Return the reason of an objection, which the page has in its language, by its name."""
+    key = f"objection.{objection.name}.reason"
+    return Said(objection.reason, key) if key in english() else objection.reason
 
 
 def _name(command: str) -> Text:

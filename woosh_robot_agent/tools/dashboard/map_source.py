@@ -143,6 +143,8 @@ class MapSource:
             area = find_map(scene, *wanted[1:3])
             origin = area.origin.x, area.origin.y, area.origin.theta
             more = {
+                "scene": wanted[0],
+                "name": wanted[2],
                 "marks": part_data.marks_data(area),
                 "zones": part_data.zones_data(area),
                 "lanes": part_data.lanes_data(area),

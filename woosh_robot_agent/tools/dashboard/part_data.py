@@ -127,7 +127,6 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         silence: whole seconds for which the robot has sent nothing.
     """
     info = view.info
-    proc = info.task_proc
     worst = max((code.level for code in info.abnormal_codes.scs), default=StatusCode.kNormal)
     return {
         "address": chassis.config.address,
@@ -141,7 +140,6 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "problems": len(info.abnormal_codes.scs),
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),
-        "task": proc.dest if is_running(proc) else None,
     }
 
 

@@ -25,11 +25,12 @@ from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.sentences import said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import Args, set_pose
 from woosh_robot_agent.tools.dashboard.map_source import MapSource
 from woosh_robot_agent.tools.dashboard.parts import SCAN, Parts
-from woosh_robot_agent.tools.dashboard.texts import Text
+from woosh_robot_agent.tools.dashboard.texts import Text, value_data
 from woosh_robot_agent.tools.options import link_arguments
 from woosh_robot_agent.tools.robot_view import MAX_BACKOFF, RobotView, subscribe_all
 
@@ -287,7 +288,7 @@ class Robot:
             "state": "connected" if ready else state,
             "since": int(chassis.since * 1000),
             "silence": self.silence if ready else 0,
-            "error": "" if ready or error is None else str(error),
+            "error": "" if ready or error is None else value_data(said_by(error)),
             "advice": advice,
             "delay": None if round_trip is None else round(round_trip * 1000.0),
         }

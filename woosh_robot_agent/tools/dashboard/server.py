@@ -16,6 +16,7 @@ from typing import Any
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from woosh_robot_agent.link import LinkConfig, LinkError
+from woosh_robot_agent.sentences import said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.access import (
     SECURITY_HEADERS,
@@ -207,8 +208,12 @@ class Dashboard:
 
     def _fleet_data(self) -> list[dict[str, Any]]:
         return [
-            {**part_data.card_data(each.view, each.chassis, each.silence), "order": each.order()}
-            for each in self.robots
+            {
+                **part_data.card_data(each.view, each.chassis, each.silence),
+                "order": each.order(),
+                "task": control.tasks.running(),
+            }
+            for each, control in self._controls.items()
         ]
 
     def _places_data(self) -> list[dict[str, Any]]:
@@ -427,7 +432,7 @@ class Dashboard:
         except CommandError as error:
             return Outcome(False, error.text)
         except LinkError as error:
-            reason, found = str(error), None
+            reason, found = said_by(error), None
         if found is None:
             return Outcome(False, Text("reason.said", text=reason))
         return Outcome(True, Text("reply.done"), found)

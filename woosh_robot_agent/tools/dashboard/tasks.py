@@ -12,7 +12,8 @@ from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.link.reports import RecentDict
 from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotInfo, TaskProc
+from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.who_drives import Driver
 from woosh_robot_agent.tools.dashboard import part_data
@@ -33,6 +34,9 @@ class _Task:
         by: source of the task: the viewer's name, or a name as in `Driver`; empty if unknown.
         known: True if the robot has accepted or reported the task.
         report: last report about the task; without a state, the end of the task was not seen.
+        place: destination, in metres; None if unknown, since robots report only numbers of marks.
+        scene: scene that the robot used when the task was given or first seen; empty if unknown.
+        map: map that the robot used then.
         begun: Unix time at which the task was given or first seen, in milliseconds; 0 if unknown.
         changed: Unix time at which the task got its present state, in milliseconds.
     """
@@ -41,6 +45,9 @@ class _Task:
     by: str = ""
     known: bool = False
     report: TaskProc = field(default_factory=TaskProc)
+    place: tuple[float, float] | None = None
+    scene: str = ""
+    map: str = ""
     begun: int = 0
     changed: int = 0
 
@@ -68,6 +75,7 @@ class TaskLog:
         """The tasks by id, the last one last."""
         robot.chassis.on_snapshot(self._snapshot)
         robot.chassis.subscribe(TaskProc, self._reported)
+        robot.chassis.subscribe(NavPath, self._path_reported)
         robot.parts.add("tasks", self._data)
 
     def given(self, task_id: int, by: str, command: str, args: Mapping[str, Any]) -> None:
@@ -80,7 +88,15 @@ class TaskLog:
             args: arguments of the command.
         """
         given = _Task({"name": command, "args": dict(args)}, by, begun=part_data.now())
+        if command == "go":
+            given.place = args["x"], args["y"]
+        self._note_map(given)
         self._tasks[task_id] = given
+
+    def running(self) -> dict[str, Any] | None:
+        """Return the running task as in the part `tasks`; None without one."""
+        running = (each for each in self._tasks.items() if each[1].known and each[1].runs)
+        return next((self._entry(*each) for each in running), None)
 
     def answered(self, task_id: int, ok: bool) -> None:
         """Note that the robot has accepted or refused a task."""
@@ -116,11 +132,25 @@ class TaskLog:
             known = self._tasks[report.robot_task_id] = _Task()
             if is_running(report):
                 known.begun = now
-                # later, because `WhoDrives` must process this report first
+                self._note_map(known)
+                # after the other consumers of this report, which know who drives
                 asyncio.get_running_loop().call_soon(self._ask_driver, known)
         if known.report.state != report.state:
             known.changed = now
         known.known, known.report = True, report
+
+    def _path_reported(self, path: NavPath) -> None:
+        """Note where the running task goes, which is where its path ends."""
+        for each in self._tasks.values():
+            goes = each.runs and each.report.action.type == action.kNav
+            points = part_data.points_data(path.path.poses[-1:])
+            if goes and points and each.command.get("name") != "go":
+                each.place = points[0][0], points[0][1]
+                self._robot.parts.changed()
+
+    def _note_map(self, known: _Task) -> None:
+        used = self._robot.view.info.scene
+        known.scene, known.map = used.scene_name, used.map_name
 
     def _ask_driver(self, known: _Task) -> None:
         if known.runs and self._robot.chassis.state is LinkState.READY:
@@ -140,10 +170,13 @@ class TaskLog:
             "id": str(task_id),
             "type": enum_name(task.Type, report.type),
             "to": report.dest,
+            "place": each.place,
             "state": "unseen" if unseen else enum_name(task.State, report.state),
             "running": each.runs,
             "text": report.msg,
             "code": self._failure(report) if failed else None,
+            "scene": each.scene,
+            "map": each.map,
             "begun": each.begun,
             "changed": each.changed,
             "by": each.by,

@@ -7,10 +7,12 @@ import json
 from pathlib import Path
 from typing import Any, Union
 
+from woosh_robot_agent.sentences import Said
+
 PAGE = Path(__file__).with_name("page")
 """Folder of the page."""
 Value = Union[str, int, float, "Text"]
-"""Type of the values that can be put into a text."""
+"""Type of the values that can be put into a text; a `Said` is shown in the language of the page."""
 
 
 class Text:
@@ -33,11 +35,18 @@ class Text:
     @property
     def data(self) -> dict[str, Any]:
         """The key and the values, for JSON."""
-        values = {
-            name: value.data if isinstance(value, Text) else value
-            for name, value in self._values.items()
-        }
+        values = {name: value_data(value) for name, value in self._values.items()}
         return {"key": self._key, "values": values}
+
+
+def value_data(value: Value) -> Any:
+    """Return a value for JSON: of a text or a `Said` the key and the values."""
+    if isinstance(value, Text):
+        return value.data
+    if isinstance(value, Said):
+        values = {name: value_data(each) for name, each in value.values.items()}
+        return {"key": value.key, "values": values, "english": str(value)}
+    return value
 
 
 @functools.cache

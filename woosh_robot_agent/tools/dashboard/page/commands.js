@@ -1,9 +1,8 @@
 // Actions of the viewer: commands, STOP, the choice of a robot, of a target, of a pose.
 
-import { batch, effect } from "./vendor/preact.js";
+import { batch, computed } from "./vendor/preact.js";
 import { Connection } from "./connection.js";
 import * as store from "./store.js";
-import { say } from "./texts.js";
 
 const DOUBLE_CLICK = 500; // milliseconds within which a repeated command is not sent
 const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
@@ -23,7 +22,7 @@ let standingSince = 0; // time since which the robot is seen to stand still
  */
 function received(name, data) {
   if (name === "stick") {
-    store.held.value = null;
+    store.letGo();
     tell(false, data);
     return;
   }
@@ -75,7 +74,7 @@ export async function run(name, args = {}) {
 }
 
 export async function stop() {
-  store.held.value = null;
+  store.letGo();
   const { robot } = connection;
   tell(true, { key: "reply.stopping", values: {} }, robot);
   const { ok, text } = await connection.stop();
@@ -109,8 +108,9 @@ function checkAlarm() {
 /** @param {number} index */
 export function chooseRobot(index) {
   if (index === store.chosen.value) return;
+  store.letGo();
   batch(() => {
-    store.held.value = null;
+    store.keyboard.value = false; // the arrow keys were switched on for the former robot
     store.chosen.value = index;
     store.forget();
   });
@@ -118,6 +118,7 @@ export function chooseRobot(index) {
 }
 
 export function release() {
+  store.letGo();
   connection.send({ do: "release" });
 }
 
@@ -130,7 +131,7 @@ export async function setTarget(target) {
   if (!target.pose || !store.mayControl.value) return;
   const { ok, text, data } = await connection.command("plan", target.pose);
   if (store.target.value !== target) return; // the viewer has chosen another target meanwhile
-  const error = { error: say(text) };
+  const error = { error: text };
   store.target.value = { ...target, plan: ok ? data : error };
 }
 
@@ -150,10 +151,16 @@ export function setTargetPlace({ x, y }, direction) {
   setTarget({ command: "go", pose: { x, y, theta }, plan: null });
 }
 
+function forgetPlaces() {
+  batch(() => {
+    store.target.value = store.draft.value = store.measured.value = null;
+  });
+}
+
 /** Forget the target, the pose and the tool that the viewer has begun to use on the map. */
 export function forgetTarget() {
   batch(() => {
-    store.target.value = store.draft.value = store.measured.value = null;
+    forgetPlaces();
     if (store.tool.value === "pose") store.tool.value = store.mayControl.value ? "go" : "move";
   });
 }
@@ -170,9 +177,11 @@ export function startPose() {
 /** Send the pose that the viewer has set to the robot. */
 export async function confirmPose() {
   const pose = store.draft.value;
-  if (pose && (await run("setPose", pose))) forgetTarget();
+  if (pose && (await run("setPose", { ...pose, ...store.shownMap.value }))) forgetTarget();
 }
 
-effect(() => {
-  if (store.outdated.value) store.held.value = null;
+const maps = computed(() => {
+  const { scene, map } = store.robot.value ?? {};
+  return JSON.stringify([store.shownMap.value, scene, map]);
 });
+maps.subscribe(forgetPlaces); // places of one map mean nothing on another one

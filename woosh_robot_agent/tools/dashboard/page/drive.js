@@ -1,52 +1,19 @@
-// Driving by hand: the stick and the arrow keys. The robot drives only while one of them is held.
+// Driving by hand: the velocities, the arrow keys, and the events that end a press of the stick or of a key.
 
 import { effect } from "./vendor/preact.js";
 import { connection, stop } from "./commands.js";
 import * as store from "./store.js";
 
 const PERIOD = 50; // milliseconds between two velocities
-const DEAD_ZONE = 0.12; // of the stick's radius
-const KEYS = /** @type {Record<string, [number, number]>} */ ({
-  ArrowUp: [1, 0],
-  ArrowDown: [-1, 0],
-  ArrowLeft: [0, 1],
-  ArrowRight: [0, -1],
-});
 
 let press = 0; // number of the current or last press
 let timer = 0;
-const pressed = /** @type {Set<string>} */ (new Set()); // arrow keys that are down
-
-/**
- * Return the velocity for the distance of a pointer from where it went down.
- * @param {number} right of the stick's radius
- * @param {number} up of the stick's radius
- */
-export function stickVelocity(right, up) {
-  const { linear, angular } = store.control.value?.limits ?? { linear: 0, angular: 0 };
-  const dead = (/** @type {number} */ value) => (Math.abs(value) < DEAD_ZONE ? 0 : value);
-  return {
-    linear: dead(up) * linear,
-    // backwards, the robot still moves to the side to which the stick points
-    angular: -dead(right) * angular * (up < -DEAD_ZONE ? -1 : 1),
-  };
-}
-
-/** Hold a velocity; begin a press if nothing is held. @param {{linear: number, angular: number}} velocity */
-export function hold(velocity) {
-  if (!store.held.value) store.answer.value = null; // answer to an earlier press or command
-  store.held.value = velocity;
-}
-
-/** End the press: a pointer that is still down does not drive until it is pressed anew. */
-export function letGo() {
-  store.held.value = null;
-}
 
 effect(() => {
   const holds = store.held.value !== null;
   if (holds && !timer) {
     press++;
+    store.answer.value = null; // answer to an earlier press or command
     sendVelocity();
     timer = setInterval(sendVelocity, PERIOD);
   } else if (!holds && timer) {
@@ -72,38 +39,38 @@ function keyDown(event) {
     if (!event.repeat) stop();
     return;
   }
-  if (!store.keyboard.value || !(event.key in KEYS) || takesKeys(event.target)) return;
+  if (!(event.code in store.KEYS)) {
+    store.letGo(); // the key may open a menu or begin a shortcut, which takes the key-up
+    return;
+  }
+  if (!store.keyboard.value || takesKeys(event.target)) return;
   event.preventDefault();
   event.stopPropagation();
-  if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
-  pressed.add(event.key);
-  driveByKeys();
+  if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || store.grip.value) return;
+  store.keys.value = new Set(store.keys.value).add(event.code);
 }
 
 /** @param {KeyboardEvent} event */
 function keyUp(event) {
-  if (!pressed.delete(event.key)) return;
-  if (pressed.size) driveByKeys();
-  else letGo();
+  const keys = new Set(store.keys.value);
+  if (keys.delete(event.code)) store.keys.value = keys;
 }
 
-function driveByKeys() {
-  const ways = [...pressed].map((key) => KEYS[key]);
-  const up = ways.reduce((sum, [each]) => sum + each, 0);
-  const left = ways.reduce((sum, [, each]) => sum + each, 0);
-  hold(stickVelocity(-left, up));
-}
-
-function leave() {
-  pressed.clear();
-  letGo();
+/** @param {PointerEvent} event */
+function pointerDown({ target }) {
+  if (!(target instanceof Element && target.closest("#stick"))) store.letGo();
 }
 
 addEventListener("keydown", keyDown, { capture: true });
 addEventListener("keyup", keyUp, { capture: true });
-document.addEventListener("visibilitychange", () => document.hidden && leave());
-addEventListener("blur", leave);
-addEventListener("pagehide", leave);
+addEventListener("pointerdown", pointerDown, { capture: true });
+addEventListener("focusin", store.letGo);
+addEventListener("blur", store.letGo);
+addEventListener("pagehide", store.letGo);
+document.addEventListener("visibilitychange", () => document.hidden && store.letGo());
 effect(() => {
-  if (!store.keyboard.value || !store.held.value) pressed.clear();
+  if (store.outdated.value) store.letGo();
+});
+effect(() => {
+  if (!store.keyboard.value) store.letGo();
 });

@@ -43,10 +43,13 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {string} id
  * @property {string} type
  * @property {string} to
+ * @property {[number, number] | null} place where the robot goes, in metres, if that is known
  * @property {string} state
  * @property {boolean} running
  * @property {string} text
  * @property {Code | null} code
+ * @property {string} scene empty if it is not known on which map the task is
+ * @property {string} map
  * @property {number} begun Unix time in milliseconds; 0 if the begin was not seen
  * @property {number} changed
  * @property {string} by
@@ -56,6 +59,8 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @typedef {object} Area the map, as far as it is known
  * @property {number} number
  * @property {string} error
+ * @property {string} [scene]
+ * @property {string} [name]
  * @property {number} [resolution]
  * @property {Pose} [origin]
  * @property {boolean} [keepout]
@@ -72,10 +77,10 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {number | null} speedLimit
  * @property {string} speedRefusal
  * @property {{name: string, detail: string}} driver
- * @property {string} standstill
+ * @property {import("./texts.js").Value} standstill
  */
 /**
- * @typedef {{good: boolean, state: string, since: number, silence: number, error: string,
+ * @typedef {{good: boolean, state: string, since: number, silence: number, error: import("./texts.js").Value,
  *   advice: string, delay: number | null}} Link
  */
 /**
@@ -91,7 +96,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {number} problems
  * @property {string} level
  * @property {Battery | null} battery
- * @property {string | null} task
+ * @property {Task | null} task the one that runs
  * @property {Order | null} order
  */
 /**
@@ -107,9 +112,27 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {"go" | "goMark" | "charge"} command
  * @property {string} [mark]
  * @property {Pose} [pose]
- * @property {{path: number[][], length: number} | {error: string} | null} plan null while it is asked
+ * @property {{path: number[][], length: number} | {error: import("./texts.js").Value} | null} plan null while it is asked
+ * @property {TaskKind} [kind] what shall be done there, as far as it is known
  */
+/** @typedef {{type: string, number: number, direction: string}} TaskKind */
 /** @typedef {{ok: boolean, text: import("./texts.js").Text, time: number, robot: number}} Answer */
+/**
+ * @typedef {object} Grip
+ * @property {number} id of the pointer
+ * @property {Point} start where it went down, in pixels
+ * @property {number} right its distance from there, of the stick's radius
+ * @property {number} up
+ */
+
+const DEAD_ZONE = 0.12; // of the stick's radius
+/** @type {Record<string, [number, number]>} distances to the right and up, by the code of the key */
+export const KEYS = {
+  ArrowUp: [0, 1],
+  ArrowDown: [0, -1],
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+};
 
 /**
  * @template T
@@ -189,8 +212,25 @@ export const alarms = state(
 );
 /** True if the arrow keys drive. */
 export const keyboard = state(false);
+/** The pointer that holds the stick; null without one. */
+export const grip = state(/** @type {Grip | null} */ (null));
+/** Codes of the arrow keys that are down and drive. */
+export const keys = state(/** @type {ReadonlySet<string>} */ (new Set()));
 /** Velocity that the stick or the keys ask for; null while nothing is held. */
-export const held = state(/** @type {{linear: number, angular: number} | null} */ (null));
+export const held = computed(() => {
+  if (grip.value) return stickVelocity(grip.value.right, grip.value.up);
+  if (!keys.value.size) return null;
+  const pressed = [...keys.value].map((code) => KEYS[code]);
+  const [right, up] = [0, 1].map((axis) => pressed.reduce((sum, each) => sum + each[axis], 0));
+  return stickVelocity(right, up);
+});
+
+/** Scene and map that are shown; without a picture, those that the robot uses. */
+export const shownMap = computed(() =>
+  map.value?.resolution
+    ? { scene: map.value.scene ?? "", map: map.value.name ?? "" }
+    : { scene: robot.value?.scene ?? "", map: robot.value?.map ?? "" },
+);
 
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
 export const mine = computed(() => control.value !== null && control.value.owner === you.value);
@@ -240,6 +280,29 @@ export function receiveScan(buffer) {
     points[count++] = left + range * Math.sin(angle);
   }
   scan.value = { pose: { x, y, theta }, points: points.subarray(0, count) };
+}
+
+/**
+ * Return the velocity for the distance of a pointer from where it went down.
+ * @param {number} right of the stick's radius
+ * @param {number} up of the stick's radius
+ */
+function stickVelocity(right, up) {
+  const { linear, angular } = control.value?.limits ?? { linear: 0, angular: 0 };
+  const dead = (/** @type {number} */ value) => (Math.abs(value) < DEAD_ZONE ? 0 : value);
+  return {
+    linear: dead(up) * linear,
+    // backwards, the robot still moves to the side to which the stick points
+    angular: -dead(right) * angular * (up < -DEAD_ZONE ? -1 : 1),
+  };
+}
+
+/** Stop driving by hand. A pointer or a key that is still down drives no more. */
+export function letGo() {
+  batch(() => {
+    grip.value = null;
+    keys.value = new Set();
+  });
 }
 
 /** Forget everything about the former robot, because the viewer has chosen another one. */

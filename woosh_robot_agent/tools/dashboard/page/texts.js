@@ -2,7 +2,10 @@
 
 import { batch, signal } from "./vendor/preact.js";
 
-/** @typedef {{key: string, values: Record<string, Value>}} Text  a text of the dashboard */
+/**
+ * @typedef {{key: string, values: Record<string, Value>, english?: string}} Text  a text of the dashboard;
+ *   with `english`, a sentence of the program, which has it only in English
+ */
 /** @typedef {string | number | Text} Value  value that can be put into a text */
 
 export const LANGUAGES = { en: "English", zh: "中文" };
@@ -11,6 +14,8 @@ const KEY = "woosh.language"; // in the storage of the browser
 export const language = signal("en");
 /** @type {import("@preact/signals").Signal<Record<string, string>>} */
 const texts = signal({});
+/** @type {import("@preact/signals").Signal<Record<string, string>>} */
+const said = signal({}); // sentences of the program; empty for English
 /** @type {import("@preact/signals").Signal<Record<string, string>>} */
 const codes = signal({}); // meaning of status codes; empty for English, which the dashboard has
 
@@ -34,12 +39,14 @@ export async function startLanguage() {
 
 /** @param {string} wanted */
 async function loadLanguage(wanted) {
-  const [found, meanings] = await Promise.all([
+  const [found, meanings, sentences] = await Promise.all([
     load(`texts/${wanted}.json`),
     wanted === "en" ? {} : load(`texts/codes.${wanted}.json`),
+    wanted === "en" ? {} : load(`texts/said.${wanted}.json`),
   ]);
   batch(() => {
     texts.value = found;
+    said.value = sentences;
     codes.value = meanings;
     language.value = wanted;
   });
@@ -60,7 +67,16 @@ async function load(url) {
  * @returns {string}
  */
 export function t(key, values = {}) {
-  return (texts.value[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => say(values[name] ?? ""));
+  return filled(texts.value[key] ?? key, values);
+}
+
+/**
+ * @param {string} pattern
+ * @param {Record<string, Value>} values by the names in braces
+ * @returns {string}
+ */
+function filled(pattern, values) {
+  return pattern.replace(/\{(\w+)\}/g, (_, name) => say(values[name] ?? ""));
 }
 
 /**
@@ -86,7 +102,11 @@ export function tOr(key, other) {
  * @returns {string}
  */
 export function say(value) {
-  return typeof value === "object" ? t(value.key, value.values) : String(value);
+  if (typeof value !== "object") return String(value);
+  const { key, values, english } = value;
+  if (english === undefined) return t(key, values);
+  const pattern = language.value === "en" ? undefined : (said.value[key] ?? texts.value[key]);
+  return pattern ? filled(pattern, values) : english;
 }
 
 /**

@@ -12,6 +12,7 @@ const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const OCCUPIED = 0.65; // darkness above which a pixel is a wall, as in nav2's map_server
 const FREE = 0.196; // darkness below which a pixel is floor
 const TRAIL_STEP = 0.05; // metres between two points of the trail
+const TRAIL_JUMP = 1; // metres between two poses from which the robot has not driven there
 const TRAIL_LENGTH = 4000; // points
 const DRAG = 8; // pixels from which a press is a drag
 const DIRECTION = 24; // pixels from which a drag gives a direction
@@ -116,10 +117,15 @@ export class MapCanvas {
     this.zoom(1 / ZOOM_STEP);
   }
 
-  /** Say what lies over the canvas, so that `fit` leaves it free. @param {import("./view.js").Inset} inset */
+  /**
+   * Say what lies over the canvas. A map that is still fitted is fitted anew, unless somebody
+   * presses it just now.
+   * @param {import("./view.js").Inset} inset
+   */
   setInset(inset) {
     this.view.inset = inset;
-    this.redraw();
+    if (this.stillFitted && !this.pointers.size) this.fit();
+    else this.redraw();
   }
 
   followRobot() {
@@ -347,7 +353,9 @@ export class MapCanvas {
   addToTrail(pose) {
     if (!pose) return;
     const last = this.trail.at(-1);
-    if (last && Math.hypot(pose.x - last[0], pose.y - last[1]) < TRAIL_STEP) return;
+    const step = last ? Math.hypot(pose.x - last[0], pose.y - last[1]) : Infinity;
+    if (step < TRAIL_STEP) return;
+    if (step > TRAIL_JUMP) this.trail = []; // it was told another pose, or was not seen for a while
     this.trail.push([pose.x, pose.y]);
     if (this.trail.length > TRAIL_LENGTH) this.trail.shift();
   }

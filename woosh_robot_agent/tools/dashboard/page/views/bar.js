@@ -3,7 +3,7 @@
 import { html, useRef } from "../vendor/preact.js";
 import { chooseRobot, stop } from "../commands.js";
 import * as store from "../store.js";
-import { alarmCount, LANGUAGES, language, setLanguage, t, tOr } from "../texts.js";
+import { alarmCount, LANGUAGES, language, say, setLanguage, t, tOr } from "../texts.js";
 import { openTab } from "./panel.js";
 import { Icon, robotName } from "./parts.js";
 
@@ -50,7 +50,7 @@ export function linkText() {
   if (link.silence) {
     return { short: t("link.noData", { seconds: link.silence }), long: t("link.noDataReason") };
   }
-  const long = [link.error, link.advice && t("link.doctor", { options: link.advice })];
+  const long = [say(link.error), link.advice && t("link.doctor", { options: link.advice })];
   return { short: t(`link.${link.state}`), long: long.filter(Boolean).join(". ") };
 }
 
@@ -61,7 +61,7 @@ function LinkChip() {
   return html`<div class="chip ${good ? "" : "bad"}" id="link" role="status" title=${long}>
     <span class="dot ${good ? "ok" : "bad"}"></span>
     <span class=${good ? "wide" : ""}>${short}</span>
-    ${good && delay !== null && html`<small class="wide">${delay} ms</small>`}
+    ${good && delay !== null && html`<small class="wide delay">${delay} ms</small>`}
   </div>`;
 }
 
@@ -70,7 +70,7 @@ function BatteryChip() {
   const low = battery && battery.power <= (battery.low || 20) && !battery.charging;
   return html`<div class="chip battery ${low ? "warn" : ""}" title=${t("robot.battery")}>
     <${Icon} name=${battery?.charging ? "charge" : "battery"} />
-    <span>${battery ? `${battery.power} %` : "–"}</span>
+    <span class="power">${battery ? `${battery.power} %` : "–"}</span>
   </div>`;
 }
 
@@ -86,18 +86,20 @@ function ModeChip() {
 
 function AlarmChip() {
   const problems = store.robot.value?.problems ?? [];
-  const faults = problems.some(({ level }) => level === "fault");
-  const tone = !problems.length ? "" : faults ? "bad" : "warn";
+  const faults = problems.filter(({ level }) => level === "fault").length;
+  const ofPage = store.alarms.value.size + Number(store.outdated.value);
+  const count = problems.length + ofPage;
+  const tone = !count ? "" : faults + ofPage ? "bad" : "warn";
   return html`<button
     type="button"
     class="chip ${tone}"
-    aria-label=${alarmCount(problems.length)}
-    title=${alarmCount(problems.length)}
+    aria-label=${alarmCount(count)}
+    title=${alarmCount(count)}
     onClick=${() => openTab("state")}
   >
     <${Icon} name="alarm" />
-    <span class="narrow">${problems.length}</span>
-    <span class="wide">${alarmCount(problems.length)}</span>
+    <span class="narrow">${count}</span>
+    <span class="wide">${alarmCount(count)}</span>
   </button>`;
 }
 

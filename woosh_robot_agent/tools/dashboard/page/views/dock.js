@@ -2,14 +2,14 @@
 
 import { html, useEffect, useRef } from "../vendor/preact.js";
 import * as commands from "../commands.js";
-import { hold, letGo, stickVelocity } from "../drive.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
-import { degrees, destination, Icon, placeText } from "./parts.js";
+import { degrees, goalText, Icon, placeText } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
 const TURN = Math.PI / 180; // radians by which a button turns the pose
+const HALF = 132; // half of the stick's width, in percent of its knob's
 
 export function Dock() {
   return html`<section class="dock" aria-label=${t("dock.name")}>
@@ -151,7 +151,7 @@ function Preview() {
       <p>${about.filter(Boolean).join(" · ")}</p>
     </div>
     <div class="act">
-      ${may && html`<${TaskOptions} key=${to} target=${target} command=${command} />`}
+      ${may && html`<${TaskOptions} key=${`${to} ${JSON.stringify(target.kind)}`} target=${target} command=${command} />`}
       <${Dismiss} />
     </div>`;
 }
@@ -160,9 +160,8 @@ function Running() {
   const running = store.tasks.value.find((each) => each.running);
   const task = store.robot.value?.task;
   if (!task) return null;
-  const to = running ? destination(running) : task.to;
   return html`<div class="now" id="now">
-      <b>${t("dock.to", { place: to || task.id })}</b>
+      <b>${running ? goalText(running) : stateText()}</b>
       <p>${[taskState(task), task.text].filter(Boolean).join(" · ")}</p>
     </div>
     <div class="act">${taskButtons()}</div>`;
@@ -170,43 +169,42 @@ function Running() {
 
 function Stick() {
   const stick = useRef(/** @type {HTMLElement | null} */ (null));
-  const knob = useRef(/** @type {HTMLElement | null} */ (null));
-  // the pointer that holds the stick, and where it went down
-  const pointer = useRef(/** @type {{id: number, x: number, y: number} | null} */ (null));
-  const held = store.held.value;
+  const grip = store.grip.value;
   useEffect(() => {
-    if (held || !stick.current || !knob.current) return;
-    const { current } = pointer;
-    pointer.current = null;
-    knob.current.style.transform = "";
-    if (current && stick.current.hasPointerCapture(current.id)) {
-      stick.current.releasePointerCapture(current.id);
-    }
-  }, [held === null]);
+    const { current } = stick;
+    if (!grip || !current) return undefined;
+    return () => {
+      if (current.hasPointerCapture(grip.id)) current.releasePointerCapture(grip.id);
+    };
+  }, [grip?.id]);
 
   /** Drive by the distance of the pointer from where it went down. @param {PointerEvent} event */
   const move = (event) => {
-    const { current } = pointer;
-    if (!current || event.pointerId !== current.id || !stick.current || !knob.current) return;
+    const { value } = store.grip;
+    if (!value || event.pointerId !== value.id || !stick.current) return;
+    if (event.buttons !== 1) {
+      store.letGo(); // another button is down too, or the release was not seen
+      return;
+    }
     const radius = stick.current.offsetWidth / 2;
-    let right = (event.clientX - current.x) / radius;
-    let up = (current.y - event.clientY) / radius;
+    let right = (event.clientX - value.start.x) / radius;
+    let up = (value.start.y - event.clientY) / radius;
     const length = Math.hypot(right, up);
     if (length > 1) [right, up] = [right / length, up / length];
-    knob.current.style.transform = `translate(${right * radius}px, ${-up * radius}px)`;
-    hold(stickVelocity(right, up));
+    store.grip.value = { ...value, right, up };
   };
   /** @param {PointerEvent} event */
   const press = (event) => {
     if (store.held.value || event.button !== 0) return;
-    pointer.current = { id: event.pointerId, x: event.clientX, y: event.clientY };
     stick.current?.setPointerCapture(event.pointerId);
-    move(event);
+    const start = { x: event.clientX, y: event.clientY };
+    store.grip.value = { id: event.pointerId, start, right: 0, up: 0 };
   };
   /** @param {PointerEvent} event */
   const end = (event) => {
-    if (event.pointerId === pointer.current?.id) letGo();
+    if (event.pointerId === store.grip.value?.id) store.letGo();
   };
+  const shift = grip ? `translate(${grip.right * HALF}%, ${-grip.up * HALF}%)` : "";
   return html`<div
     class="stick"
     id="stick"
@@ -221,7 +219,7 @@ function Stick() {
     onLostPointerCapture=${end}
     onContextMenu=${(/** @type {Event} */ event) => event.preventDefault()}
   >
-    <div class="knob" ref=${knob}></div>
+    <div class="knob" style=${{ transform: shift }}></div>
   </div>`;
 }
 
@@ -236,9 +234,7 @@ export function ReadOnly() {
     </section>`;
   return html`<section class="dock looking" aria-label=${t("dock.name")}>
     <div class="now" id="now">
-      <b
-        >${task?.running && running ? t("dock.to", { place: destination(running) }) : stateText()}</b
-      >
+      <b>${task?.running && running ? goalText(running) : stateText()}</b>
       <p>${task?.running ? taskState(task) : t("dock.looking")}</p>
     </div>
   </section>`;

@@ -4,7 +4,7 @@ import { html } from "../vendor/preact.js";
 import { chooseRobot } from "../commands.js";
 import * as store from "../store.js";
 import { alarmCount, t, tOr } from "../texts.js";
-import { robotName } from "./parts.js";
+import { goalText, robotName } from "./parts.js";
 
 export function Fleet() {
   return html`<section>
@@ -47,7 +47,7 @@ function stateOf({ connected, silence, known, emergencyStop, level, state, task 
   if (silence) return ["bad", t("link.noData", { seconds: silence })];
   if (!known) return ["", t("link.connecting")];
   if (emergencyStop) return ["bad", t("objection.emergency_stop.reason")];
-  const shown = task === null ? tOr(`state.${state}`, state) : t("dock.to", { place: task });
+  const shown = task ? goalText(task) : tOr(`state.${state}`, state);
   return [level === "fault" ? "bad" : level === "warn" ? "warn" : "ok", shown];
 }
 

@@ -4,9 +4,8 @@ import { html, useState } from "../vendor/preact.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
-import { Icon, taskType } from "./parts.js";
+import { Icon, TYPES, taskType } from "./parts.js";
 
-const TYPES = ["pick", "parking", "charge", "carry"];
 /** @type {Record<string, string>} usual type of task at a mark, by the type of the mark */
 const USUAL = { charger: "charge", parkspot: "parking" };
 const DIRECTIONS = ["unknown", "feeding", "cutting"];
@@ -100,24 +99,27 @@ function choose(type) {
 export function TaskOptions({ target, command }) {
   const mark = store.map.value?.marks?.find(({ number }) => number === target.mark);
   const usual = command === "charge" ? "charge" : ((mark && USUAL[mark.type]) ?? "pick");
-  const [kind, setKind] = useState(`${usual} 0`);
-  const [direction, setDirection] = useState("unknown");
+  const known = target.kind ?? { type: usual, number: 0, direction: "unknown" };
+  const [kind, setKind] = useState(`${known.type} ${known.number}`);
+  const [direction, setDirection] = useState(known.direction);
   const [type, number] = kind.split(" ");
   const named = store.map.value?.taskTypes ?? [];
   const kinds = TYPES.flatMap((each) => {
-    const known = named.filter((one) => one.type === each);
-    if (!known.length) return [{ value: `${each} 0`, name: taskType(each) }];
-    return known.map((one) => ({
+    const kindsOfType = named.filter((one) => one.type === each);
+    if (!kindsOfType.length) return [{ value: `${each} 0`, name: taskType(each) }];
+    return kindsOfType.map((one) => ({
       value: `${each} ${one.number}`,
       name: `${taskType(each)}: ${one.name}`,
     }));
   });
+  if (!kinds.some(({ value }) => value === kind)) {
+    kinds.push({ value: kind, name: `${taskType(type)}: ${number}` });
+  }
   const go = async () => {
     const args = { type, number: Number(number), direction };
-    const where = target.mark ? { mark: target.mark } : target.pose;
-    if (await commands.run(command, command === "charge" ? args : { ...where, ...args })) {
-      commands.forgetTarget();
-    }
+    const place = target.mark ? { mark: target.mark } : target.pose;
+    const where = command === "charge" ? {} : { ...place, ...store.shownMap.value };
+    if (await commands.run(command, { ...where, ...args })) commands.forgetTarget();
   };
   return html`${
       command === "goMark" &&

@@ -74,13 +74,24 @@ export function degrees(angle) {
  * Return the destination of a task.
  * @param {import("../store.js").Task} task
  */
-export function destination(task) {
-  const { args } = task.command;
-  if (task.to) return task.to;
-  if (args?.mark) return String(args.mark);
-  if (typeof args?.x === "number") return placeText({ x: args.x, y: args.y });
-  return t("task.number", { id: task.id });
+export function destination({ id, to, place, command }) {
+  if (to) return to;
+  if (command.args?.mark) return String(command.args.mark);
+  if (place) return placeText({ x: place[0], y: place[1] });
+  return t("task.number", { id });
 }
+
+/**
+ * Return where the robot goes; if that is not known, what kind of task it executes.
+ * @param {import("../store.js").Task} task
+ */
+export function goalText(task) {
+  const known = task.to || task.place || task.command.args?.mark;
+  return known ? t("dock.to", { place: destination(task) }) : taskType(task.type);
+}
+
+/** Kinds of tasks that the page gives. */
+export const TYPES = ["pick", "parking", "charge", "carry"];
 
 /** @param {string} type of a task */
 export function taskType(type) {

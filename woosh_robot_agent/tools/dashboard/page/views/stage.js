@@ -155,30 +155,21 @@ function Notices() {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const [notice, ...more] = notices();
   const alarms = [...store.alarms.value];
-  const size = store.sheet.value;
   useEffect(() => {
-    const canvas = map?.canvas.getBoundingClientRect();
-    if (!canvas) return;
-    const sheet = document.querySelector(".panel.over")?.getBoundingClientRect();
-    const own = box.current?.getBoundingClientRect();
-    const covered = sheet && sheet.height ? sheet : { top: canvas.bottom, right: canvas.left };
-    const below = sheet && sheet.width >= canvas.width;
-    map?.setInset({
-      top: own?.height ? own.bottom - canvas.top : 0,
-      right: 0,
-      bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,
-      left: below ? 0 : Math.max(0, covered.right - canvas.left),
-    });
-  }, [notice?.title, alarms.length, size, store.tab.value]);
+    const panel = document.querySelector(".panel");
+    const elements = [box.current, panel].filter((each) => each !== null);
+    const observer = new ResizeObserver(leaveFree);
+    for (const each of elements) observer.observe(each);
+    return () => observer.disconnect();
+  }, []);
   return html`<div class="notices" ref=${box}>
     ${
       alarms.length > 0 &&
       html`<details class="alarm" id="alarm" role="alert">
         <summary>
-          <span>
-            ${alarms.map(([robot, text]) => t("alarm.stop", { reason: text }) + ofRobot(robot)).join("; ")}
-          </span>
+          <span> ${t("alarm.stop")}${alarms.map(([robot]) => ofRobot(robot)).join("")} </span>
         </summary>
+        ${alarms.map(([robot, text]) => html`<p key=${robot}>${t("alarm.reason", { reason: text })}${ofRobot(robot)}</p>`)}
         <p>${t("alarm.advice")}</p>
       </details>`
     }
@@ -205,6 +196,22 @@ function Notices() {
       </section>`
     }
   </div>`;
+}
+
+/** Tell the map what lies over it: the notices, and on a small screen the panel. */
+function leaveFree() {
+  const canvas = map?.canvas.getBoundingClientRect();
+  if (!canvas) return;
+  const notices = document.querySelector(".notices")?.getBoundingClientRect();
+  const sheet = document.querySelector(".panel.over")?.getBoundingClientRect();
+  const covered = sheet && sheet.height ? sheet : { top: canvas.bottom, right: canvas.left };
+  const below = sheet && sheet.width >= canvas.width;
+  map?.setInset({
+    top: notices?.height ? notices.bottom - canvas.top : 0,
+    right: 0,
+    bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,
+    left: below ? 0 : Math.max(0, covered.right - canvas.left),
+  });
 }
 
 /** @param {number} robot index */
@@ -256,7 +263,8 @@ export function notices() {
   const error = store.map.value?.error;
   if (error) found.push({ tone: "warn", title: t("map.none"), text: error });
   const standstill = store.control.value?.standstill;
-  if (standstill) found.push({ tone: "warn", title: t("notice.standstill"), text: standstill });
+  if (standstill)
+    found.push({ tone: "warn", title: t("notice.standstill"), text: say(standstill) });
   return found;
 }
 

@@ -1,10 +1,10 @@
 // The tasks of the robot: the running task, and the outcomes of earlier tasks.
 
 import { html } from "../vendor/preact.js";
-import { run } from "../commands.js";
+import { forgetTarget, run, setTarget } from "../commands.js";
 import * as store from "../store.js";
 import { clock, meaningOf, moment, t, tOr } from "../texts.js";
-import { destination, Icon, taskType } from "./parts.js";
+import { destination, Icon, TYPES, taskType } from "./parts.js";
 
 /** @type {Record<string, string>} class of the outcome of a task */
 const TONES = { completed: "ok", canceled: "warn", failed: "bad", unseen: "bad" };
@@ -117,27 +117,62 @@ function byViewer(name) {
   return name === store.you.value ? t("by.you") : name && t("by.viewer", { name });
 }
 
+/**
+ * Return where a task went, and what was done there, to do it again; null if that is not known.
+ * @param {store.Task} task
+ * @returns {store.Target | null}
+ */
+function targetOf(task) {
+  const { name, args } = task.command;
+  const kind = {
+    type: args?.type ?? (TYPES.includes(task.type) ? task.type : "pick"),
+    number: args?.number ?? 0,
+    direction: args?.direction ?? "unknown",
+  };
+  if (name === "charge") return { command: name, plan: null, kind };
+  const mark = args?.mark ?? task.to;
+  if (mark) {
+    const known = store.map.value?.marks?.find(({ number }) => number === mark);
+    const pose = known && { x: known.x, y: known.y, theta: known.theta };
+    return { command: "goMark", mark, pose, plan: null, kind };
+  }
+  if (name !== "go" || !args) return null;
+  return { command: name, pose: { x: args.x, y: args.y, theta: args.theta }, plan: null, kind };
+}
+
+/**
+ * Return true if a task went to a place of the map that is shown.
+ * @param {store.Task} task
+ * @param {store.Target} target
+ */
+function isHere({ scene, map }, { command, pose }) {
+  const shown = store.shownMap.value;
+  if (command === "charge") return true;
+  return map ? scene === shown.scene && map === shown.map : pose !== undefined;
+}
+
 /** @param {{task: store.Task}} props */
 function Repeat({ task }) {
   if (!store.mayControl.value || task.running) return null;
-  const { name, args } = task.command;
-  const type = ["parking", "charge", "carry"].includes(task.type) ? task.type : "pick";
-  const again = name
-    ? () => run(name, args)
-    : task.to
-      ? () => run("goMark", { mark: task.to, type })
-      : null;
-  if (!again) return null;
-  const label = t("tasks.repeat", { place: destination(task) });
+  const target = targetOf(task);
+  if (!target) return null;
+  const here = isHere(task, target);
+  const label = t(here ? "tasks.repeat" : "tasks.otherMap", { place: destination(task) });
   const busy = Boolean(store.robot.value?.task?.running);
   return html`<button
     type="button"
     class="quiet"
     title=${label}
     aria-label=${label}
-    disabled=${busy}
-    onClick=${again}
+    disabled=${busy || !here}
+    onClick=${() => repeat(target)}
   >
     <${Icon} name="repeat" />
   </button>`;
+}
+
+/** Show the way again, as for a new task. @param {store.Target} target */
+function repeat(target) {
+  forgetTarget();
+  setTarget(target);
 }
