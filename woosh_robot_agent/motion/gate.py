@@ -12,7 +12,8 @@
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
    longer drive the robot once the chassis accepts a task or action, or reports the start of one
-   that another client commands. Velocities that are sent later do.
+   that another client commands. Velocities that are sent later do, and so does one that is
+   unanswered at that time, unless the chassis refuses it.
 7. If the agent closes the link to use other settings, or only observes the robot from now on, the
    robot gets a zero velocity if it may still be driving at a velocity from this gate.
 8. A command that may have been sent to the agent before the end of a stall of its process or event

@@ -15,8 +15,8 @@ from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 _WINDOW = 10.0
-"""Time for which the smallest clock difference is remembered, in seconds: at least once, at most
-twice this time.
+"""Minimum time for which the smallest clock difference is remembered, in seconds; the maximum is
+twice as long.
 
 For that time, messages count as old after a clock was set forward, or from a sender whose clock is
 behind the clocks of the other senders.

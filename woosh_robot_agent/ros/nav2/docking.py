@@ -164,10 +164,12 @@ class UndockRobot(_Docking):
             raise
 
     async def _check_docked(self) -> None:
-        """Check that the robot is in a charger, or on its way: it may charge no more when full.
+        """Check that the robot charges, is on its way to a charger, or stands near one.
+
+        A full robot in a charger does not charge, so the place decides, too.
 
         Raises:
-            GoalEnd: it is not.
+            GoalEnd: the robot is in no charger.
         """
         if self.is_charging or self._charges():
             return

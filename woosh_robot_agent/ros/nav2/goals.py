@@ -74,7 +74,9 @@ class GoalEnd(Exception):
 
 
 class Cancels:
-    """Who has cancelled what the robot does, besides the clients of goals. Used in the link thread.
+    """Remembers who last cancelled a task or an action, apart from the clients of the goals.
+
+    Used in the link thread.
 
     Args:
         gate: the gate through which the agent sends cancels.
@@ -82,7 +84,7 @@ class Cancels:
 
     def __init__(self, gate: MotionGate) -> None:
         self._last = ""
-        """Name of the endpoint that has cancelled something last."""
+        """Name of the endpoint that was used for the last cancel."""
         self._time = -math.inf
         """Loop time of that cancel."""
         gate.on_stop(lambda: self._note("the service stop"))

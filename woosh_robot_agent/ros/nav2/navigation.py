@@ -47,7 +47,7 @@ _DRIVING = 0.05
 _STEADY = 0.02
 """Maximum difference of two successive reports that counts as a steady speed, in m/s."""
 _MANY = 100
-"""Number of poses that a robot may refuse for it. The simulated one accepts 200."""
+"""Number of poses above which they may be too many for a robot. The simulated one accepts 200."""
 _SMOOTHING = 0.02
 """Weight of a reported speed in the average that is the expected speed."""
 
@@ -365,8 +365,8 @@ def _missed(result: Any, number: int, pose: PoseStamped, reason: str) -> Any:
 
 
 _HIGHEST_SPEED = 1.0
-"""Speed from which a limit is none, in m/s, or `cmd_vel_max_linear` if that is more. The robot does
-not report its own."""
+"""Speed from which a limit counts as none, in m/s, unless `cmd_vel_max_linear` is higher. The robot
+does not report its own maximum speed."""
 
 
 class SpeedLimit:
