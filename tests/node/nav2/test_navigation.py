@@ -385,6 +385,22 @@ def test_waypoints_end_when_something_stops_the_robot(
     wait_until(lambda: stands(simulator), "the robot stands")
 
 
+def test_waypoints_end_when_one_was_reached_during_a_loss_of_the_link(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    """Nobody knows how long the robot has stood there, and what happened to it meanwhile."""
+    goal = driving(client, simulator, "follow_waypoints", poses=[ahead(1.0), ahead(2.0)])
+    injected = simulator.inject("off")
+    hurry(simulator)
+    wait_until(lambda: distance_to(simulator, 1.0) < 0.01, "the robot reaches the waypoint")
+    wait_until(lambda: stands(simulator), "the robot stands")
+    injected.clear()
+    status, result = goal.result()
+    assert (status, missed(result)) == (ABORTED, [])
+    assert "waypoint 0 while the link" in getattr(result, "error_msg", "waypoint 0 while the link")
+    assert drives(simulator) == [action_pb2.kExecute]
+
+
 @pytest.mark.parametrize(
     ("report", "is_missed"),
     [

@@ -95,6 +95,8 @@ class Cause(Enum):
 
     REPORT = "report"
     """The chassis: it reported the end."""
+    LATE_REPORT = "late report"
+    """The chassis: it reported the end first after a loss of the link, some time after it came."""
     REFUSAL = "refusal"
     """The chassis: it refused the goal."""
     AGENT = "agent"

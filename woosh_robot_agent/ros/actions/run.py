@@ -310,11 +310,12 @@ class GoalRun:
             if report.begins_part and self._cancellation.requested:
                 self._cancellation.pending = True
                 self._give_up.part_begun()
+            cause = Cause.LATE_REPORT if self._give_up.in_doubt else Cause.REPORT
             self._heard()
             self._feedback_times.append(self._clock())
             self._client.feedback(report.message)
             if report.outcome is not None:
-                return End(report.outcome, report.message, Cause.REPORT)
+                return End(report.outcome, report.message, cause)
         return None
 
     def _heard(self) -> None:

@@ -226,7 +226,7 @@ class Nav2Goal:
         tick: Callable[[], None],
         on_report: Callable[[Message], None] = lambda _report: None,
         is_done: Callable[[], bool] = lambda: False,
-    ) -> None:
+    ) -> Cause | None:
         """Let the chassis execute a command, and wait for its end.
 
         Args:
@@ -235,6 +235,9 @@ class Nav2Goal:
             on_report: called with each report of the chassis.
             is_done: returns True if the goal is reached although the chassis has not ended the
                 command. The command then goes on.
+
+        Returns:
+            Who decided that the command has succeeded; None if `is_done` did.
 
         Raises:
             GoalEnd: the goal has ended before the command did.
@@ -253,9 +256,11 @@ class Nav2Goal:
             await self._repeat(tick, running.ended, is_done)
         finally:
             self._running = None
-        if not running.ended.done() or running.ended.result().outcome is Outcome.SUCCEEDED:
-            return
+        if not running.ended.done():
+            return None
         end = running.ended.result()
+        if end.outcome is Outcome.SUCCEEDED:
+            return end.cause
         if not self._stop.done():
             raise await self._failure(end, sent)
         reason = self._stop.result()

@@ -296,6 +296,12 @@ def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> l
     ]
 
 
+_LATE = (
+    "the robot reached waypoint {} while the link was lost, and what happened there since is not known: "
+    "send the remaining waypoints again"
+)
+
+
 class FollowWaypoints(_Navigation):
     """Drives to one pose after the other. A pose that cannot be reached is left out."""
 
@@ -311,13 +317,18 @@ class FollowWaypoints(_Navigation):
             raise GoalEnd(
                 f"there is no waypoint {first}: the goal has {len(poses)}", "NO_VALID_WAYPOINTS"
             )
+        cause: Cause | None = None
+        """Who decided the end of the last drive."""
         for loop in range(getattr(goal.request, "number_of_loops", 0) + 1):
             for number in range(0 if loop else first, len(poses)):
-                await self._visit(goal, number, poses[number])
+                if cause is Cause.LATE_REPORT:
+                    raise GoalEnd(_LATE.format(number - 1 if number else len(poses) - 1))
+                cause = await self._visit(goal, number, poses[number])
 
-    async def _visit(self, goal: Nav2Goal, number: int, pose: PoseStamped) -> None:
+    async def _visit(self, goal: Nav2Goal, number: int, pose: PoseStamped) -> Cause | None:
+        """Drive to a waypoint; return who decided the end of the drive, None if it is missed."""
         try:
-            await goal.drive(
+            return await goal.drive(
                 MoveBase(action=kExecute, target_pose=chassis_pose(pose)),
                 tick=lambda: goal.feedback(current_waypoint=number),
             )
@@ -326,6 +337,7 @@ class FollowWaypoints(_Navigation):
                 raise
             _LOG.warning("%s: waypoint %d is missed: %s", self.name, number, failure)
             goal.result.missed_waypoints.append(_missed(goal.result, number, pose, str(failure)))
+            return None
 
 
 _POSE_CODES = frozenset((13010100001, 13010100002, 13010100005))
