@@ -427,7 +427,7 @@ async def test_what_arrived_during_a_stall_moves_nothing(request_: Any) -> None:
 async def test_a_stall_is_noticed_wherever_it_lies_between_two_heartbeats() -> None:
     async with gated() as rig:
         rig.gate.timing = replace(rig.gate.timing, stall=0.3)
-        for delay in (0.0, 0.03, 0.06, 0.09):
+        for delay in (0.0, 0.05, 0.1, 0.15):
             await settled(rig, Twist(linear=1))
             await asyncio.sleep(delay)
             time.sleep(0.31)

@@ -105,8 +105,9 @@ def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
             if type(values) is list:
                 return array(code, values)  # the usual case: only numbers
         except (TypeError, OverflowError):
-            pass  # null, or a number as text: read them one by one
-        return read_each(values)
+            pass  # null, or a number as text, e.g. "Infinity" in a scan
+        numbers = [value if type(value) is float else read(value) for value in checked(values)]
+        return array(code, numbers)
 
     return read_floats if code in "fd" else read_each
 

@@ -21,7 +21,7 @@ twice as long.
 For that time, messages count as old after a clock was set forward, or from a sender whose clock is
 behind the clocks of the other senders.
 """
-_PERIOD = 0.1
+_PERIOD = 0.2
 """Period of the heartbeat, in seconds."""
 
 

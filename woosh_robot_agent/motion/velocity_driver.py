@@ -90,6 +90,8 @@ class VelocityLimits:
                     f"{MAX_VELOCITY:g} m/s or rad/s"
                 )
         speed = math.hypot(velocity.linear, velocity.linear_y)
+        if speed <= self.max_linear and abs(velocity.angular) <= self.max_angular:
+            return velocity
         scale = self.max_linear / speed if speed > self.max_linear else 1.0
         angular = velocity.angular
         if abs(angular) > self.max_angular:

@@ -40,10 +40,14 @@ class WheelOwner:
         chassis: the link; used in its event loop only.
         on_start: called when the chassis reports that a task or a driving action has started or
             been resumed.
+
+    Attributes:
+        name: name of the task or the actions that may drive the robot now; empty without any.
     """
 
     def __init__(self, chassis: ChassisClient, on_start: Callable[[], None]) -> None:
         self._on_start = on_start
+        self.name = ""
         self._task = TaskProc()
         self._actions: set[str] = set()
         chassis.on_snapshot(self._snapshot)
@@ -51,18 +55,12 @@ class WheelOwner:
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe(Feedbacks, self._reported)
 
-    @property
-    def name(self) -> str:
-        """Name of the task or the actions that may drive the robot now; empty without any."""
-        if _may_drive(self._task):
-            return f"task {self._task.robot_task_id}"
-        return ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
-
     def _snapshot(self, info: RobotInfo) -> None:
         self._task_changed(info.task_proc)
 
     def _task_changed(self, report: TaskProc) -> None:
         before, self._task = self._task, report
+        self._rename()
         same_task = before.robot_task_id == report.robot_task_id
         if _may_drive(report) and not (_may_drive(before) and same_task):
             self._on_start()
@@ -73,13 +71,22 @@ class WheelOwner:
                 continue
             if report.state != kRosExecuting:
                 self._actions.discard(report.action)
+                self._rename()
             elif report.action not in self._actions:
                 self._actions.add(report.action)
+                self._rename()
                 self._on_start()
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:  # the reports of their end may be missed
             self._actions.clear()
+            self._rename()
+
+    def _rename(self) -> None:
+        if _may_drive(self._task):
+            self.name = f"task {self._task.robot_task_id}"
+        else:
+            self.name = ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
 
 
 def _may_drive(task: TaskProc) -> bool:

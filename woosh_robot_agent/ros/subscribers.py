@@ -16,7 +16,7 @@ from woosh_robot_agent.ros.releases import (
     subscriber_event_handlers,
 )
 
-POLL_PERIOD = 0.1
+POLL_PERIOD = 0.2
 """Period of the checks for subscribers if the middleware reports none, in seconds."""
 _NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
 
@@ -77,7 +77,12 @@ class Subscribers:
     async def wait(self, present: bool) -> None:
         """Wait until there is at least one subscriber, or none."""
         while self.present != present:
-            await (self._changed.wait() if self._has_events else asyncio.sleep(POLL_PERIOD))
+            if self._has_events:
+                await self._changed.wait()
+            else:
+                found = asyncio.get_running_loop().create_future()
+                self._poll(present, found)
+                await found
 
     async def repeat(
         self, rate: Callable[[], float], work: Callable[[float], Coroutine[Any, Any, None]]
@@ -98,6 +103,20 @@ class Subscribers:
                 await repetition.ended
             finally:
                 repetition.cancel()
+
+    def _poll(self, present: bool, found: asyncio.Future[None]) -> None:
+        """Set a future as soon as the subscribers are as awaited.
+
+        Checks are made at multiples of the period, so those of all sets wake the loop only once.
+        """
+        if found.done():  # cancelled
+            return
+        if self.present == present:
+            found.set_result(None)
+            return
+        loop = found.get_loop()
+        due = (loop.time() // POLL_PERIOD + 1) * POLL_PERIOD
+        loop.call_at(due, self._poll, present, found)
 
     def _notify(self) -> None:
         self._thread.call(self._changed.set)

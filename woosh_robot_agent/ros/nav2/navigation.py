@@ -297,7 +297,7 @@ def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> l
 
 
 _LATE = (
-    "the robot reached waypoint {} while the link was lost, and what happened there since is not known: "
+    "the robot reached waypoint {} while the link was lost, and what happened since is not known: "
     "send the remaining waypoints again"
 )
 
