@@ -1,8 +1,8 @@
-"""A client with SROS2, run as a process. It prints one line for each operation that it tries.
+"""A client with SROS2, run as a process. It writes one line for each operation that it tries.
 
-Each line begins with `SAID`, because the middleware writes its errors to the same output.
+The lines go to a file, because the middleware writes its errors between lines of the output.
 
-    python3 -m tests.node.secured_client client|display --ros-args --enclave ENCLAVE
+    python3 -m tests.node.secured_client client|display FILE --ros-args --enclave ENCLAVE
 
 The client does what its policy allows; the display also tries what `--read-only` excludes.
 """
@@ -31,14 +31,12 @@ from woosh_robot_msgs.srv import ExecTask as ExecTaskSrv
 from woosh_robot_msgs.srv import PoseSpeed, SwitchControlMode
 
 AGENT = "/woosh_robot"
-SAID = ">"
-"""First word of each line that the client prints."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def say(*words: object) -> None:
-    print()  # ends a line that the middleware has begun
-    print(SAID, *words, flush=True)
+    with open(sys.argv[2], "a") as file:
+        print(*words, file=file)
 
 
 def call(node: Node, srv: Any, name: str) -> Any:
@@ -87,7 +85,7 @@ def run_task(node: Node) -> None:
 
 
 def try_to(what: str, create: Callable[[], Any], is_usable: Callable[[Any], bool]) -> None:
-    """Print whether something that the policy does not allow is refused."""
+    """Say whether something that the policy does not allow is refused."""
     try:
         created = create()
     except Exception as error:  # rcl's error if the middleware refuses

@@ -21,7 +21,6 @@ from nav2_msgs import srv as nav2_services
 from scripts import sros2_policies
 from tests.harness import HUMBLE, Client, RunningAgent, wait_until
 from tests.node.nav2.goals import Nav2Client, ahead
-from tests.node.secured_client import SAID
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
 from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
 from woosh_robot_agent.simulator import SimulatorThread
@@ -166,7 +165,9 @@ def secured(keystore: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @needs_sros2
 @pytest.mark.timeout(900)
-def test_agent_and_clients_work_under_sros2(domain: int, client: Client, secured: None) -> None:
+def test_agent_and_clients_work_under_sros2(
+    domain: int, client: Client, secured: None, tmp_path: Path
+) -> None:
     """`client` is started without security, so it must not see the agent."""
     from woosh_robot_msgs.srv import PoseSpeed
 
@@ -185,7 +186,7 @@ def test_agent_and_clients_work_under_sros2(domain: int, client: Client, secured
                 pytest.skip("the middleware was built without security")
             agent.wait_connected()
             reads = ["service", "topic", "scan True", "map True", f"download True {LARGE}"]
-            said = run("display")
+            said = run("display", tmp_path)
             assert said[:5] == reads
             assert refused(said[5:]) == [
                 "robot/SwitchControlMode",
@@ -194,7 +195,7 @@ def test_agent_and_clients_work_under_sros2(domain: int, client: Client, secured
                 "cmd_vel",
                 "set_parameters",
             ]
-            said = run("client")
+            said = run("client", tmp_path)
             assert said[:6] == [*reads, f"task {GoalStatus.STATUS_SUCCEEDED} True"]
             assert refused(said[6:]) == ["set_parameters"]
             outsider = client.node.create_client(PoseSpeed, "/woosh_robot/robot/PoseSpeed")
@@ -218,11 +219,12 @@ def give_large_map(chassis: SimulatorThread) -> None:
     )
 
 
-def run(role: str) -> list[str]:
-    """Run the client with the keys of its role; return what it printed."""
+def run(role: str, folder: Path) -> list[str]:
+    """Run the client with the keys of its role; return the lines that it wrote."""
+    said = folder / role
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "tests.node.secured_client", role),
+            *(sys.executable, "-m", "tests.node.secured_client", role, said),
             *("--ros-args", "--enclave", f"/woosh_robot/{role}"),
         ],
         cwd=ROOT,
@@ -231,8 +233,7 @@ def run(role: str) -> list[str]:
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    lines = (line.split(maxsplit=1) for line in done.stdout.splitlines())
-    return [words[1] for words in lines if words[:1] == [SAID]]
+    return said.read_text().splitlines()
 
 
 def refused(lines: list[str]) -> list[str]:

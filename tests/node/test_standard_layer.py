@@ -147,6 +147,8 @@ class TestTwoRobots:
         odoms = [
             client.echo_with(Odometry, "odom", QoSProfile(depth=10)) for client in (first, second)
         ]
+        for odom in odoms:
+            odom.wait_count(1)  # before the robot turns, for half a second
         Sender(first).send(turn=0.5)
         one.wait_received(TWIST)
         odoms[0].wait(lambda m: m.twist.twist.angular.z > 0.0)
