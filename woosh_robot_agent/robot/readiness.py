@@ -152,6 +152,12 @@ def rejections(info: RobotInfo) -> list[Objection]:
     return list(dict.fromkeys([*found, *doing]))
 
 
+def preventions(info: RobotInfo) -> list[Objection]:
+    """Return every reason for which the robot will reject tasks after its present one, too."""
+    doing = busy(info)
+    return [each for each in rejections(info) if each not in doing]
+
+
 def accepts_task(info: RobotInfo) -> bool | None:
     """Return True if the robot would accept a new task; None if its reports do not tell."""
     return False if rejections(info) else is_taskable(info)

@@ -18,6 +18,24 @@ SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
 CANCELED = GoalStatus.STATUS_CANCELED
 ABORTED = GoalStatus.STATUS_ABORTED
 
+PREVENTIONS = {
+    "emergency stop": (
+        lambda simulator: simulator.set_emergency_stop(True),
+        lambda simulator: simulator.set_emergency_stop(False),
+    ),
+    "key switch": (
+        lambda simulator: simulator.set_key_switch(True),
+        lambda simulator: simulator.set_key_switch(False),
+    ),
+    "localisation": (
+        lambda simulator: simulator.lose_localisation(),
+        lambda simulator: simulator.call(
+            lambda sim: setattr(sim.chassis.readiness, "located", True)
+        ),
+    ),
+}
+"""Functions that prevent the robot from driving, and that let it drive again."""
+
 
 class Nav2Client:
     """A goal of one of Nav2's actions.

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Twist
 from std_msgs.msg import Empty
+from std_srvs.srv import Trigger
 
 from tests.harness import Client, wait_until
-from tests.node.goals import START, hurry, slow_down
-from tests.node.nav2.goals import ABORTED, CANCELED, SUCCEEDED, Nav2Client, go, step
+from tests.node.goals import START, hurry, slow_down, task
+from tests.node.nav2.goals import (
+    ABORTED,
+    CANCELED,
+    PREVENTIONS,
+    SUCCEEDED,
+    Nav2Client,
+    go,
+    step,
+)
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist as ChassisTwist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
@@ -238,6 +248,42 @@ class TestAssistedTeleop:
         goal.feedback.wait(lambda _: True)
         preempt.publish(Empty())
         assert goal.result()[0] == SUCCEEDED
+
+    @pytest.mark.parametrize(
+        ("prevent", "reason"),
+        [
+            (lambda client, simulator: PREVENTIONS["emergency stop"][0](simulator), "emergency"),
+            (lambda client, simulator: PREVENTIONS["key switch"][0](simulator), "manual"),
+            (lambda client, simulator: simulator.inject("off"), "no link"),
+            (lambda client, simulator: client.call(Trigger, "stop"), "service stop"),
+        ],
+        ids=["emergency stop", "key switch", "link", "stop"],
+    )
+    def test_it_ends_when_something_stops_the_robot(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        velocities: Any,
+        prevent: Callable[[Client, SimulatorThread], object],
+        reason: str,
+    ) -> None:
+        goal = Nav2Client(client, "assisted_teleop")
+        self.drive(velocities, simulator)
+        prevent(client, simulator)
+        status, result = goal.result()
+        assert (status, error_code(result)) == (ABORTED, code(result, "UNKNOWN"))
+        assert reason in getattr(result, "error_msg", reason)
+
+    def test_it_ends_when_something_else_drives_the_robot(
+        self, client: Client, simulator: SimulatorThread, velocities: Any
+    ) -> None:
+        slow_down(simulator)
+        goal = Nav2Client(client, "assisted_teleop")
+        goal.feedback.wait(lambda _: True)
+        task(client)
+        status, result = goal.result()
+        assert status == ABORTED
+        assert "drives the robot" in getattr(result, "error_msg", "drives the robot")
 
     def test_a_navigation_replaces_it(
         self, client: Client, simulator: SimulatorThread, velocities: Any

@@ -6,7 +6,14 @@ import pytest
 
 from tests.harness import Client, wait_until
 from tests.node.goals import slow_down
-from tests.node.nav2.goals import ABORTED, CANCELED, SUCCEEDED, Nav2Client, pose
+from tests.node.nav2.goals import (
+    ABORTED,
+    CANCELED,
+    PREVENTIONS,
+    SUCCEEDED,
+    Nav2Client,
+    pose,
+)
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
 from woosh_robot_agent.robot.readiness import is_charging
@@ -82,6 +89,29 @@ def test_docking_is_cancelled(client: Client, simulator: SimulatorThread) -> Non
     status, result = goal.result()
     assert (status, result.success) == (CANCELED, False)
     assert not simulator.call(lambda sim: sim.chassis.tasks.active)
+
+
+@pytest.mark.parametrize("prevention", PREVENTIONS)
+def test_docking_ends_when_something_stops_the_robot(
+    client: Client, simulator: SimulatorThread, prevention: str
+) -> None:
+    prevent, permit = PREVENTIONS[prevention]
+    slow_down(simulator)
+    goal = Nav2Client(client, "dock_robot")
+    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
+    prevent(simulator)
+    status, result = goal.result()
+    assert (status, result.success) == (ABORTED, False)
+    assert prevention in result.error_msg
+    permit(simulator)
+    wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active), "the task ends")
+
+
+def test_a_robot_that_charges_is_docked(client: Client, simulator: SimulatorThread) -> None:
+    for _ in range(2):
+        status, result = Nav2Client(client, "dock_robot").result()
+        assert (status, result.success) == (SUCCEEDED, True)
+    assert simulator.counts[ExecTask.DESCRIPTOR.full_name] == 1
 
 
 def test_undocking_is_cancelled(client: Client, simulator: SimulatorThread) -> None:

@@ -32,7 +32,10 @@ def services(client: Client) -> dict[str, str]:
 def test_there_is_everything_in_the_table(client: Client, agent: RunningAgent) -> None:
     wait_until(lambda: "map_server/load_map" in services(client), "the services")
     found = services(client)
-    topics = dict(client.node.get_topic_names_and_types())
+
+    def topics() -> dict[str, list[str]]:
+        return dict(client.node.get_topic_names_and_types())
+
     for each in NAV2:
         package, _, name = each.type.partition("/")
         if each.kind is Kind.ACTION:
@@ -42,7 +45,8 @@ def test_there_is_everything_in_the_table(client: Client, agent: RunningAgent) -
             there = package != "nav2_msgs" or hasattr(nav2_services, name)
             assert found.get(each.name) == (each.type if there else None), each.name
         else:
-            assert topics[client.path(each.name)] == [f"{package}/msg/{name}"]
+            wait_until(lambda: client.path(each.name) in topics(), each.name)  # noqa: B023
+            assert topics()[client.path(each.name)] == [f"{package}/msg/{name}"]
 
 
 def test_there_are_the_definitions_that_basic_navigator_imports() -> None:

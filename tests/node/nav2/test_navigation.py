@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
@@ -26,6 +27,7 @@ from tests.node.goals import (
 from tests.node.nav2.goals import (
     ABORTED,
     CANCELED,
+    PREVENTIONS,
     SUCCEEDED,
     Nav2Client,
     ahead,
@@ -344,25 +346,6 @@ def test_waypoints_that_cannot_be_reached_are_missed(
     assert goal.feedback.messages[-1].current_waypoint == 2
 
 
-PREVENTIONS = {
-    "emergency stop": (
-        lambda simulator: simulator.set_emergency_stop(True),
-        lambda simulator: simulator.set_emergency_stop(False),
-    ),
-    "key switch": (
-        lambda simulator: simulator.set_key_switch(True),
-        lambda simulator: simulator.set_key_switch(False),
-    ),
-    "localisation": (
-        lambda simulator: simulator.lose_localisation(),
-        lambda simulator: simulator.call(
-            lambda sim: setattr(sim.chassis.readiness, "located", True)
-        ),
-    ),
-}
-"""Functions that prevent the robot from driving, and that let it drive again."""
-
-
 @pytest.mark.parametrize("fault", ["none", "half_open", "off"])
 @pytest.mark.parametrize("prevention", PREVENTIONS)
 def test_waypoints_end_when_something_stops_the_robot(
@@ -432,6 +415,31 @@ def test_a_robot_that_accepts_no_tasks_misses_no_waypoints(
     status, result = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0)] * 3).result()
     assert (status, missed(result)) == (ABORTED, [])
     assert "manual" in getattr(result, "error_msg", "manual")
+
+
+def test_a_frozen_chassis_is_no_standing_robot(client: Client, simulator: SimulatorThread) -> None:
+    goal = driving(client, simulator)
+    frozen = simulator.inject("freeze")
+    goal.feedback.wait_count(len(goal.feedback.messages) + 12)  # no report for more than 1 s
+    goal.cancel()
+    frozen.clear()
+    assert goal.result()[0] == CANCELED
+    assert stands(simulator)
+
+
+@pytest.mark.parametrize("place", [ahead(1.0, ""), pose(1e20, 0.0)], ids=["no frame", "far away"])
+def test_a_pose_that_means_no_place_moves_nothing(
+    client: Client, simulator: SimulatorThread, logs: Collector, place: PoseStamped
+) -> None:
+    goal = Nav2Client(client, "navigate_to_pose", pose=place)
+    if place.header.frame_id:
+        status, result = goal.result()
+        assert status == ABORTED
+        assert "report this" not in getattr(result, "error_msg", "")
+    else:
+        assert "has no frame" in goal.refusal(logs)
+        assert not drives(simulator)
+    assert stands(simulator)
 
 
 def test_waypoints_are_cancelled(client: Client, simulator: SimulatorThread) -> None:

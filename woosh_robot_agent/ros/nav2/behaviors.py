@@ -9,9 +9,11 @@ from collections.abc import Callable
 from typing import Any
 
 from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
+from woosh_robot_agent.robot.readiness import CONTROL_MODES, EMERGENCY_STOP
 from woosh_robot_agent.ros.entities import UrgentCallbackGroup
 from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
 from woosh_robot_agent.ros.nav2.goals import (
@@ -197,8 +199,11 @@ class AssistedTeleop(Nav2Action):
             log_refusals=False,  # `RefusalLog` logs the refusals of all commands
         )
         self._clock = SenderClock()
-        self._preempted: asyncio.Future[None] | None = None
-        """Done when a client ends the goal with success; None while there is no goal."""
+        self._goal: Nav2Goal | None = None
+        """The running goal."""
+        self._preempted: asyncio.Future[None]
+        """Done when a client ends the goal with success; set while there is a goal."""
+        robot.gate.on_stop(self._stopped)
         stamped = part.settings().cmd_vel_stamped
         velocity = "geometry_msgs/TwistStamped" if stamped else BY_NAME["cmd_vel_teleop"].type
         robot.node.create_subscription(
@@ -221,19 +226,37 @@ class AssistedTeleop(Nav2Action):
 
     async def execute(self, goal: Nav2Goal) -> None:
         _limit(goal)
-        preempted = asyncio.get_running_loop().create_future()
-        self._preempted = preempted
+        self._preempted = asyncio.get_running_loop().create_future()
+        self._goal = goal
+
+        def tick() -> None:
+            if reason := self._prevention():
+                goal.stop(GoalEnd(reason))
+            goal.feedback(current_teleop_duration=duration(goal.elapsed))
+
         try:
-            await goal.follow(
-                lambda: goal.feedback(current_teleop_duration=duration(goal.elapsed)), preempted
-            )
+            await goal.follow(tick, self._preempted)
         finally:
-            self._preempted = None
+            self._goal = None
             self._driver.drive(0.0, 0.0, 0.0)
             await self.context.pose.wait_standing()
 
+    def _prevention(self) -> str:
+        """Return why the robot does not obey velocities; empty if it does."""
+        part, gate = self.context.part, self.context.part.robot.gate
+        if part.robot.chassis.state is not LinkState.READY:
+            return "there is no link to the robot"
+        if gate.owner and not part.settings().velocity_limits.override:
+            return f"{gate.owner} drives the robot"
+        stopping = (EMERGENCY_STOP, *CONTROL_MODES)
+        return "; ".join(str(each) for each in self.context.preventions if each in stopping)
+
+    def _stopped(self) -> None:
+        if self._goal is not None:
+            self._goal.stop(GoalEnd("cancelled by the service stop"))
+
     def _drive(self, message: Any, info: Any, taken: float) -> None:
-        if self._preempted is None:
+        if self._goal is None:
             return
         twist = message
         if hasattr(message, "header"):
@@ -245,5 +268,5 @@ class AssistedTeleop(Nav2Action):
         self._driver.drive(twist.linear.x, twist.linear.y, twist.angular.z, published)
 
     def _preempt(self, _message: Any) -> None:
-        if self._preempted is not None and not self._preempted.done():
+        if self._goal is not None and not self._preempted.done():
             self._preempted.set_result(None)

@@ -74,7 +74,13 @@ class DockRobot(_Docking):
 
     async def execute(self, goal: Nav2Goal) -> None:
         request = goal.request
-        mark = await self._find(request)
+        chargers = await self.chargers()
+        mark = self._find(request, chargers)
+        here = self.context.pose.pose
+        if self.is_charging and here is not None:
+            distance, docked_at = _nearest(chargers, here)
+            if distance <= _NEAR and mark == docked_at:
+                return
         most = float(request.max_staging_time)
         late = GoalEnd(
             f"the robot has not come to the charger within max_staging_time, {most:g} s",
@@ -82,15 +88,22 @@ class DockRobot(_Docking):
         )
         goal.limit(most, late)
         phase = action.kNav
+        is_held_up = False
 
         def reported(report: Message) -> None:
-            nonlocal phase
-            if isinstance(report, TaskProc) and report.action.type in _PHASES:
+            nonlocal phase, is_held_up
+            if not isinstance(report, TaskProc):
+                return
+            is_held_up = report.state == task.kPaused
+            if report.action.type in _PHASES:
                 phase = report.action.type
                 if phase != action.kNav:
                     goal.limit(0.0, late)
 
         def publish() -> None:
+            if is_held_up and (reasons := self.context.preventions):
+                # otherwise the task stays paused for ever, or the robot drives on by itself
+                goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback
             state = getattr(feedback, _PHASES[phase][0])
             goal.feedback(state=state, docking_time=duration(goal.elapsed))
@@ -107,13 +120,12 @@ class DockRobot(_Docking):
                 end.code = _PHASES[phase][1]
             raise
 
-    async def _find(self, request: Any) -> str:
+    def _find(self, request: Any, chargers: Mapping[str, tuple[float, float]]) -> str:
         """Return the mark of the requested charger; empty if the robot must choose a charger.
 
         Raises:
             GoalEnd: there is no such charger.
         """
-        chargers = await self.chargers()
         if not request.use_dock_id:
             pose = from_pose(request.dock_pose.pose)
             distance, mark = _nearest(chargers, pose)

@@ -153,7 +153,7 @@ class Frames:
         self._is_subscribed = False
 
     async def bring(self, stamped: PoseStamped) -> None:
-        """Transform a pose, in place, into the frame of the map. No frame means the map's frame.
+        """Transform a pose, in place, into the frame of the map.
 
         Raises:
             ValueError: the pose is invalid, or there is no transform; the text says what to do.
@@ -161,7 +161,9 @@ class Frames:
         map_frame = self._context.frame("map")
         from_pose(stamped.pose)  # raises an error that says what is wrong
         frame = stamped.header.frame_id.lstrip("/")
-        if frame in ("", map_frame):
+        if not frame:  # a message that was left blank must not move the robot
+            raise ValueError(f"the pose has no frame: set header.frame_id, e.g. to {map_frame}")
+        if frame == map_frame:
             stamped.header.frame_id = map_frame
             return
         origin = await self._find(frame)

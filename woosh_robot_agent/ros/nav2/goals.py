@@ -22,11 +22,13 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, kRosCancel
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util.task_pb2 import kCanceled
 from woosh_robot_agent.robot.code_log import GOAL_CANCEL
+from woosh_robot_agent.robot.readiness import Objection, preventions
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.robot.who_drives import command_name
 from woosh_robot_agent.ros.actions.actions import Actions, AgentGoal
@@ -44,6 +46,8 @@ _PERIOD = 0.1
 """Period of feedback, in seconds."""
 _ANSWER_DELAY = 0.1
 """Maximum time from the report of a cancel to the answer to its request, in seconds."""
+_LONGEST = 2.0**31 - 1.0
+"""Longest time in a Duration, in seconds."""
 _REPLACED = "replaced by a newer goal"
 _CANCELLED = (kRosCancel, kCanceled)
 """States in reports on an action or a task that was cancelled."""
@@ -254,6 +258,9 @@ class Nav2Goal:
             )
         try:
             await self._repeat(tick, running.ended, is_done)
+        except Exception:
+            running.cancel()
+            raise
         finally:
             self._running = None
         if not running.ended.done():
@@ -393,6 +400,12 @@ class Nav2Context:
     cancels: Cancels
     """Knows who has cancelled a goal, besides its client."""
 
+    @property
+    def preventions(self) -> list[Objection]:
+        """The reasons for which the robot rejects tasks now, except for its present task."""
+        info = self.part.robot.last_known.value(RobotInfo)
+        return [] if info is None else preventions(info)
+
 
 class Nav2Action(ABC):
     """One of Nav2's actions. Its goals run in the link thread.
@@ -496,8 +509,8 @@ class Nav2Action(ABC):
 
 
 def duration(seconds: float) -> Duration:
-    """Return a time in seconds as a message; a negative one is 0."""
-    nanoseconds = round(max(seconds, 0.0) * 1e9)
+    """Return a time in seconds as a message, limited to what the message can hold."""
+    nanoseconds = round(min(max(seconds, 0.0), _LONGEST) * 1e9)
     return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 

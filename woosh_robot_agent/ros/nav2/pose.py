@@ -68,18 +68,17 @@ class RobotPose:
             message.pose = to_pose(self.pose)
         return message
 
-    @property
-    def moving(self) -> bool:
-        """True if the robot moves, by its last report."""
-        silence = asyncio.get_running_loop().time() - self.received
-        return self.velocity.moving and silence < _SILENCE
-
     async def wait_standing(self) -> None:
         """Wait until the robot stands, at most `_MAX_ROLLING`."""
         clock = asyncio.get_running_loop().time
-        until = clock() + _MAX_ROLLING
-        while self.moving and clock() < until:
+        started = now = clock()
+        while (
+            self.velocity.moving
+            and now - max(self.received, started) < _SILENCE  # an older silence proves nothing
+            and now - started < _MAX_ROLLING
+        ):
             await asyncio.sleep(_CHECK_PERIOD)
+            now = clock()
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):
