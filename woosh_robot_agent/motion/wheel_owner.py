@@ -10,6 +10,10 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
+from woosh_robot_agent.sentences import Sentence
+
+TASK = Sentence("task.named", "task {id}")
+"""Name of a task."""
 
 _HELD = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action held up by an obstacle or by traffic control; the robot goes on by itself."""
@@ -55,7 +59,7 @@ class WheelOwner:
     def name(self) -> str:
         """Name of the task or the actions that may drive the robot now; empty without any."""
         if _may_drive(self._task):
-            return f"task {self._task.robot_task_id}"
+            return TASK(id=self._task.robot_task_id)
         return ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
 
     def _snapshot(self, info: RobotInfo) -> None:

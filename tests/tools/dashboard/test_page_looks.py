@@ -7,10 +7,14 @@ with, are made anew.
 from __future__ import annotations
 
 import contextlib
+import copy
+import importlib
 import io
 import json
 import math
 import os
+import pickle
+import pkgutil
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +24,7 @@ from typing import Any
 import pytest
 from PIL import Image, ImageChops, ImageStat
 
+import woosh_robot_agent
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.browsers import (
     SharedBrowser,
@@ -42,7 +47,7 @@ from tests.tools.dashboard.pages import program
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
-from woosh_robot_agent.sentences import SENTENCES
+from woosh_robot_agent.sentences import SENTENCES, Said, Sentence
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.texts import PAGE
 
@@ -177,10 +182,21 @@ def test_both_languages_have_the_same_texts() -> None:
 
 
 def test_each_sentence_of_the_program_is_in_chinese() -> None:
+    for module in pkgutil.walk_packages(woosh_robot_agent.__path__, "woosh_robot_agent."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
     chinese = json.loads((PAGE / "texts/said.zh.json").read_text("utf-8"))
     assert set(chinese) == set(SENTENCES)
     for key, pattern in SENTENCES.items():
         assert _braces(pattern) == _braces(chinese[key]), key
+
+
+def test_a_sentence_remains_a_str_with_its_key_in_copies() -> None:
+    said = _GREETING(name=Said("nobody", "driver.nobody"))
+    for each in (copy.deepcopy(said), pickle.loads(pickle.dumps(said))):
+        assert (each, each.key, each.values) == ("hello nobody", said.key, said.values)
+        assert each.values["name"].key == "driver.nobody"
+    assert json.dumps([said]) == '["hello nobody"]'
 
 
 def _braces(pattern: str) -> set[str]:
