@@ -301,7 +301,7 @@ _READ = """
   for (const {name} of map.value?.taskTypes ?? []) known.push(name);
   for (const {text} of [...tasks.value, ...codes.value]) known.push(text);
   for (const {name, maps} of scenes.value) known.push(name, ...maps);
-  for (const {name, arguments: names} of simulator.value.known) known.push(name, ...names.split(", "));
+  for (const each of simulator.value.known) known.push(each.name, ...each.arguments.split(", "));
   return [read.join("\\n"), known.filter(Boolean)];
 """
 
