@@ -103,6 +103,7 @@ _REPORT_AFTER = 3.0
 _ASK_EVERY = 1.0
 """Pause between two queries about a task, in seconds."""
 _THE_TASK = Sentence("vda.theTask", "the task")
+_RESTARTED = Sentence("vda.restartedBefore", "the connector was restarted before it sent the task")
 _OTHER_ACTION = Sentence("vda.otherAction", "the robot executes the task of another action")
 _ENDED = {
     task.kCompleted: "",
@@ -178,7 +179,7 @@ class RobotTask:
         if task_id:
             self._snapshot(info)
         else:
-            self._on_end("the connector was restarted before it sent the task")
+            self._on_end(_RESTARTED())
 
     def want(self, control: Control) -> None:
         """Keep the task paused, let it go on, or cancel it; without a task, do nothing."""
