@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 SENTENCES: dict[str, str] = {}
 """The English patterns of all sentences of the modules that are imported, by key."""
-_NONE: Mapping[str, str | int] = MappingProxyType({})
+_NONE: Mapping[str, str | int] = {}  # can be copied and pickled, unlike a MappingProxyType
 
 
 class Said(str):
@@ -52,6 +51,10 @@ AND = Sentence("said.and", "{one}, {other}")
 """Two parts of a list."""
 THEN = Sentence("said.then", "{one}; {other}")
 """Two statements."""
+REFUSED = Sentence("refusal.refused", "refused")
+"""A refusal without a reason."""
+NOT_SENT = Sentence("said.notSent", "not sent: {reason}")
+"""Reason for which something was not sent."""
 
 
 def joined(pattern: Sentence, parts: Iterable[str]) -> str:

@@ -235,5 +235,5 @@ async def test_the_page_shows_the_order_and_its_errors(
                 assert (order["nodesLeft"], order["errors"]) == (0, [])
                 two.order([])
                 errors = await viewer.until(lambda parts: parts["fleet"][1]["order"]["errors"])
-                assert "the order has no node" in errors[0]["text"]
+                assert "the order has no node" in errors[0]["text"]["english"]
                 assert errors[0]["level"] == "WARNING"

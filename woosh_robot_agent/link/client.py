@@ -16,7 +16,7 @@ from woosh_robot_agent.link.config import (
     NotConnectedError,
     NotPermittedError,
 )
-from woosh_robot_agent.link.connection import Connection, Sending
+from woosh_robot_agent.link.connection import NAMED_NOT_SENT, Connection, Sending
 from woosh_robot_agent.link.frames import Answer, Body
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reconnect import LinkState, LinkStatus, ReconnectLoop
@@ -285,7 +285,7 @@ class ChassisClient:
             NotPermittedError: see `permit_only`.
         """
         if reason := self.refusal(message):
-            raise NotPermittedError(f"{full_name(message)} was not sent: {reason}")
+            raise NotPermittedError(NAMED_NOT_SENT(name=full_name(message), reason=reason))
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
         """Withdraw requests that wait to be sent; those that were sent are not affected.

@@ -38,7 +38,7 @@ from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with
 from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.sentences import Sentence, said_by
+from woosh_robot_agent.sentences import NOT_SENT, Sentence, said_by
 
 _SILENT = Sentence(
     "link.silent",
@@ -48,7 +48,15 @@ _READS_NOTHING = Sentence(
     "link.readsNothing",
     "the chassis has read nothing for {seconds} s; bytes waiting to be sent: {bytes}",
 )
-_NOT_SENT = Sentence("link.notSent", "{name} was not sent: {reason}")
+NAMED_NOT_SENT = Sentence("link.notSent", "{name} was not sent: {reason}")
+"""Reason for which a request was not sent."""
+_INTERNAL = Sentence("link.internal", "internal error: {error}")
+_TOO_MANY = Sentence(
+    "link.tooMany",
+    "{name} was not sent because {count} requests are in flight; wait for their answers, or call "
+    "less often",
+)
+_BUSY = Sentence("link.busy", "the connection was busy until the request was too old")()
 _NO_ANSWER = Sentence(
     "link.noAnswer",
     "the chassis did not answer {name} within {seconds} s; whether it took effect is not known",
@@ -340,7 +348,7 @@ class Connection:
         name = full_name(message)
         if self._cause is not None:
             reason = said_by(self._cause)
-            raise NotConnectedError(_NOT_SENT(name=name, reason=reason)) from self._cause
+            raise NotConnectedError(NAMED_NOT_SENT(name=name, reason=reason)) from self._cause
         urgent = how.urgent or how.first
         if not urgent:
             self._check_in_flight(name)
@@ -387,7 +395,7 @@ class Connection:
             if sn in self._outbox and which(pending.message):
                 del self._outbox[sn]
                 if not pending.future.done():
-                    pending.future.set_exception(SupersededError(f"not sent: {reason}"))
+                    pending.future.set_exception(SupersededError(NOT_SENT(reason=reason)))
 
     def subscribe(self, topics: list[str], *, on: bool) -> None:
         """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer."""
@@ -431,7 +439,7 @@ class Connection:
         for pending in self._pending.values():
             if not pending.future.done():
                 # a separate error for each: a raised one keeps its caller's frames alive
-                pending.future.set_exception(type(cause)(str(cause)))
+                pending.future.set_exception(type(cause)(said_by(cause)))
 
     async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
         """Run a part of the connection's work; an error in it ends the whole connection."""
@@ -445,17 +453,14 @@ class Connection:
             self._fail(error)
         except Exception as error:
             _LOG.exception("the link to %s failed", self._transport.peer)
-            self._fail(ConnectionLostError(f"internal error: {error!r}"))
+            self._fail(ConnectionLostError(_INTERNAL(error=repr(error))))
 
     # Sending
 
     def _check_in_flight(self, name: str) -> None:
         in_flight = len(self._pending) - self._urgent_pending
         if in_flight >= self.config.max_in_flight:
-            text = (
-                f"{name} was not sent because {in_flight} requests are in flight; wait for "
-                "their answers, or call less often"
-            )
+            text = _TOO_MANY(name=name, count=in_flight)
             self._stats.refused_requests[name] += 1
             self._drops.count("requests were refused because too many were in flight", text)
             raise TooManyRequestsError(text)
@@ -527,9 +532,7 @@ class Connection:
     def _fail_outdated(self, sn: int) -> None:
         pending = self._pending.get(sn)
         if pending is not None and not pending.future.done():
-            pending.future.set_exception(
-                SupersededError("not sent: the connection was busy until the request was too old")
-            )
+            pending.future.set_exception(SupersededError(NOT_SENT(reason=_BUSY)))
 
     def _expire(self, now: float) -> float:
         """Fail the requests whose deadline has passed; return the next deadline."""

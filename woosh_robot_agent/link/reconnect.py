@@ -47,6 +47,8 @@ _OTHER_ROBOT = Sentence(
     "{robot} answers instead of {expected}; commands go only to the robot that answered first: "
     "connect that one, or restart this program to use the other one",
 )
+_ROBOT = Sentence("link.robot", "robot {id} (serial number {serial})")
+_OTHER_TYPE = Sentence("link.otherType", "another type of answer")()
 _NO_INFO = Sentence("link.noInfo", "the chassis did not send its RobotInfo: {reason}")
 _CLOSED = Sentence("link.closed", "the link was closed")
 _JITTER = 0.2
@@ -176,7 +178,7 @@ class RobotIdentity:
         return cls(info.robot_id, info.genral.serial_number)
 
     def __str__(self) -> str:
-        return f"robot {self.robot_id} (serial number {self.serial_number})"
+        return _ROBOT(id=self.robot_id, serial=self.serial_number)
 
     def differs_from(self, other: RobotIdentity) -> bool:
         """Return True if both robots report an id, or both a serial number, and they differ."""
@@ -271,8 +273,8 @@ def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bo
 
 def _check(answer: Answer, log: LogOnce) -> None:
     if not answer.ok or answer.type != full_name(RobotInfo):
-        reason = answer.msg if not answer.ok else answer.defect or "another type of answer"
-        raise HandshakeError(_NO_INFO(reason=one_line(reason)))
+        reason = one_line(answer.defect if answer.ok else answer.msg)
+        raise HandshakeError(_NO_INFO(reason=reason or (_OTHER_TYPE if answer.ok else "")))
     if answer.defect:  # perhaps from newer firmware; everything else may work
         log.warn("no snapshot", f"the first values are missing because {answer.defect}")
 

@@ -16,6 +16,16 @@ from woosh_robot_agent.sentences import Sentence
 _NO_WEBSOCKET = Sentence("link.noWebsocket", "not a WebSocket server: {error}")
 _NOT_OPEN = Sentence("link.notOpen", "the WebSocket did not open: {error}")
 _TOO_LATE = Sentence("link.tooLate", "no connection within {seconds} s")
+_CLOSED = Sentence("link.closedByOther", "closed by the other end")()
+_NO_CLOSE = Sentence("link.noClose", "the connection ended without a close frame")()
+_CODE = Sentence("link.code", "closed with code {code}")
+_SENT_TOO_BIG = Sentence(
+    "link.sentTooBig", "{text} (a frame from this side is too large for the other end)"
+)
+_GOT_TOO_BIG = Sentence(
+    "link.gotTooBig", "{text} (a frame is over the limit; raise max_frame_size)"
+)
+_CUT = Sentence("link.cut", "closed in the middle of a frame")()
 CHUNK = 256 * 1024
 """Size of the pieces in which large frames are read and written, in bytes."""
 
@@ -175,8 +185,7 @@ class TcpTransport:
                 return await self._reader.readexactly(size)
             return await self._read_large(size)
         except asyncio.IncompleteReadError as error:
-            where = "in the middle of a frame" if error.partial else "by the other end"
-            raise TransportClosedError(f"closed {where}") from None
+            raise TransportClosedError(_CUT if error.partial else _CLOSED) from None
         except OSError as error:
             raise TransportClosedError(str(error) or type(error).__name__) from None
 
@@ -369,14 +378,11 @@ class _ClientSocket(ClientSocket):
 def _reason(error: ConnectionClosed) -> str:
     close = error.rcvd or error.sent
     if close is None:
-        return "the connection ended without a close frame"
-    text = f"closed with code {close.code} {close.reason}".rstrip()
+        return _NO_CLOSE
+    text = _CODE(code=f"{close.code} {close.reason}".rstrip())
     if close.code == _MESSAGE_TOO_BIG:
-        text += (
-            " (a frame from this side is too large for the other end)"
-            if error.rcvd is not None and error.rcvd_then_sent is not False
-            else " (a frame is over the limit; raise max_frame_size)"
-        )
+        by_other = error.rcvd is not None and error.rcvd_then_sent is not False
+        return (_SENT_TOO_BIG if by_other else _GOT_TOO_BIG)(text=text)
     return text
 
 

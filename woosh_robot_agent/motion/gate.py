@@ -51,7 +51,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
-from woosh_robot_agent.sentences import THEN, Said, Sentence, joined, said_by
+from woosh_robot_agent.sentences import NOT_SENT, THEN, Said, Sentence, joined, said_by
 
 
 def cancel_orders() -> dict[str, Message]:
@@ -130,7 +130,14 @@ _ADVICE = Sentence("stop.advice", "if the robot moves, press its emergency stop"
 _TASK = Sentence("stop.task", "task")
 _LOG = logging.getLogger(__name__)
 
-_STOPPED = "cancelled by a stop of the robot"
+_STOPPED = Sentence("gate.stopped", "cancelled by a stop of the robot")()
+_CLOSING = Sentence("gate.closing", "the agent is stopping")()
+_STALLED = Sentence(
+    "gate.stalled",
+    "the agent stood still for {seconds} s, and this may have been sent before that ended; send it "
+    "again, and find out what holds up this computer",
+)
+_GOAL = Said("a goal", "driver.a goal")
 
 
 class ZeroRefusedError(LinkError):
@@ -276,7 +283,7 @@ class MotionGate:
             ZeroRefusedError: the chassis refused the zero.
             LinkError: the chassis did not answer the zero.
         """
-        self._forbid("the agent is stopping", math.inf)  # rule 5
+        self._forbid(_CLOSING, math.inf)  # rule 5
         if self.driving:
             await self._send_zero(timeout)
 
@@ -329,7 +336,7 @@ class MotionGate:
     @property
     def owner(self) -> str:
         """Name of the goal, task or action that drives the robot; empty if there is none."""
-        return "a goal" if self._open_goals() else self._reported_owner.name
+        return _GOAL if self._open_goals() else self._reported_owner.name
 
     @property
     def reported_owner(self) -> str:
@@ -381,16 +388,12 @@ class MotionGate:
         """
         now = time.monotonic()
         if now < self._forbidden_until:  # rules 4 and 5
-            return f"not sent: {self._forbidden}"
+            return NOT_SENT(reason=self._forbidden)
         if now < self._stop_called + self.timing.hold:  # rule 4, while the stop waits for its turn
-            return f"not sent: {_STOPPED}"
+            return NOT_SENT(reason=_STOPPED)
         self._stalls.check()
         if published is not None and self._stalls.is_from_before(published):  # rule 8
-            return (
-                f"not sent: the agent stood still for {self._stalls.duration:.1f} s, and this may "
-                "have been sent before that ended; send it again, and find out what holds up this "
-                "computer"
-            )
+            return NOT_SENT(reason=_STALLED(seconds=f"{self._stalls.duration:.1f}"))
         return ""
 
     async def _send_zero(self, timeout: float) -> None:

@@ -19,8 +19,12 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosErr
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.sentences import REFUSED, Sentence
 
 _LOG = logging.getLogger(__name__)
+_LIMIT_REFUSED = Sentence(
+    "speed.refused", "the robot refused the speed limit of {limit} m/s: {reason}"
+)
 _UNKNOWN = math.nan
 """Stands for an unknown limit: NaN differs from each limit, so the next one is sent."""
 _MOVE_BASE = full_name(MoveBase)
@@ -167,9 +171,9 @@ class SpeedLimiter:
         self._sent = _UNKNOWN
         if limit != self._limit:
             return
-        self.refusal = answer.msg or "refused"
+        self.refusal = answer.msg or REFUSED()
         if math.isfinite(limit):  # otherwise the robot is at most slower than it may be
-            self._on_refused(f"the robot refused the speed limit of {limit} m/s: {self.refusal}")
+            self._on_refused(_LIMIT_REFUSED(limit=str(limit), reason=self.refusal))
 
 
 def _request(limit: float, *, in_action: bool) -> Message:

@@ -13,6 +13,7 @@ from woosh_robot_agent.link import SupersededError
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.sentences import NOT_SENT, Sentence
 
 _WINDOW = 10.0
 """Minimum time for which the smallest clock difference is remembered, in seconds; the maximum is
@@ -152,7 +153,13 @@ class StallWatch:
 
 T = TypeVar("T")
 
-_NEWER = "replaced by a newer velocity command"
+_NEWER = Sentence("gate.newer", "replaced by a newer velocity command")()
+_OLD = Sentence("gate.old", "it is {age} s old, and {limit} s are allowed")
+_UNANSWERED = Sentence(
+    "gate.unanswered",
+    "the chassis does not answer earlier velocity commands, and this one has become too old; check "
+    "the link, and stop the robot",
+)()
 
 
 class LatestWins(Generic[T]):
@@ -198,14 +205,15 @@ class LatestWins(Generic[T]):
         moves = may_move(velocity)
         limit = min(max_age, self._timing().max_age)
         if moves and (age := now() - published) > limit:  # it does not replace a newer one
-            raise SupersededError(f"not sent: it is {age:.2f} s old, and {limit:g} s are allowed")
+            old = _OLD(age=f"{age:.2f}", limit=f"{limit:g}")
+            raise SupersededError(NOT_SENT(reason=old))
         self._newest += 1
         serial = self._newest
         self.withdraw(_NEWER)
         if moves and self._stalled():
             await self._hold(published + limit - now())
             if serial != self._newest:
-                raise SupersededError(f"not sent: {_NEWER}")
+                raise SupersededError(NOT_SENT(reason=_NEWER))
         self._unanswered[serial] = now()
         try:
             return await send(published + limit - now() if moves else math.inf)
@@ -222,7 +230,7 @@ class LatestWins(Generic[T]):
     def withdraw(self, reason: str) -> None:
         """Discard the velocity that is held back; its `request` fails for `reason`."""
         if self._held is not None and not self._held.done():
-            self._held.set_exception(SupersededError(f"not sent: {reason}"))
+            self._held.set_exception(SupersededError(NOT_SENT(reason=reason)))
 
     def _release(self) -> None:
         if self._held is not None and not self._held.done():
@@ -238,10 +246,7 @@ class LatestWins(Generic[T]):
         try:
             await run_with_timeout(timeout, held)
         except TimeoutError:
-            raise SupersededError(
-                "not sent: the chassis does not answer earlier velocity commands, and this one "
-                "has become too old; check the link, and stop the robot"
-            ) from None
+            raise SupersededError(NOT_SENT(reason=_UNANSWERED)) from None
         finally:
             if self._held is held:  # otherwise a newer velocity is held already
                 self._held = None

@@ -15,6 +15,7 @@ from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.gate import MotionGate, Sender
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.sentences import Sentence, said_by
 
 _LATE = 0.5
 """Maximum delay of a message that does not delay the next one, in periods of the rate."""
@@ -45,6 +46,18 @@ class Pace:
 
 
 _LOG = logging.getLogger(__name__)
+_UNUSABLE = Sentence(
+    "velocity.unusable", "{field} is {value}, and must be from {least} to {greatest} m/s or rad/s"
+)
+_STOPPED = Sentence("velocity.stopped", "the robot was stopped")()
+_NOT_PERMITTED = Sentence("velocity.notPermitted", "velocities were not permitted until now")()
+_SILENCED = Sentence(
+    "velocity.silenced", "{reason}; send a zero velocity, or nothing for {seconds} s"
+)
+_OWNED = Sentence(
+    "velocity.owned", "{owner} is running: cancel it, or set the parameter cmd_vel_override"
+)
+_NO_LINK = Sentence("velocity.noLink", "there is no link to the chassis")()
 MAX_VELOCITY = 10.0
 """Largest plausible velocity, and largest value of a limit, in m/s and rad/s."""
 
@@ -86,8 +99,12 @@ class VelocityLimits:
             value = getattr(velocity, field)
             if not abs(value) <= MAX_VELOCITY:  # true for NaN
                 raise UnusableVelocityError(
-                    f"{field} is {value:g}, and must be from {-MAX_VELOCITY:g} to "
-                    f"{MAX_VELOCITY:g} m/s or rad/s"
+                    _UNUSABLE(
+                        field=field,
+                        value=f"{value:g}",
+                        least=f"{-MAX_VELOCITY:g}",
+                        greatest=f"{MAX_VELOCITY:g}",
+                    )
                 )
         speed = math.hypot(velocity.linear, velocity.linear_y)
         if speed <= self.max_linear and abs(velocity.angular) <= self.max_angular:
@@ -162,7 +179,7 @@ class VelocityDriver:
         self._alarm = -math.inf
         """Loop time at which `run` wakes up by itself."""
         self._requests: set[asyncio.Task[None]] = set()
-        gate.on_stop(partial(self._silence, "the robot was stopped"))
+        gate.on_stop(partial(self._silence, _STOPPED))
         chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
@@ -198,7 +215,7 @@ class VelocityDriver:
         try:
             limited = limits.apply(Twist(linear=linear, linear_y=sideways, angular=angular))
         except UnusableVelocityError as error:  # rule 1
-            self.refuse("value", str(error))
+            self.refuse("value", said_by(error))
             return
         now = asyncio.get_running_loop().time()
         paused, self._heard = now - self._heard > self._gate.timing.pause, now
@@ -208,21 +225,15 @@ class VelocityDriver:
             self._silenced = ""
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
-                self._silence("velocities were not permitted until now")
+                self._silence(_NOT_PERMITTED)
             self.refuse("not permitted", reason)
         elif moves and self._silenced:  # rule 3
-            self.refuse(
-                "silenced",
-                f"{self._silenced}; send a zero velocity, or nothing for "
-                f"{self._gate.timing.pause:g} s",
-            )
+            pause = f"{self._gate.timing.pause:g}"
+            self.refuse("silenced", _SILENCED(reason=self._silenced, seconds=pause))
         elif moves and not limits.override and (owner := self._gate.owner):  # rule 2
-            self.refuse(
-                "owner",
-                f"{owner} is running: cancel it, or set the parameter cmd_vel_override",
-            )
+            self.refuse("owner", _OWNED(owner=owner))
         elif self._chassis.state is not LinkState.READY:  # rule 5
-            self.refuse("link", "there is no link to the chassis")
+            self.refuse("link", _NO_LINK)
         elif moves and now - published > self._max_age:  # rule 5
             self._gate.count_superseded(
                 f"{self._name}: a velocity was not sent: it was {now - published:.2f} s old, and "

@@ -10,6 +10,10 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
+from woosh_robot_agent.sentences import Sentence
+
+TASK = Sentence("task.named", "task {id}")
+"""Name of a task."""
 
 _HELD = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action held up by an obstacle or by traffic control; the robot goes on by itself."""
@@ -47,7 +51,7 @@ class WheelOwner:
 
     def __init__(self, chassis: ChassisClient, on_start: Callable[[], None]) -> None:
         self._on_start = on_start
-        self.name = ""
+        self.name: str = ""
         self._task = TaskProc()
         self._actions: set[str] = set()
         chassis.on_snapshot(self._snapshot)
@@ -84,7 +88,7 @@ class WheelOwner:
 
     def _rename(self) -> None:
         if _may_drive(self._task):
-            self.name = f"task {self._task.robot_task_id}"
+            self.name = TASK(id=self._task.robot_task_id)
         else:
             self.name = ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
 

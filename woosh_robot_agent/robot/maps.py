@@ -12,10 +12,21 @@ from typing import TYPE_CHECKING
 
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.sentences import Sentence
 
 if TYPE_CHECKING:  # loads slowly, and is needed only for maps
     from PIL import Image
 
+_TOO_LARGE = Sentence("map.tooLarge", "its image is too large: {width} x {height} pixels")
+_NO_FORMAT = Sentence("map.noFormat", "its image cannot be decoded: it is none of {formats}")
+_DAMAGED = Sentence("map.damaged", "its image cannot be decoded: {error}")
+_RESOLUTION = Sentence("map.resolution", "its resolution is invalid: {value}")
+_ORIGIN = Sentence("map.origin", "its origin is not finite: {values}")
+_NONE_SENT = Sentence("map.noneSent", "the robot sent no image")
+_REFUSED = Sentence("map.refused", "the chassis refused SceneData of {scene}: {reason}")
+_NO_SCENE = Sentence("map.noScene", "the chassis sent no SceneData: {reason}")
+_MISSING = Sentence("map.missing", "SceneData of {scene} has no map {map} ({id})")
+_NO_IMAGE = Sentence("map.noImage", "map {map} has no image")
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG")
 """Formats of images that are read: PNG of robots, and the formats of map_server.
 
@@ -82,16 +93,15 @@ def grey_image(image_file: bytes) -> Image.Image:
     try:
         with Image.open(io.BytesIO(image_file), formats=_FORMATS) as image:
             if image.width * image.height > _MAX_CELLS:
-                raise MapError(f"its image is too large: {image.width} x {image.height} pixels")
+                raise MapError(_TOO_LARGE(width=image.width, height=image.height))
             grey: Image.Image = image.convert("L")
             return grey
     except MapError:
         raise
     except UnidentifiedImageError:  # its text names the buffer
-        formats = ", ".join(_FORMATS)
-        raise MapError(f"its image cannot be decoded: it is none of {formats}") from None
+        raise MapError(_NO_FORMAT(formats=", ".join(_FORMATS))) from None
     except Exception as error:  # Pillow raises errors of many types for damaged files
-        raise MapError(f"its image cannot be decoded: {error}") from None
+        raise MapError(_DAMAGED(error=str(error))) from None
 
 
 def check_place(resolution: float, *origin: float) -> None:
@@ -105,9 +115,9 @@ def check_place(resolution: float, *origin: float) -> None:
         MapError: a value is not possible.
     """
     if not 0.0 < resolution < math.inf:
-        raise MapError(f"its resolution is invalid: {resolution:g}")
+        raise MapError(_RESOLUTION(value=f"{resolution:g}"))
     if not all(map(math.isfinite, origin)):
-        raise MapError(f"its origin is not finite: {', '.join(f'{each:g}' for each in origin)}")
+        raise MapError(_ORIGIN(values=", ".join(f"{each:g}" for each in origin)))
 
 
 def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
@@ -123,7 +133,7 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
         MapError: the robot has not sent a usable map.
     """
     if not area.map_png:
-        raise MapError("the robot sent no image")
+        raise MapError(_NONE_SENT())
     return _server_files(area, area.map_png, stem)
 
 
@@ -187,9 +197,9 @@ async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
     """
     answer = await chassis.request(SceneData(name=scene_name))
     if not answer.ok:
-        raise MapError(f"the chassis refused SceneData of {scene_name}: {answer.msg}")
+        raise MapError(_REFUSED(scene=scene_name, reason=answer.msg))
     if not isinstance(answer.body, SceneData):
-        raise MapError(f"the chassis sent no SceneData: {answer.defect or answer.type}")
+        raise MapError(_NO_SCENE(reason=answer.defect or answer.type))
     return answer.body
 
 
@@ -208,7 +218,7 @@ def find_map(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
         each for each in data.maps if each.id == map_id
     ]
     if not found:
-        raise MapError(f"SceneData of {data.name} has no map {map_name} ({map_id})")
+        raise MapError(_MISSING(scene=data.name, map=map_name, id=map_id))
     if not found[0].map_png:
-        raise MapError(f"map {found[0].name} has no image")
+        raise MapError(_NO_IMAGE(map=found[0].name))
     return found[0]

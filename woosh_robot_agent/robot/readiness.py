@@ -20,6 +20,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
 )
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.sentences import Said
 
 
 class Objection(NamedTuple):
@@ -34,6 +35,13 @@ class Objection(NamedTuple):
     name: str
     reason: str
     remedy: str
+
+    @property
+    def said(self) -> Said:
+        """The reason, as a text of the dashboard."""
+        if isinstance(self.reason, Said):
+            return self.reason
+        return Said(self.reason, f"objection.{self.name}.reason")
 
     def __str__(self) -> str:
         return f"{self.reason}: {self.remedy}"

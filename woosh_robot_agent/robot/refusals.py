@@ -38,6 +38,7 @@ from woosh_robot_agent.robot.readiness import (
     objections,
 )
 from woosh_robot_agent.robot.status_codes import explained
+from woosh_robot_agent.sentences import THEN, Sentence, joined
 
 CODE_DELAY = 0.1
 """Maximum time from a refusal to the status code that gives its reason, in seconds.
@@ -46,6 +47,7 @@ Real robots send the code within 50 ms.
 """
 
 
+_STATUS_CODE = Sentence("refusal.code", "status code {code}")
 _MANUAL = MANUAL._replace(
     reason="the robot is in manual mode, set by its key switch or by software"
 )
@@ -84,7 +86,7 @@ class RefusalExplainer:
             request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
                 action the full name of its command, e.g. `woosh.ros.action.StepControl`.
         """
-        return "; ".join(each.reason for each in await self.reasons(request_type))
+        return joined(THEN, (each.said for each in await self.reasons(request_type)))
 
     async def reasons(self, request_type: str) -> list[Objection]:
         """Return the reasons as in `reason`, with the known remedies."""
@@ -132,7 +134,7 @@ class RefusalExplainer:
         code: StatusCode = body.message()
         for refusal in self._refusals:
             if str(code.code).startswith((_WRONG_VERSION, *_CODES.get(refusal.type, ()))):
-                text = f"status code {explained(code.code, code.msg)}"
+                text = _STATUS_CODE(code=explained(code.code, code.msg))
                 refusal.end(Objection("status_code", text, ""))
 
 

@@ -13,12 +13,19 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+from woosh_robot_agent.sentences import Said, Sentence
+
+_BOTH = Sentence("code.both", "{code}: {text} ({meaning})")
+_ONE = Sentence("code.one", "{code}: {text}")
+_UNKNOWN = Said("unknown code", "codes.unknown")
 TABLE = Path(__file__).with_name("status_codes.json")
 """File of the table: JSON, meanings by code. Generated from tests/facts/status_codes.yaml."""
 
 
 def meaning(code: int) -> str:
     """Return the meaning of a status code, or an empty string if it is unknown.
+
+    It is a `Said` whose key is the code in the table.
 
     Real robots report some codes with another level digit than the table has. Such a code gets the
     meaning of the code in the table that differs only in the level. If the table has several such
@@ -41,14 +48,15 @@ def explained(code: int, text: str) -> str:
     """
     known = meaning(code)
     if text and known and known.casefold() not in text.casefold():
-        return f"{code}: {text} ({known})"
-    return f"{code}: {text or known or 'unknown code'}"
+        return _BOTH(code=code, text=text, meaning=known)
+    return _ONE(code=code, text=text or known or _UNKNOWN)
 
 
 @functools.cache
 def _tables() -> tuple[Mapping[int, str], Mapping[int, str]]:
     """Return the meanings by code, and unambiguous meanings by code without the level digit."""
-    exact = {int(code): text for code, text in json.loads(TABLE.read_text("utf-8")).items()}
+    table = json.loads(TABLE.read_text("utf-8"))
+    exact = {int(code): Said(text, code) for code, text in table.items()}
     levels = Counter(code // 10 for code in exact)
     by_function = {code // 10: text for code, text in exact.items() if levels[code // 10] == 1}
     return exact, by_function

@@ -18,7 +18,7 @@ from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import may_move
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import TASK, is_running
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
@@ -26,6 +26,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import type_of
+from woosh_robot_agent.sentences import AND, THEN, Said, Sentence
 
 _NAMES = {
     # reversed, because two services may send the same request: the first in the table counts
@@ -177,6 +178,18 @@ class Interleaving:
         return len(self._returns) == 2 and now - self._returns[0] < WINDOW
 
 
+_NO_REPORT = Sentence("driver.noReport", "the robot has not reported its state yet")()
+_FOLLOWS = Sentence("driver.follows", "the robot is following somebody")()
+_GOES_ON = Sentence("driver.goesOn", "the goal has ended, but the robot continues")()
+_ROLLS = Sentence("driver.rolls", "the robot is rolling to a stop")()
+_UNREPORTED = Sentence(
+    "driver.unreported", "the robot is executing a task that it has not reported yet"
+)()
+_UNEXPLAINED = Sentence(
+    "driver.unexplained",
+    "the robot moves without a command of this agent: another client may drive it",
+)()
+
 NOBODY = "nobody"
 GOAL = "a goal"
 OTHER_CLIENT = "another client"
@@ -199,7 +212,10 @@ REPORT_GAP = 1.0
 
 A moving robot sends five per second.
 """
-_OWN_TASKS = {task_pb2.kParking: "parking", task_pb2.kCharge: "charging"}
+_OWN_TASKS = {
+    task_pb2.kParking: Said("parking", "type.parking"),
+    task_pb2.kCharge: Said("charging", "type.charge"),
+}
 """Names of the tasks that a robot starts by itself, by type."""
 TASKS_PER_SET = 100
 """A task of a set is reported as the id of the set times this number, plus its id in the set."""
@@ -265,7 +281,7 @@ class WhoDrives:
         """Return what drives the robot now."""
         info = self._last_known.value(RobotInfo)
         if info is None:
-            return Driver(UNKNOWN, "the robot has not reported its state yet")
+            return Driver(UNKNOWN, _NO_REPORT)
         # the gate knows whether something else has taken over since
         if self._gate.driving and self._velocities.driving(time.monotonic()):
             return Driver(self._velocities.last)
@@ -274,7 +290,7 @@ class WhoDrives:
         if goals := self._goals():
             return Driver(GOAL, ", ".join(goals))
         if info.state == robot.kFollowing:
-            return Driver(self._follower or OTHER_CLIENT, "the robot is following somebody")
+            return Driver(self._follower or OTHER_CLIENT, _FOLLOWS)
         if action := self._gate.reported_owner:
             return Driver(OTHER_CLIENT, action)
         return self._unexplained(info)
@@ -282,17 +298,17 @@ class WhoDrives:
     def _task_driver(self, task: TaskProc) -> Driver:
         number = task.robot_task_id
         task_set = number // TASKS_PER_SET
-        detail = f"task {number}"
+        detail = TASK(id=number)
         if not {detail, f"task set {task_set}"}.isdisjoint(self._goals()):
             return Driver(GOAL, detail)
         source = self._tasks.get(number) or self._sets.get(task_set)
         if source == GOAL:
-            return Driver(GOAL, f"{detail}; the goal has ended, but the robot continues")
+            return Driver(GOAL, THEN(one=detail, other=_GOES_ON))
         if source:
             return Driver(source, detail)
         kind = _OWN_TASKS.get(task.type)
         if kind and self._is_own_id(number):
-            return Driver(ROBOT, f"{kind}, {detail}")
+            return Driver(ROBOT, AND(one=kind, other=detail))
         return Driver(OTHER_CLIENT, detail)
 
     def _is_own_id(self, number: int) -> bool:
@@ -308,12 +324,10 @@ class WhoDrives:
         if now - self._moved > REPORT_GAP or not (twist.linear or twist.angular):
             return Driver(NOBODY)
         if now - self._velocities.last_time < ROLL_OUT:
-            return Driver(self._velocities.last, "the robot is rolling to a stop")
+            return Driver(self._velocities.last, _ROLLS)
         if info.state in (robot.kTask, robot.kParking):
-            return Driver(UNKNOWN, "the robot is executing a task that it has not reported yet")
-        return Driver(
-            UNKNOWN, "the robot moves without a command of this agent: another client may drive it"
-        )
+            return Driver(UNKNOWN, _UNREPORTED)
+        return Driver(UNKNOWN, _UNEXPLAINED)
 
     def _answered(self, command: AnsweredCommand) -> None:
         message, source = command.message, command.source

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import SpeedLimiter
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes
 from woosh_robot_agent.vda5050.messages.order import Action
 from woosh_robot_agent.vda5050.messages.state import (
@@ -40,21 +41,37 @@ from woosh_robot_agent.vda5050.robot.tasks import (
 )
 
 _LOG = logging.getLogger(__name__)
+_LINK_LOST = Sentence(
+    "vda.linkLost", "the link to the robot is lost; its last state is from {time}"
+)
+_BECAUSE = Sentence("vda.because", "{text}: {reason}")
+_OBSTACLE = Sentence("vda.obstacle", "an obstacle blocks the way of the robot")
+_WAITS = Sentence("vda.waits", "the order waits, because {cause}")
+_CHARGES = Sentence("vda.charges", "the robot executes its charging task")
+_MODE = Sentence("vda.mode", "the operating mode is {mode}")
+_LOST = Sentence("vda.lost", "the robot does not know its position any more")
+_CLEARED = Sentence("vda.cleared", "order {order} was cleared, because {cause}")
 PAUSE = "pause"
 """Name of the hold (reason for which the order must not drive) of a paused vehicle."""
 _OTHER_MOTION = (
-    "something else drives the robot",
+    Sentence("vda.driven", "something else drives the robot")(),
     "wait for its end, or cancel the order",
 )
 """Cause and hint for a motion that this vehicle has not started."""
 _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
     task.kCharge: (
-        "the robot executes a charging task that this vehicle has not started",
+        Sentence(
+            "vda.otherCharging",
+            "the robot executes a charging task that this vehicle has not started",
+        )(),
         "end it with stopCharging, or wait for its end; switch off automatic charging at the robot "
         "if the master control sends it to chargers",
     ),
     task.kParking: (
-        "the robot executes a parking task that this vehicle has not started",
+        Sentence(
+            "vda.otherParking",
+            "the robot executes a parking task that this vehicle has not started",
+        )(),
         "wait for its end; switch off automatic parking at the robot if the master "
         "control parks it",
     ),
@@ -163,12 +180,13 @@ class Execution:
         order = self.order.status
         if not self.link.ready:
             chassis = self.link.chassis
-            reason = f": {chassis.last_error}" if chassis.last_error is not None else ""
+            text = _LINK_LOST(time=timestamp(chassis.since))
+            if chassis.last_error is not None:
+                text = _BECAUSE(text=text, reason=said_by(chassis.last_error))
             errors.append(
                 warning(
                     ErrorType.ROBOT_CONNECTION,
-                    "the link to the robot is lost; its last state is from "
-                    f"{timestamp(chassis.since)}{reason}",
+                    text,
                     "check that the robot is on, and that the network reaches it",
                 )
             )
@@ -177,7 +195,7 @@ class Execution:
             errors.append(
                 warning(
                     ErrorType.OBSTACLE,
-                    "an obstacle blocks the way of the robot",
+                    _OBSTACLE(),
                     "clear the way, and the robot drives on; or cancel the order",
                     **place,
                 )
@@ -186,12 +204,12 @@ class Execution:
             info = self.robot.info
             kind = info.task_proc.type if info is not None and self.drive.other else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
-            errors.append(warning(ErrorType.ROBOT_BUSY, f"the order waits, because {cause}", hint))
+            errors.append(warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint))
         elif self.order.busy and self._goes_on_charging:
             errors.append(
                 warning(
                     ErrorType.ROBOT_BUSY,
-                    "the order waits, because the robot executes its charging task",
+                    _WAITS(cause=_CHARGES()),
                     "end it with stopCharging, or wait for its end",
                 )
             )
@@ -216,12 +234,12 @@ class Execution:
         """Clear the order if the mode or the lost position of the robot forbids an order."""
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
-            self._clear(f"the operating mode is {mode.value}", "send a new order in mode AUTOMATIC")
+            self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
             if mode is not OperatingMode.MANUAL and not self.order.busy:
                 self.order.set_last_node("")
         elif self._has_lost_position:
             self._clear(
-                "the robot does not know its position any more",
+                _LOST(),
                 "initialise it, and send a new order",
             )
 
@@ -258,7 +276,7 @@ class Execution:
         if not self.order.busy or self.order.canceling:
             return
         order = self.order.order_id
-        reason = f"order {order} was cleared, because {cause}"
+        reason = _CLEARED(order=order, cause=cause)
         _LOG.warning("%s", reason)
         self.order_error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order)
         self.order.cancel(reason)

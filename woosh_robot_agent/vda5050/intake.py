@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 from woosh_robot_agent.link.reports import LogOnce, one_line
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes, Scope, objection
 from woosh_robot_agent.vda5050.messages.geometry import Point, curve_defect, curve_points
@@ -29,6 +30,22 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.messages.versions import Identity
 from woosh_robot_agent.vda5050.orders.structure import Verdict, check_instant_ids, with_marks
 
+_NO_POSITION = Sentence("vda.noPosition", "the robot does not know its position")
+_NOT_AUTOMATIC = Sentence("vda.notAutomatic", "the robot is not in automatic mode")
+_MANY_NODES = Sentence("vda.manyNodes", "the order has {count} nodes, more than {most}")
+_MANY_POINTS = Sentence(
+    "vda.manyPoints", "the trajectories have {count} control points, more than {most}"
+)
+_TOO_SLOW = Sentence("vda.tooSlow", "the robot cannot drive as slowly as maxSpeed: {speed}")
+_NO_MARK = Sentence(
+    "vda.noMark", "node {node} has no position, and the robot has no mark of that name"
+)
+_NO_MAP = Sentence("vda.noMap", "the robot has no map {map}")
+_TRAJECTORY = Sentence("vda.trajectory", "the robot cannot drive the trajectory: {reason}")
+_UNSUPPORTED = Sentence("vda.unsupported", "the robot cannot obey {fields} of {place}")
+_ORDER = Sentence("vda.theOrder", "the order")
+_EDGE = Sentence("vda.anEdge", "an edge")
+_AWAY = Sentence("vda.away", "it begins or ends {distance} m away from node {node}")
 MIN_SPEED = 0.05
 """Lowest speed limit that the robot obeys, in m/s."""
 _MAX_CONTROL_POINTS = 2000
@@ -57,11 +74,11 @@ class OrderCheck:
         if status is not None and status.position is not None and not status.position.initialised:
             raise self._error(
                 ErrorType.NOT_AVAILABLE,
-                "the robot does not know its position",
+                _NO_POSITION(),
                 "place it on the map with initPosition",
             )
         if self._order.unsupported:
-            raise self._unsupported(self._order.unsupported, "the order")
+            raise self._unsupported(self._order.unsupported, _ORDER())
         self._check_size()
         for edge in self._order.edges:
             self._check_edge(edge)
@@ -76,7 +93,7 @@ class OrderCheck:
         if status is None or status.mode is not OperatingMode.AUTOMATIC:
             raise self._error(
                 ErrorType.NOT_AVAILABLE,
-                "the robot is not in automatic mode",
+                _NOT_AUTOMATIC(),
                 "switch the robot to automatic control and task mode",
             )
 
@@ -84,7 +101,7 @@ class OrderCheck:
         if (number := len(self._order.nodes)) > MAX_NODES:
             raise self._error(
                 ErrorType.ORDER,
-                f"the order has {number} nodes, more than {MAX_NODES}",
+                _MANY_NODES(count=number, most=MAX_NODES),
                 "send a shorter order, and extend it by updates",
                 parameter="nodes",
             )
@@ -93,18 +110,18 @@ class OrderCheck:
         if count > _MAX_CONTROL_POINTS:
             raise self._error(
                 ErrorType.ORDER,
-                f"the trajectories have {count} control points, more than {_MAX_CONTROL_POINTS}",
+                _MANY_POINTS(count=count, most=_MAX_CONTROL_POINTS),
                 "send simpler trajectories, or fewer of them at a time",
                 parameter="trajectory",
             )
 
     def _check_edge(self, edge: Edge) -> None:
         if edge.unsupported:
-            raise self._unsupported(edge.unsupported, "an edge", edgeId=edge.id)
+            raise self._unsupported(edge.unsupported, _EDGE(), edgeId=edge.id)
         if edge.max_speed is not None and edge.max_speed < MIN_SPEED:
             raise self._error(
                 ErrorType.ORDER,
-                f"the robot cannot drive as slowly as maxSpeed: {edge.max_speed}",
+                _TOO_SLOW(speed=str(edge.max_speed)),
                 f"permit at least {MIN_SPEED} m/s",
                 edgeId=edge.id,
                 parameter="maxSpeed",
@@ -115,7 +132,7 @@ class OrderCheck:
         if node.position is None:
             raise self._error(
                 ErrorType.ORDER,
-                f"node {node.id} has no position, and the robot has no mark of that name",
+                _NO_MARK(node=node.id),
                 "give the node a nodePosition, or use the number of a mark as nodeId",
                 nodeId=node.id,
                 parameter="nodePosition",
@@ -126,7 +143,7 @@ class OrderCheck:
         if node.position.map_id not in maps:
             raise self._error(
                 ErrorType.UNKNOWN_MAP,
-                f"the robot has no map {node.position.map_id}",
+                _NO_MAP(map=node.position.map_id),
                 f"use one of its maps: {', '.join(sorted(maps)) or 'it has no position on any'}",
                 nodeId=node.id,
                 mapId=node.position.map_id,
@@ -143,7 +160,7 @@ class OrderCheck:
         if reason:
             raise self._error(
                 ErrorType.ORDER,
-                f"the robot cannot drive the trajectory: {reason}",
+                _TRAJECTORY(reason=reason),
                 "send a NURBS from the start node to the end node, or no trajectory",
                 edgeId=edge.id,
                 parameter="trajectory",
@@ -165,7 +182,7 @@ class OrderCheck:
     def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:
         return self._error(
             ErrorType.UNSUPPORTED_PARAMETER,
-            f"the robot cannot obey {', '.join(fields)} of {place}",
+            _UNSUPPORTED(fields=", ".join(fields), place=place),
             "leave them out; the factsheet lists the optional fields that the robot obeys",
             **references,
             parameter=list(fields),
@@ -185,7 +202,7 @@ def _misses(node: Node, point: Point) -> str:
     distance = math.dist(place.point, point)
     if distance <= max(place.deviation_xy, _TOLERANCE):
         return ""
-    return f"it begins or ends {distance:.2f} m away from node {node.id}"
+    return _AWAY(distance=f"{distance:.2f}", node=node.id)
 
 
 _LOG = logging.getLogger(__name__)

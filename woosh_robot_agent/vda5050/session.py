@@ -11,6 +11,7 @@ from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.state import (
     ConnectionState,
@@ -25,7 +26,10 @@ from woosh_robot_agent.vda5050.robot.link import Timing
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 _LOG = logging.getLogger(__name__)
-_REASON = "another connector publishes as this vehicle, or connects with the same client id"
+_REASON = Sentence(
+    "vda.second",
+    "another connector publishes as this vehicle, or connects with the same client id",
+)()
 
 
 class OtherConnector:

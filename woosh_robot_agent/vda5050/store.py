@@ -17,10 +17,22 @@ from typing import IO, Any, TypeVar
 from urllib.parse import quote
 
 from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
 from woosh_robot_agent.vda5050.orders.actions import Memory
 
 T = TypeVar("T")
+
+_NOT_SAVED = Sentence(
+    "vda.notSaved", "the order does not survive a restart of the connector: {error}"
+)
+_REMOVE = Sentence("vda.remove", "remove {path}, which is out of date, before a restart")
+_TOO_LARGE = Sentence("vda.fileTooLarge", "it has more than {most} bytes")
+_OTHER_FORMAT = Sentence("vda.fileFormat", "its format is {found}, not {own}")
+_NO_ORDER = Sentence("vda.fileOrder", "the parts of its order do not fit together")
+_DAMAGED = Sentence(
+    "vda.fileDamaged", "the last order is unknown, because {path} was damaged ({error})"
+)
 
 
 def to_json(value: Any) -> bytes:
@@ -250,11 +262,11 @@ class Store:
             self._log.clear()
 
     def _failed(self, path: Path, error: OSError) -> None:
-        reason = f"the order does not survive a restart of the connector: {error}"
+        reason: str = _NOT_SAVED(error=str(error))
         try:
             path.unlink(missing_ok=True)
         except OSError:
-            reason = f"{reason}; remove {path}, which is out of date, before a restart"
+            reason = THEN(one=reason, other=_REMOVE(path=str(path)))
         self._log.warn("save", reason)
         self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
 
@@ -271,19 +283,19 @@ class Store:
         with path.open("rb") as file:
             data = file.read(_MAX_SIZE + 1)
         if len(data) > _MAX_SIZE:
-            raise ValueError(f"it has more than {_MAX_SIZE} bytes")
+            raise ValueError(_TOO_LARGE(most=_MAX_SIZE))
         record = from_plain(Record, json.loads(data))
         if record.format != _FORMAT:
-            raise ValueError(f"its format is {record.format}, not {_FORMAT}")
+            raise ValueError(_OTHER_FORMAT(found=record.format, own=_FORMAT))
         order = record.order
         if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
-            raise ValueError("the parts of its order do not fit together")
+            raise ValueError(_NO_ORDER())
         return record
 
     def _put_aside(self, path: Path, error: Exception) -> VehicleError:
         aside = path.with_suffix(".damaged")
         path.replace(aside)
-        reason = f"the last order is unknown, because {path} was damaged ({error})"
+        reason = _DAMAGED(path=str(path), error=said_by(error))
         _LOG.error("%s; it was renamed to %s", reason, aside)
         return warning(
             ErrorType.STATE_FILE, reason, "check where the robot stands, and send a new order"

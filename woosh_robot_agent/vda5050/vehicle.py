@@ -10,6 +10,8 @@ from typing import Any
 
 from woosh_robot_agent.link import LinkError, RobotIdentity
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.sentences import Sentence
+from woosh_robot_agent.tools.dashboard.texts import value_data
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner, action_types
 from woosh_robot_agent.vda5050.execution import PAUSE, Execution
 from woosh_robot_agent.vda5050.intake import Intake
@@ -31,6 +33,8 @@ from woosh_robot_agent.vda5050.store import Record
 _LOG = logging.getLogger(__name__)
 _CLOSE_TIMEOUT = 1.0
 """Maximum wait for the last messages to the broker, and for the robot, in seconds."""
+
+_DROPPED = Sentence("vda.dropped", "order {order} was dropped, because it was for {robot}")
 
 
 class Vehicle:
@@ -113,7 +117,7 @@ class Vehicle:
         execution.order_error = damage
         former = RobotIdentity(record.robot_id, record.serial_number)
         if former.differs_from(self._robot):
-            reason = f"order {record.order.order_id} was dropped, because it was for {former}"
+            reason = _DROPPED(order=record.order.order_id, robot=str(former))
             _LOG.error("%s; now %s answers", reason, self._robot)
             execution.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
             return
@@ -162,7 +166,7 @@ class Vehicle:
             "nodesLeft": len(order.nodes),
             "paused": order.paused,
             "errors": [
-                {"type": each.type, "level": each.level.name, "text": each.description}
+                {"type": each.type, "level": each.level.name, "text": value_data(each.description)}
                 for each in state.errors
             ],
         }

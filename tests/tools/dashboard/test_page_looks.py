@@ -7,12 +7,15 @@ with, are made anew.
 from __future__ import annotations
 
 import contextlib
+import copy
+import importlib
 import io
 import json
 import math
 import os
+import pickle
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -42,9 +45,16 @@ from tests.tools.dashboard.pages import program
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
-from woosh_robot_agent.sentences import SENTENCES
+from woosh_robot_agent.sentences import AND, SENTENCES, Said
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard.texts import PAGE
+from woosh_robot_agent.tools.dashboard.robot import Robot
+from woosh_robot_agent.tools.dashboard.texts import PAGE, value_data
+from woosh_robot_agent.vda5050.intake import OrderCheck
+from woosh_robot_agent.vda5050.messages.order import Order
+from woosh_robot_agent.vda5050.messages.reading import read_order
+from woosh_robot_agent.vda5050.messages.state import RejectedError, VehicleError
+from woosh_robot_agent.vda5050.messages.versions import VERSIONS, Identity
+from woosh_robot_agent.vda5050.orders.structure import check_structure
 
 pytestmark = pytest.mark.timeout(300)
 _DOCS = os.environ.get("WOOSH_SCREENSHOTS")
@@ -177,10 +187,21 @@ def test_both_languages_have_the_same_texts() -> None:
 
 
 def test_each_sentence_of_the_program_is_in_chinese() -> None:
+    for file in (_ROOT / "woosh_robot_agent").rglob("*.py"):
+        if "Sentence(" in file.read_text("utf-8"):
+            importlib.import_module(".".join(file.relative_to(_ROOT).with_suffix("").parts))
     chinese = json.loads((PAGE / "texts/said.zh.json").read_text("utf-8"))
     assert set(chinese) == set(SENTENCES)
     for key, pattern in SENTENCES.items():
         assert _braces(pattern) == _braces(chinese[key]), key
+
+
+def test_a_sentence_remains_a_str_with_its_key_in_copies() -> None:
+    said = AND(one=Said("nobody", "driver.nobody"), other="unknown")
+    for each in (copy.deepcopy(said), pickle.loads(pickle.dumps(said))):
+        assert (each, each.key, each.values) == ("nobody, unknown", "said.and", said.values)
+        assert value_data(each) == value_data(said)
+    assert json.dumps([said]) == '["nobody, unknown"]'
 
 
 def _braces(pattern: str) -> set[str]:
@@ -190,7 +211,6 @@ def _braces(pattern: str) -> set[str]:
 def test_what_the_program_explains_is_in_the_language_of_the_page(
     robot: SimulatedPage, shared_browser: SharedBrowser
 ) -> None:
-    english = re.compile(r"[a-z]{4,} [a-z]{2,} [a-z]{2,}")
     with opened(shared_browser, robot.url, 1440, 900) as driver:
         press(driver, "#language")
         press(driver, "#stop")
@@ -204,6 +224,11 @@ def test_what_the_program_explains_is_in_the_language_of_the_page(
             return "急停按钮已按下" in text(driver, "#answer")
 
         eventually(is_refused, "why it is refused")
+        refusal = "emergency stop is pressed: release it first"  # of the robot
+        check_chinese(driver, "refused", refusal)
+        show(driver, "state")
+        check_chinese(driver, "emergency stop", refusal)
+        show(driver, "go")
         press(driver, "#dismiss")
         robot.call(lambda simulator: simulator.clear_faults())
         eventually(lambda: not script(driver, "store.robot.value.emergencyStop"), "its release")
@@ -211,18 +236,38 @@ def test_what_the_program_explains_is_in_the_language_of_the_page(
         ahead = {"x": pose.x + 0.7 * math.cos(pose.theta), "y": pose.y + 0.7 * math.sin(pose.theta)}
         robot.call(lambda simulator: simulator.inject("obstacle", radius=0.3, **ahead))
 
-        def stands() -> bool:
+        def is_held_and(seen: bool) -> bool:
             if not script(driver, "store.held.value !== null"):
                 stick = element(driver, "#stick")
                 actions(driver).release().perform()
                 actions(driver).move_to_element(stick).click_and_hold().move_by_offset(
                     0, -50
                 ).perform()
-            return "没有移动" in text(driver, "#notice")
+            return seen
 
-        eventually(stands, "the standstill")
-        assert not english.search(text(driver, "#notice")), text(driver, "#notice")
+        eventually(lambda: is_held_and("没有移动" in text(driver, "#notice")), "the standstill")
+        check_chinese(driver, "standstill")
         actions(driver).release().perform()
+        robot.call(lambda simulator: simulator.clear_faults())
+        robot.call(lambda simulator: setattr(simulator, "speed", 0.05))
+
+        def runs() -> bool:
+            press(driver, "#marks li:nth-child(2) button")
+            press(driver, "#go")
+            return bool(script(driver, "store.robot.value.task?.running"))
+
+        eventually(runs, "a task")
+        eventually(lambda: script(driver, "store.path.value.length > 1"), "its path")
+        eventually(lambda: is_held_and("正在执行" in text(driver, "#answer")), "the refusal")
+        check_chinese(driver, "stick refused")
+        actions(driver).release().perform()
+        for tab in ("tasks", "state"):
+            show(driver, tab)
+            check_chinese(driver, f"task in {tab}")
+        code = StatusCode(code=110301000013, level=StatusCode.kFault, msg="电机相线")
+        robot.call(lambda simulator: simulator.push(AbnormalCodes(scs=[code])))
+        eventually(lambda: "左电机" in text(driver, "#problems"), "the fault")
+        check_chinese(driver, "fault")
         robot.call(lambda simulator: simulator.inject("off"))
         eventually(lambda: "无法连接" in text(driver, "#notice"), "why there is no link")
         press(driver, "#stop")
@@ -231,26 +276,113 @@ def test_what_the_program_explains_is_in_the_language_of_the_page(
         assert "未停止" in text(driver, "#alarm")
         assert "未连接" in text(driver, "#alarm")
         assert text(driver, "#alarm").count("未发送") <= 1, "one reason"
+        check_chinese(driver, "link lost", "Connect call failed")  # of the operating system
 
 
-def test_chinese_covers_what_the_page_shows(
-    robot: SimulatedPage, shared_browser: SharedBrowser
+_LATIN = re.compile(r"(?<![A-Za-z0-9])-{0,2}[A-Za-z][\w./=-]*")
+"""Words in Latin letters, without units that follow a number at once."""
+_NAMES = re.compile(
+    # keys, units, protocols and programs
+    r"Esc|English|m|s|m/s|km|ms|rad/s|ws|tcp|order|Wi-Fi|WebSocket|UTF-8|JSON|protobuf|ping|IP|ip|port|doctor|"
+    r"maps|--ip|--port|at|"
+    # words of VDA 5050 and of the code: types, fields, options, faults and their arguments
+    r"[a-z]+([A-Z][a-z]+)+|[A-Z][a-z]+([A-Z][a-z]+)+|woosh[\w.-]*|[a-z]+_[a-z_]+|[a-z]+=\S*|key|"
+    # numbers of marks
+    r"[A-Z]\d+"
+)
+_READ = """
+  const read = [document.body.innerText];
+  for (const each of document.querySelectorAll("[title], [aria-label], [placeholder]"))
+    read.push(each.title, each.ariaLabel ?? "", each.placeholder ?? "");
+  const {robot, map, scenes, details, simulator, tasks, codes} = globalThis.store;
+  const {name, model, scene, map: used} = robot.value;
+  const known = [name, model, scene, used, details.value?.software, details.value?.system];
+  for (const {number, text} of map.value?.marks ?? []) known.push(number, text);
+  for (const {name} of map.value?.taskTypes ?? []) known.push(name);
+  for (const {text} of [...tasks.value, ...codes.value]) known.push(text);
+  for (const {name, maps} of scenes.value) known.push(name, ...maps);
+  for (const each of simulator.value.known) known.push(each.name, ...each.arguments.split(", "));
+  return [read.join("\\n"), known.filter(Boolean)];
+"""
+
+
+def check_chinese(driver: Any, state: str, *robot_texts: str) -> None:
+    """Check that what can be read has no Latin words but names and the robot's own texts."""
+    read, known = driver.execute_script(_READ)
+    read = re.sub("`[a-z]+`", "", read)  # names of fields
+    for each in sorted({*known, *robot_texts}, key=len, reverse=True):
+        read = re.sub(rf"(?<![A-Za-z]){re.escape(each)}(?![A-Za-z])", "", read)
+    words = {word for word in _LATIN.findall(read) if not _NAMES.fullmatch(word)}
+    lines = [line for line in read.splitlines() if any(word in line for word in words)]
+    assert words == set(), (state, lines)
+
+
+def vda_errors() -> list[VehicleError]:
+    """Return the errors of messages and orders that a vehicle rejects."""
+    version, identity = VERSIONS["2.1"], Identity("woosh", "1")
+    order = Order("o", 0, (), ())
+    rejections: list[Callable[[], object]] = [
+        lambda: read_order(b"{", version, identity),
+        lambda: read_order(b'{"version": "\xff"}', version, identity),
+        lambda: check_structure(order),
+        lambda: OrderCheck(order, {}).check(None),
+    ]
+    errors = []
+    for reject in rejections:
+        with pytest.raises(RejectedError) as rejected:
+            reject()
+        errors.append(rejected.value.error)
+    return errors
+
+
+def test_the_page_in_chinese_has_no_other_words(
+    shared_browser: SharedBrowser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with opened(shared_browser, robot.url, 1440, 900) as driver:
-        press(driver, "#language")
-        eventually(lambda: text(driver, "#tab-go") == "前往", "Chinese")
-        robot.call(lambda simulator: simulator.inject("emergency_stop"))
-        for tab in ("go", "tasks", "state", "map", "setup"):
-            show(driver, tab)
-            missing = script(
-                driver,
-                "[...document.body.innerText.matchAll(/\\b[a-z]+\\.[a-zA-Z.]+\\b/g)].map(String)",
-            )
-            assert missing == [], tab
-        show(driver, "state")
-        eventually(lambda: "急停" in text(driver, "#problems"), "the meaning of the code")
-        press(driver, "#language")
-        eventually(lambda: text(driver, "#tab-go") == "Go", "English")
+    errors = [
+        {"type": str(number), "level": each.level.name, "text": value_data(each.description)}
+        for number, each in enumerate(vda_errors())
+    ]
+    order = {"id": "", "node": "", "nodesLeft": 2, "paused": True, "errors": errors}
+    connect = Robot.__init__
+
+    def connect_with_order(self: Robot, *args: Any, **options: Any) -> None:
+        connect(self, *args, **options)
+        self.order = lambda: order
+
+    monkeypatch.setattr(Robot, "__init__", connect_with_order)
+    robot = SimulatedPage()
+    try:
+        with opened(shared_browser, robot.url, 1440, 900) as driver:
+            press(driver, "#language")
+            eventually(lambda: text(driver, "#tab-go") == "前往", "Chinese")
+            press(driver, "#layers")
+            check_chinese(driver, "layers")
+            press(driver, "#layers")
+            for tab in ("fleet", "go", "tasks", "state", "map", "setup", "simulator"):
+                show(driver, tab)
+                check_chinese(driver, tab, *_LIBRARY_TEXTS)
+            show(driver, "simulator")
+            for name in script(driver, "store.simulator.value.known.map(({name}) => name)"):
+                driver.execute_script(_CHOOSE, element(driver, "#fault-name"), name)
+                check_chinese(driver, f"fault {name}")
+            for wrong, reason in (("window=1", "至"), ("window", "key=value"), ("by=1", "参数")):
+                driver.execute_script(_CHOOSE, element(driver, "#fault-name"), "reorder")
+                element(driver, "#fault-arguments").clear()
+                element(driver, "#fault-arguments").send_keys(wrong)
+                press(driver, "#begin-fault")
+                eventually(lambda reason=reason: reason in text(driver, "#answer"), wrong)
+                check_chinese(driver, wrong)
+            press(driver, "#language")
+            eventually(lambda: text(driver, "#tab-go") == "Go", "English")
+    finally:
+        robot.close()
+
+
+_CHOOSE = "arguments[0].value = arguments[1]; arguments[0].dispatchEvent(new Event('change'))"
+_LIBRARY_TEXTS = (
+    "Expecting property name enclosed in double quotes: line 1 column 2 (char 1)",
+    "'utf-8' codec can't decode byte 0xff in position 13: invalid start byte",
+)
 
 
 def test_who_may_only_look_sees_no_commands(shared_browser: SharedBrowser) -> None:

@@ -67,6 +67,19 @@ async def test_there_is_nothing_else_to_read(chassis: SimulatorThread, path: str
 
 
 @aio
+async def test_a_refusal_is_in_the_language_of_the_browser(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis) as running:
+        for languages, said in (
+            ("zh-CN,zh;q=0.9,en;q=0.8", "没有这个页面"),
+            ("en,zh;q=0.9", "there is no such page"),
+        ):
+            headers = {"Accept-Language": languages}
+            status, found, body = await fetch(running, "/nothing", headers)
+            assert (status, body.decode().strip()) == (404, said)
+            assert "charset=utf-8" in found["content-type"]
+
+
+@aio
 async def test_another_name_for_this_machine_is_refused(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         port = place(running).rpartition(":")[2]

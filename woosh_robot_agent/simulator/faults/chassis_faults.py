@@ -10,6 +10,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET
@@ -113,9 +114,13 @@ def _clock_jump(server: Server, injection: Injection) -> End:
     return end
 
 
+_BOTH = Sentence("fault.bothOrNone", "obstacle: give both x and y, or neither of them")
+_NO_TOPIC = Sentence("fault.noTopic", "burst: type: {type} is not one of {topics}")
+
+
 def _check_position(arguments: Mapping[str, Any]) -> None:
     if (arguments["x"] is None) != (arguments["y"] is None):
-        raise FaultError("obstacle: give both x and y, or neither of them")
+        raise FaultError(_BOTH())
 
 
 @fault(
@@ -151,7 +156,7 @@ def _obstacle(server: Server, injection: Injection) -> End:
 
 def _check_topic(arguments: Mapping[str, Any]) -> None:
     if arguments["type"] not in TOPICS:
-        raise FaultError(f"burst: type: {arguments['type']!r} is not one of {sorted(TOPICS)}")
+        raise FaultError(_NO_TOPIC(type=repr(arguments["type"]), topics=str(sorted(TOPICS))))
 
 
 @fault(

@@ -10,9 +10,33 @@ from dataclasses import dataclass
 from typing import Any
 
 from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.sentences import Said, Sentence, joined, said_by
 from woosh_robot_agent.simulator.serving.server import Server
 
 Value = int | float | str
+
+_OR = Sentence("said.or", "{one} or {other}")
+_NO_MESSAGE = Sentence("argument.noMessage", "{name}: no message has the type {value}")
+_MESSAGE = Sentence("argument.message", "message type")
+_KINDS: dict[type, Said] = {
+    int: Sentence("argument.integer", "integer")(),
+    float: Sentence("argument.anyNumber", "number")(),
+    str: Sentence("argument.anyText", "text")(),
+}
+_WITHIN = Sentence("argument.within", "{kind} from {low} to {high}")
+_AT_LEAST = Sentence("argument.atLeast", "{kind} of at least {low}")
+_AT_MOST = Sentence("argument.atMost", "{kind} of at most {high}")
+_IN_UNIT = Sentence("argument.inUnit", "{kind}, in {unit}")
+_UNITS = {
+    unit: Sentence(f"unit.{unit}", unit)()
+    for unit in ("s of simulated time", "s of real time", "1/s of real time", "bytes")
+}
+_WRONG = Sentence("argument.wrong", "{name}: {value} is not {allowed}")
+_MOMENTARY = Sentence("fault.momentary", "{fault} is momentary: leave out `for`")
+_NO_ARGUMENT = Sentence(
+    "fault.noArgument", "{fault} has no argument {name}; its arguments are: {names}"
+)
+_IN_FAULT = Sentence("fault.in", "{fault}: {error}")
 
 _MAX_NUMBER = 1e300
 """Maximum absolute value of a number, which excludes infinity."""
@@ -71,7 +95,7 @@ class Argument:
             if not isinstance(value, str) or (self.choices and value not in self.choices):
                 raise self._wrong(value)
             if self.is_message and value and value not in message_types():
-                raise FaultError(f"{self.name}: no message has the type {value!r}")
+                raise FaultError(_NO_MESSAGE(name=self.name, value=repr(value)))
             return value
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._wrong(value)
@@ -85,21 +109,24 @@ class Argument:
     def allowed(self) -> str:
         """Description of the valid values."""
         if self.choices:
-            return " or ".join(self.choices)
+            return joined(_OR, self.choices)
         if self.is_message:
-            return "message type"
-        text = {int: "integer", float: "number", str: "text"}[self.kind]
+            return _MESSAGE()
+        text = _KINDS[self.kind]
         low, high = math.isfinite(self.low), math.isfinite(self.high)
         if low and high:
-            text += f" from {_number(self.low)} to {_number(self.high)}"
+            text = _WITHIN(kind=text, low=_number(self.low), high=_number(self.high))
         elif low:
-            text += f" of at least {_number(self.low)}"
+            text = _AT_LEAST(kind=text, low=_number(self.low))
         elif high:
-            text += f" of at most {_number(self.high)}"
-        return f"{text}, in {self.unit}" if self.unit else text
+            text = _AT_MOST(kind=text, high=_number(self.high))
+        if not self.unit:
+            return text
+        return _IN_UNIT(kind=text, unit=_UNITS.get(self.unit, self.unit))
 
     def _wrong(self, value: object) -> FaultError:
-        return FaultError(f"{self.name}: {value!r} is not {_article(self.allowed)}")
+        allowed = _article(self.allowed)
+        return FaultError(_WRONG(name=self.name, value=repr(value), allowed=allowed))
 
 
 def _number(value: float) -> str:
@@ -107,9 +134,10 @@ def _number(value: float) -> str:
 
 
 def _article(text: str) -> str:
-    if " or " in text:
+    if " or " in text or not isinstance(text, Said):
         return text
-    return f"{'an' if text[0] in 'aeiou' else 'a'} {text}"
+    article = "an" if text[0] in "aeiou" else "a"
+    return Said(f"{article} {text}", text.key, text.values)
 
 
 End = Callable[[], None]
@@ -163,22 +191,20 @@ class Fault:
             FaultError: An argument is unknown or invalid.
         """
         if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
-            raise FaultError(f"{self.name} is momentary: leave out `for`")
+            raise FaultError(_MOMENTARY(fault=self.name))
         known = {each.name: each for each in (*self.takes, *extra)}
         resolved: dict[str, Any] = {name: each.default for name, each in known.items()}
         for key, value in arguments.items():
             name = key.removesuffix("_")
             if name not in known:
                 names = ", ".join(known) or "none"
-                raise FaultError(
-                    f"{self.name} has no argument {name!r}; its arguments are: {names}"
-                )
+                raise FaultError(_NO_ARGUMENT(fault=self.name, name=repr(name), names=names))
             if value is None and known[name].default is None:
                 continue
             try:
                 resolved[name] = known[name].check(value)
             except FaultError as error:
-                raise FaultError(f"{self.name}: {error}") from None
+                raise FaultError(_IN_FAULT(fault=self.name, error=said_by(error))) from None
         if self.check:
             self.check(resolved)
         return resolved
@@ -199,7 +225,8 @@ def fault(
 
     def add(begin: Begin) -> Begin:
         name = begin.__name__.strip("_")
-        FAULTS[name] = Fault(name, description, begin, own, lasting, shared, check)
+        said = Sentence(f"fault.{name}", description)()
+        FAULTS[name] = Fault(name, said, begin, own, lasting, shared, check)
         return begin
 
     return add

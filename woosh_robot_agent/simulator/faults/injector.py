@@ -11,6 +11,7 @@ from pathlib import Path
 
 import yaml
 
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.simulator.config import Scenario, Step
 from woosh_robot_agent.simulator.faults import (
     chassis_faults,  # noqa: F401 - adds its faults
@@ -28,6 +29,11 @@ from woosh_robot_agent.simulator.serving.server import Server
 
 _LOG = logging.getLogger(__name__)
 
+_UNKNOWN = Sentence("fault.unknown", "unknown fault {name}: use one of {known}")
+_UNREADABLE = Sentence("fault.unreadable", "fault {text}: {error}")
+_NO_PAIR = Sentence("fault.noPair", "{fault}: {word} is not of the form key=value")
+_TWICE = Sentence("fault.twice", "{fault}: {name} is given twice")
+
 
 def find(name: str) -> Fault:
     """Return the fault called `name`.
@@ -38,7 +44,8 @@ def find(name: str) -> Fault:
     try:
         return FAULTS[name]
     except KeyError:
-        raise FaultError(f"unknown fault {name!r}: use one of {', '.join(FAULTS)}") from None
+        known = ", ".join(FAULTS)
+        raise FaultError(_UNKNOWN(name=repr(name), known=known)) from None
 
 
 def markdown() -> str:
@@ -90,16 +97,16 @@ def parse_fault(text: str) -> Step:
     try:
         words = shlex.split(text)
     except ValueError as error:
-        raise FaultError(f"fault {text!r}: {error}") from None
+        raise FaultError(_UNREADABLE(text=repr(text), error=str(error))) from None
     name, words = (words[0], words[1:]) if words else ("", [])
     taken = {argument.name: argument for argument in (*find(name).takes, _AT)}
     arguments: dict[str, object] = {}
     for word in words:
         key, equals, value = word.partition("=")
         if not equals:
-            raise FaultError(f"{name}: {word!r} is not of the form key=value")
+            raise FaultError(_NO_PAIR(fault=name, word=repr(word)))
         if key in arguments:
-            raise FaultError(f"{name}: {key} is given twice")
+            raise FaultError(_TWICE(fault=name, name=key))
         # `make_step` rejects unknown keys.
         arguments[key] = taken[key].parse(value) if key in taken else value
     return make_step(name, **arguments)

@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import web
 
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.tools.options import is_local
 
 SECURITY_HEADERS = MappingProxyType(
@@ -35,6 +36,12 @@ SECURITY_HEADERS = MappingProxyType(
     }
 )
 """Headers of each response: the page loads nothing from other hosts, and no page may embed it."""
+_NO_HOST = Sentence("http.noHost", "the request has no valid Host header")
+_OTHER_NAME = Sentence("http.otherName", "open this page at {url}, not by another name")
+_NO_TOKEN = Sentence(
+    "http.noToken", "the address needs a token: use an address that the program printed"
+)
+_OTHER_PAGE = Sentence("http.otherPage", "only the page of this program may connect")
 _TOKEN_BYTES = 16
 """Length of a token, in random bytes."""
 _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[\w.-]+)(:\d{1,5})?", re.ASCII | re.IGNORECASE)
@@ -117,11 +124,11 @@ class Access:
         """Return the reason why a request is refused, and what to do; empty if it is answered."""
         hosts = request.headers.getall("Host", [])
         if len(hosts) != 1 or not _HOST.fullmatch(hosts[0]):
-            return "the request has no valid Host header"
+            return _NO_HOST()
         if not self.tokens and not _names_this_machine(hosts[0]):
-            return f"open this page at {self.scheme}://127.0.0.1:{self.port}, not by another name"
+            return _OTHER_NAME(url=f"{self.scheme}://127.0.0.1:{self.port}")
         if self.role(request) is None:
-            return "the address needs a token: use an address that the program printed"
+            return _NO_TOKEN()
         return ""
 
     def socket_refusal(self, request: web.BaseRequest) -> str:
@@ -129,7 +136,7 @@ class Access:
         if reason := self.refusal(request):
             return reason
         if request.headers.getall("Origin", []) != [f"{self.scheme}://{request.headers['Host']}"]:
-            return "only the page of this program may connect"
+            return _OTHER_PAGE()
         return ""
 
     def role(self, request: web.BaseRequest) -> Role | None:

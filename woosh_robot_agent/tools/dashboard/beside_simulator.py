@@ -10,13 +10,17 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.simulator.faults import FAULTS, FaultError, Injection, parse_fault
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.tools.dashboard.commands import Args
 from woosh_robot_agent.tools.dashboard.control import Outcome
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
-from woosh_robot_agent.tools.dashboard.texts import Text
+from woosh_robot_agent.tools.dashboard.texts import Text, value_data
 
+_NO_TEXT = Sentence("fault.noText", "a fault is a text of at most {length} characters")
+_TOO_MANY = Sentence("fault.tooMany", "there are {count} faults already: end some of them")
+_AT_ONCE = Sentence("fault.atOnce", "leave out `at`: a fault of the page begins at once")
 _MAX_FAULTS = 100
 """Maximum number of faults that are active at the same time, obstacles included."""
 _MAX_TEXT = 300
@@ -61,7 +65,7 @@ class FaultCommands:
         self._known = [
             {
                 "name": fault.name,
-                "description": fault.description,
+                "description": value_data(fault.description),
                 "arguments": ", ".join(argument.name for argument in fault.takes),
             }
             for fault in FAULTS.values()
@@ -78,16 +82,16 @@ class FaultCommands:
     def _begin(self, args: Args) -> Outcome:
         text = args.get("text")
         if not isinstance(text, str) or len(text) > _MAX_TEXT:
-            return _refusal(f"a fault is a text of at most {_MAX_TEXT} characters")
+            return _refusal(_NO_TEXT(length=_MAX_TEXT))
         if len(self._simulator.faults) >= _MAX_FAULTS:
-            return _refusal(f"there are {_MAX_FAULTS} faults already: end some of them")
+            return _refusal(_TOO_MANY(count=_MAX_FAULTS))
         try:
             step = parse_fault(text)
             if step.at:
-                return _refusal("leave out `at`: a fault of the page begins at once")
+                return _refusal(_AT_ONCE())
             injection = self._simulator.inject(step.name, **step.arguments)
         except FaultError as error:
-            return _refusal(str(error))
+            return _refusal(said_by(error))
         return Outcome(True, Text("reply.faultBegun", fault=str(injection)))
 
     def _end(self, args: Args) -> Outcome:

@@ -30,10 +30,16 @@ from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.tools.dashboard.texts import Text
 
 Args = Mapping[str, Any]
 """Arguments of a command, as the page sends them."""
+_NO_NUMBER = Sentence("argument.number", "{name} is not a number within {least} to {greatest}")
+_NOT_WHOLE = Sentence("argument.whole", "{name} is not a whole number within 0 to {greatest}")
+_NO_TEXT = Sentence("argument.text", "{name} is not a text of at most {length} characters")
+_NO_TRUTH = Sentence("argument.truth", "{name} is not true or false")
+_NO_CHOICE = Sentence("argument.choice", "{name} is not one of {choices}")
 _MAX_TEXT = 200
 """Maximum length of a text."""
 _MAX_COORDINATE = 1e5
@@ -63,7 +69,7 @@ def number(args: Args, name: str, limit: float, least: float | None = None) -> f
     value, least = args.get(name), -limit if least is None else least
     valid = isinstance(value, int | float) and not isinstance(value, bool)
     if not valid or not least <= value <= limit:  # type: ignore[operator]
-        raise _invalid(f"{name} is not a number within {least:g} to {limit:g}")
+        raise _invalid(_NO_NUMBER(name=name, least=f"{least:g}", greatest=f"{limit:g}"))
     return float(value)  # type: ignore[arg-type]
 
 
@@ -74,28 +80,28 @@ def _invalid(text: str) -> CommandError:
 def _whole(args: Args, name: str, limit: int) -> int:
     value = args.get(name, 0)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= limit:
-        raise _invalid(f"{name} is not a whole number within 0 to {limit}")
+        raise _invalid(_NOT_WHOLE(name=name, greatest=limit))
     return value
 
 
 def _text(args: Args, name: str) -> str:
     text = args.get(name)
     if not isinstance(text, str) or len(text) > _MAX_TEXT or not text.isprintable():
-        raise _invalid(f"{name} is not a text of at most {_MAX_TEXT} characters")
+        raise _invalid(_NO_TEXT(name=name, length=_MAX_TEXT))
     return text
 
 
 def _truth(args: Args, name: str) -> bool:
     value = args.get(name)
     if not isinstance(value, bool):
-        raise _invalid(f"{name} is not true or false")
+        raise _invalid(_NO_TRUTH(name=name))
     return value
 
 
 def _choice(args: Args, name: str, choices: Mapping[str, int], default: str | None = None) -> int:
     value = args.get(name, default)
     if not isinstance(value, str) or value not in choices:
-        raise _invalid(f"{name} is not one of {', '.join(choices)}")
+        raise _invalid(_NO_CHOICE(name=name, choices=", ".join(choices)))
     return choices[value]
 
 

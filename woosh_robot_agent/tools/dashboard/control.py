@@ -23,15 +23,14 @@ from woosh_robot_agent.motion import (
     VelocityLimits,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.robot.readiness import Objection
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.standstill import Standstill
 from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
-from woosh_robot_agent.sentences import THEN, Said, Sentence, joined, said_by
+from woosh_robot_agent.sentences import REFUSED, THEN, Said, Sentence, joined, said_by
 from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandError, number
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.tasks import TaskLog
-from woosh_robot_agent.tools.dashboard.texts import Text, english, value_data
+from woosh_robot_agent.tools.dashboard.texts import Text, value_data
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 
@@ -49,7 +48,7 @@ class Outcome(NamedTuple):
     data: Any = None
 
 
-_STICK = "stick"
+_STICK = Said("stick", "driver.stick")
 """Name of the stream of velocities."""
 STOP = "stop"
 """Name of the command that stops the robot, which every viewer may give."""
@@ -57,7 +56,7 @@ SPEED_LIMIT = "speedLimit"
 """Name of the command that limits the speed of the robot."""
 TOO_SLOW = Text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
-_REFUSED = Sentence("refusal.refused", "refused")
+_VELOCITY_REFUSED = Sentence("refusal.velocity", "the robot refused the velocity")
 _BECAUSE = Sentence("refusal.because", "{text} ({reason})")
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
@@ -315,7 +314,7 @@ class Control:
     async def _execute(self, name: str, request: Message) -> Outcome:
         try:
             request = self._robot.requests.address(request)
-            answer = await self._gate.request(request, sender=Sender(name))
+            answer = await self._gate.request(request, sender=Sender(Said(name, f"command.{name}")))
         except LinkError as error:  # if the robot has got the request, its reports will show that
             return Outcome(False, Text("reply.refused", command=_name(name), text=said_by(error)))
         if isinstance(request, ExecTask):
@@ -323,9 +322,9 @@ class Control:
         if answer.ok:
             return Outcome(True, Text("reply.accepted", command=_name(name)))
         reasons = await self._explainer.reasons(type_of(request))
-        text = answer.msg or _REFUSED()
+        text = answer.msg or REFUSED()
         if reasons:
-            because = joined(THEN, map(_said, reasons))
+            because = joined(THEN, (each.said for each in reasons))
             text = _BECAUSE(text=text, reason=because)
         return Outcome(False, Text("reply.refused", command=_name(name), text=text))
 
@@ -350,7 +349,7 @@ class Control:
 
     def _answered(self, command: AnsweredCommand) -> None:
         if command.source == _STICK and not command.answer.ok:
-            self._stick_refused(command.answer.msg or "the robot refused the velocity")
+            self._stick_refused(command.answer.msg or _VELOCITY_REFUSED())
 
     def _stick_refused(self, reason: str) -> None:
         self._end_press(Text("reason.said", text=reason))
@@ -368,16 +367,10 @@ class Control:
             "limits": {"linear": limits.max_linear, "angular": limits.max_angular},
             "maximum": self._limits.max_linear,
             "speedLimit": self._speed,
-            "speedRefusal": self._speed_limiter.refusal,
-            "driver": {"name": driver.name, "detail": driver.detail},
+            "speedRefusal": value_data(self._speed_limiter.refusal),
+            "driver": {"name": driver.name, "detail": value_data(driver.detail)},
             "standstill": value_data(self._standstill.warning),
         }
-
-
-def _said(objection: Objection) -> str:
-    """Return the reason of an objection, which the page has in its language, by its name."""
-    key = f"objection.{objection.name}.reason"
-    return Said(objection.reason, key) if key in english() else objection.reason
 
 
 def _name(command: str) -> Text:

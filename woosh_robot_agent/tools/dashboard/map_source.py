@@ -19,8 +19,11 @@ from woosh_robot_agent.robot.maps import (
     grey_png,
     scene_data,
 )
+from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
+from woosh_robot_agent.tools.dashboard.texts import value_data
 
+_NO_KEEPOUT = Sentence("map.noKeepout", "the keep-out areas are not shown: {reason}")
 _RETRY_DELAY = 5.0
 """Delay before a failed request is retried, in seconds."""
 _LIST_PERIOD = 20.0
@@ -81,9 +84,9 @@ class MapSource:
     def data(self) -> dict[str, Any]:
         """Return the data of the part `map` of the page."""
         if self.picture is None:
-            return {"number": self.number, "error": self.error}
+            return {"number": self.number, "error": value_data(self.error)}
         error = self.error or self.picture.problem
-        return {"number": self.number, "error": error, **self.picture.data}
+        return {"number": self.number, "error": value_data(error), **self.picture.data}
 
     def scenes_data(self) -> list[dict[str, Any]]:
         """Return the data of the part `scenes` of the page."""
@@ -154,7 +157,7 @@ class MapSource:
             self._set(await _picture(*pictures, area.resolution, origin, more))
         except (LinkError, MapError) as error:
             if self.error != str(error):
-                self.error = str(error)
+                self.error = said_by(error)
                 self._on_change()
             return
         self._shown = wanted
@@ -207,7 +210,7 @@ async def _picture(
         try:
             keepout = await asyncio.to_thread(grey_png, keepout_png)
         except MapError as error:
-            problem = f"the keep-out areas are not shown: {error}"
+            problem = _NO_KEEPOUT(reason=said_by(error))
     place = dict(zip(("x", "y", "theta"), origin, strict=True))
     known = {"resolution": resolution, "origin": place, "keepout": bool(keepout)}
     return MapPicture(data, keepout, problem, {**known, **more})

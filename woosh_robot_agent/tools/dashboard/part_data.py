@@ -39,6 +39,7 @@ from woosh_robot_agent.robot.readiness import (
     rejections,
 )
 from woosh_robot_agent.robot.status_codes import meaning
+from woosh_robot_agent.tools.dashboard.texts import value_data
 from woosh_robot_agent.tools.robot_view import RobotView
 
 _MAX_CODES = 50
@@ -315,7 +316,7 @@ def _action(view: RobotView, name: str) -> dict[str, Any]:
     return {
         "name": name,
         "state": enum_name(ActionState, feedback.state),
-        "text": feedback.msg or meaning(feedback.code),
+        "text": value_data(feedback.msg or meaning(feedback.code)),
     }
 
 

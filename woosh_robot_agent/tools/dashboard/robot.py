@@ -25,7 +25,7 @@ from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.sentences import said_by
+from woosh_robot_agent.sentences import REFUSED, Said, Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import Args, set_pose
 from woosh_robot_agent.tools.dashboard.map_source import MapSource
@@ -53,6 +53,7 @@ A standing robot pushes nothing, and scans may be rare.
 _BUSY = 0.3
 """A check that is late by more than this was delayed by this program, in seconds. That delay does
 not count as silence of the robot."""
+_NO_PATH = Sentence("plan.noPath", "the robot answered with {type}, not with a path")
 READ_ONLY = Text("reason.readOnly")
 """Reason for which commands are refused."""
 
@@ -94,7 +95,7 @@ class Robot:
             config=replace(config, backoff_max=MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
         )
         if not control:
-            self.chassis.permit_only(only_reads, str(READ_ONLY))
+            self.chassis.permit_only(only_reads, Said(str(READ_ONLY), "reason.readOnly"))
         self.view = RobotView()
         self.requests = RequestMaker(config.robot_id)
         self.parts = Parts()
@@ -165,9 +166,9 @@ class Robot:
         request.start.CopyFrom(self.view.info.pose_speed.pose)
         answer = await self.chassis.request(self.requests.address(request))
         if not answer.ok:
-            return answer.msg or "refused", None
+            return answer.msg or REFUSED(), None
         if not isinstance(answer.body, NavPath):
-            return f"the robot answered with {answer.type}, not with a path", None
+            return _NO_PATH(type=answer.type), None
         points = part_data.points_data(answer.body.path.poses)
         length = sum(map(math.dist, points, points[1:]))
         return "", {"path": points, "length": round(length, 2)}

@@ -16,7 +16,7 @@ from typing import Any
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from woosh_robot_agent.link import LinkConfig, LinkError
-from woosh_robot_agent.sentences import said_by
+from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.access import (
     SECURITY_HEADERS,
@@ -29,11 +29,13 @@ from woosh_robot_agent.tools.dashboard.commands import Args, CommandError
 from woosh_robot_agent.tools.dashboard.control import STOP, Control, ControlConfig, Outcome
 from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
-from woosh_robot_agent.tools.dashboard.texts import PAGE, Text
+from woosh_robot_agent.tools.dashboard.texts import PAGE, Text, spoken
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 _LOG = logging.getLogger(__name__)
 _METHODS = ("GET", "HEAD")
+_ONLY_GET = Sentence("http.onlyGet", "only GET")
+_NO_PAGE = Sentence("http.noPage", "there is no such page")
 mimetypes.add_type("text/javascript", ".js")  # some systems say something else
 _SILENT = logging.getLogger(f"{__name__}.http")
 """Logger of aiohttp. It is off, because aiohttp logs every request that it cannot parse, so that a
@@ -235,15 +237,16 @@ class Dashboard:
 
     async def _answer(self, request: web.BaseRequest) -> web.StreamResponse:
         if request.method not in _METHODS:
-            return _text(HTTPStatus.METHOD_NOT_ALLOWED, "only GET", Allow=", ".join(_METHODS))
+            allowed = ", ".join(_METHODS)
+            return _text(request, HTTPStatus.METHOD_NOT_ALLOWED, _ONLY_GET(), Allow=allowed)
         is_socket, access = request.path == "/live", self._access
         if reason := access.socket_refusal(request) if is_socket else access.refusal(request):
-            return _text(HTTPStatus.FORBIDDEN, reason)
+            return _text(request, HTTPStatus.FORBIDDEN, reason)
         if is_socket:
             return await self._serve(request)
         found = self._files.get(request.path) or self._map_picture(request.path)
         if found is None:
-            return _text(HTTPStatus.NOT_FOUND, "there is no such page")
+            return _text(request, HTTPStatus.NOT_FOUND, _NO_PAGE())
         content, content_type = found
         headers = {**SECURITY_HEADERS, "Content-Type": content_type, **access.cookie(request)}
         return web.Response(body=content, headers=headers)
@@ -487,5 +490,6 @@ def _page_files() -> dict[str, tuple[bytes, str]]:
     return found
 
 
-def _text(status: HTTPStatus, text: str, **headers: str) -> web.Response:
-    return web.Response(status=status, text=f"{text}\n", headers={**SECURITY_HEADERS, **headers})
+def _text(request: web.BaseRequest, status: HTTPStatus, text: str, **headers: str) -> web.Response:
+    shown = spoken(text, request.headers.get("Accept-Language", ""))
+    return web.Response(status=status, text=f"{shown}\n", headers={**SECURITY_HEADERS, **headers})

@@ -49,8 +49,24 @@ def value_data(value: Value) -> Any:
     return value
 
 
-@functools.cache
+def spoken(said: str, languages: str) -> str:
+    """Return a `Said` in Chinese if a browser prefers that, otherwise in English.
+
+    Args:
+        said: the text.
+        languages: the `Accept-Language` header of the browser.
+    """
+    if not isinstance(said, Said) or not languages.startswith("zh"):
+        return said
+    return _texts("said.zh")[said.key].format_map(said.values)
+
+
 def english() -> dict[str, str]:
     """Return the English texts, by key."""
-    texts: dict[str, str] = json.loads((PAGE / "texts" / "en.json").read_text("utf-8"))
+    return _texts("en")
+
+
+@functools.cache
+def _texts(name: str) -> dict[str, str]:
+    texts: dict[str, str] = json.loads((PAGE / "texts" / f"{name}.json").read_text("utf-8"))
     return texts

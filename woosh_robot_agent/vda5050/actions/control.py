@@ -16,6 +16,7 @@ from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskHistory
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.actions.performing import (
     INSTANT,
     NOT_ON_EDGES,
@@ -23,9 +24,20 @@ from woosh_robot_agent.vda5050.actions.performing import (
     vehicle_action,
 )
 from woosh_robot_agent.vda5050.messages.factsheet import ParameterType
-from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ErrorType
+from woosh_robot_agent.vda5050.messages.state import NO_STATE, ActionFailedError, ErrorType
 from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE, STOP_PAUSE
 from woosh_robot_agent.vda5050.orders.legs import Control
+
+_NOT_PAUSED = Sentence(
+    "vda.notPaused",
+    "the robot did not pause and stop within {seconds} s; the pause is sent again"
+    " until the robot stands, or until a stopPause",
+)
+_MEANWHILE = Sentence("vda.meanwhile", "a {action} arrived in the meantime")
+_NOT_RESUMED = Sentence("vda.notResumed", "the robot did not resume within {seconds} s")
+_NO_ORDER = Sentence("vda.noOrder", "there is no order to cancel")
+_OTHER_ORDER = Sentence("vda.notThisOrder", "the vehicle executes order {order}, not {given}")
+_NOT_STORED = Sentence("vda.notStored", "the report cannot be stored: {error}")
 
 
 @vehicle_action(START_PAUSE, INSTANT, "stop, and pause the order and its actions", repeatable=True)
@@ -37,11 +49,10 @@ async def start_pause(run: Run) -> None:
         lambda: (execution.paused and execution.at_rest) or not execution.pause_wanted,
         limit,
         # the robot must not drive on because it was slow to obey, so the pause stays wanted
-        f"the robot did not pause and stop within {limit:g} s; the pause is sent again until the "
-        "robot stands, or until a stopPause",
+        _NOT_PAUSED(seconds=f"{limit:g}"),
     )
     if not execution.pause_wanted:
-        raise ActionFailedError("a stopPause arrived in the meantime")
+        raise ActionFailedError(_MEANWHILE(action=STOP_PAUSE))
 
 
 @vehicle_action(STOP_PAUSE, INSTANT, "resume the order and its actions", repeatable=True)
@@ -55,10 +66,10 @@ async def stop_pause(run: Run) -> None:
     await run.wait(
         lambda: not execution.paused or execution.pause_wanted,
         limit,
-        f"the robot did not resume within {limit:g} s",
+        _NOT_RESUMED(seconds=f"{limit:g}"),
     )
     if execution.pause_wanted:
-        raise ActionFailedError("a startPause arrived in the meantime")
+        raise ActionFailedError(_MEANWHILE(action=START_PAUSE))
 
 
 @vehicle_action(
@@ -72,10 +83,10 @@ async def cancel_order(run: Run) -> None:
     """Cancel the current order, wait until everything has stopped, and empty the order."""
     execution, order = run.execution, run.execution.order
     if not (order.busy or order.canceling):
-        raise ActionFailedError("there is no order to cancel", ErrorType.NO_ORDER_TO_CANCEL)
+        raise ActionFailedError(_NO_ORDER(), ErrorType.NO_ORDER_TO_CANCEL)
     if run.given.get("orderId", order.order_id) != order.order_id:
         raise ActionFailedError(
-            f"the vehicle executes order {order.order_id}, not {run.given['orderId']}",
+            _OTHER_ORDER(order=order.order_id, given=run.given["orderId"]),
             ErrorType.NO_ORDER_TO_CANCEL,
         )
     if not order.canceling:
@@ -129,7 +140,7 @@ async def log_report(run: Run) -> str:
     """Store the reports of the robot in a file, and return its path in the log folder."""
     info, folder = run.execution.robot.info, run.log_folder
     if info is None or folder is None:
-        raise ActionFailedError("the robot has not reported its state yet")
+        raise ActionFailedError(NO_STATE())
     now = datetime.fromtimestamp(time.time(), timezone.utc)
     content = {
         "time": now.isoformat(),
@@ -143,7 +154,7 @@ async def log_report(run: Run) -> str:
     try:
         await asyncio.to_thread(_store, path, json.dumps(content, indent=1, ensure_ascii=False))
     except OSError as error:
-        raise ActionFailedError(f"the report cannot be stored: {error}") from None
+        raise ActionFailedError(_NOT_STORED(error=str(error))) from None
     return str(path.relative_to(folder))
 
 

@@ -22,6 +22,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.util.common_pb2 import FileData, Pose2D
+from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.actions.performing import (
     INSTANT,
     NOT_ON_EDGES,
@@ -33,6 +34,32 @@ from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ParameterTy
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.robot.maps import StoredMap
 
+_URL = Sentence("vda.url", "an http or https URL")
+_HASH_OF = Sentence("vda.hashOf", "a hash of {kinds}")
+_SLOW = Sentence("vda.download.slow", "the download of {link} takes too long")
+_NOT_FETCHED = Sentence("vda.download.failed", "{link} cannot be fetched: {error}")
+_TOO_LARGE = Sentence("vda.download.large", "{link} has more than {most} bytes")
+_HASH = Sentence("vda.download.hash", "{link} has the {kind} hash {found}, not {given}")
+_FILES = Sentence("vda.download.files", "the ZIP file has {count} files, not 1 to {most}")
+_CONTENT = Sentence("vda.download.content", "the files in the ZIP file have more than {most} bytes")
+_NO_ZIP = Sentence("vda.download.noZip", "the downloaded file is no usable ZIP file: {error}")
+_SAME_NAME = Sentence("vda.download.sameName", "two files in the ZIP file have the same name")
+_NOT_USED = Sentence("vda.map.notUsed", "the robot does not report that it uses the map {map}")
+_NOT_FOUND = Sentence("vda.map.notFound", "the robot has not found its position: see its errors")
+_USED = Sentence("vda.map.used", "the robot uses the map {map}: enable another one")
+_EXISTS = Sentence(
+    "vda.map.exists",
+    "the robot has a map or scene {map} already, and keeps one version of a map: delete it first",
+)
+_ITS_VERSION = Sentence("vda.map.itsVersion", "version {version} of the map")
+_NO_SUCH_MAP = Sentence("vda.map.noSuch", "no map of this name")
+_OTHER_FILE = Sentence("vda.map.otherFile", "the file has {what}, not version {version} of {map}")
+_MAP = Sentence("vda.map.named", "map {map}")
+_MAP_OF_VERSION = Sentence("vda.map.ofVersion", "version {version} of the map {map}")
+_MISSING = Sentence("vda.map.missing", "the robot has no {what}")
+_SEVERAL = Sentence(
+    "vda.map.several", "several scenes of the robot have {what}: {scenes}; rename one"
+)
 T = TypeVar("T")
 
 
@@ -131,18 +158,18 @@ def fetch(link: str, expected: str = "", max_duration: float = _MAX_DURATION) ->
             while len(data) <= _MAX_BYTES and (chunk := response.read1(_CHUNK)):
                 data += chunk
                 if time.monotonic() > deadline:
-                    raise MapFileError(f"the download of {link} takes too long")
+                    raise MapFileError(_SLOW(link=link))
     except (OSError, ValueError, http.client.HTTPException) as error:
         if isinstance(error, urllib.error.HTTPError):
             error.close()  # this error holds the connection
-        raise MapFileError(f"{link} cannot be fetched: {error}") from None
+        raise MapFileError(_NOT_FETCHED(link=link, error=str(error))) from None
     if len(data) > _MAX_BYTES:
-        raise MapFileError(f"{link} has more than {_MAX_BYTES} bytes")
+        raise MapFileError(_TOO_LARGE(link=link, most=_MAX_BYTES))
     if expected:
         algorithm = next(name for name, size in HASHES.items() if size == len(expected))
         found = hashlib.new(algorithm, data, usedforsecurity=False).hexdigest()
         if found != expected.lower():
-            raise MapFileError(f"{link} has the {algorithm} hash {found}, not {expected}")
+            raise MapFileError(_HASH(link=link, kind=algorithm, found=found, given=expected))
     return bytes(data)
 
 
@@ -158,14 +185,14 @@ def unpack(data: bytes) -> dict[str, bytes]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = [each for each in archive.infolist() if not each.is_dir()]
             if not entries or len(entries) > _MAX_FILES:
-                raise MapFileError(f"the ZIP file has {len(entries)} files, not 1 to {_MAX_FILES}")
+                raise MapFileError(_FILES(count=len(entries), most=_MAX_FILES))
             if sum(each.file_size for each in entries) > _MAX_BYTES:
-                raise MapFileError(f"the files in the ZIP file have more than {_MAX_BYTES} bytes")
+                raise MapFileError(_CONTENT(most=_MAX_BYTES))
             files = {_inner_path(each.filename): archive.read(each) for each in entries}
     except _ZIP_ERRORS as error:
-        raise MapFileError(f"the downloaded file is no usable ZIP file: {error}") from None
+        raise MapFileError(_NO_ZIP(error=str(error))) from None
     if len(files) < len(entries):
-        raise MapFileError("two files in the ZIP file have the same name")
+        raise MapFileError(_SAME_NAME())
     folders = {name.split("/")[0] for name in files}
     (folder,) = folders if len(folders) == 1 else ("",)
     if f"{folder}/scene.json" in files:
@@ -206,7 +233,7 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     await run.wait(
         lambda: _is_current(execution, chosen),
         _TIMEOUT,
-        f"the robot does not report that it uses the map {name}",
+        _NOT_USED(map=name),
     )
     # a robot that stands does not push its pose, which now belongs to this map
     answer = await run.link.ask(PoseSpeed())
@@ -248,7 +275,7 @@ async def _init_position(run: Run) -> None:
     run.require_not_driving_order()
     await _switch_map(run, given["mapId"])
     await run.request(InitRobot(pose=Pose2D(x=given["x"], y=given["y"], theta=given["theta"])))
-    await run.wait(is_there, _TIMEOUT, "the robot has not found its position: see its errors")
+    await run.wait(is_there, _TIMEOUT, _NOT_FOUND())
     if "lastNodeId" in given:
         execution.order.set_last_node(given["lastNodeId"])
 
@@ -280,7 +307,7 @@ async def delete_map(run: Run) -> None:
     await maps.read()
     found = _single(run.execution, run.given["mapId"], run.given["mapVersion"])
     if _is_current(run.execution, found):
-        raise ActionFailedError(f"the robot uses the map {found.name}: enable another one")
+        raise ActionFailedError(_USED(map=found.name))
     is_last = len(maps.of_scene(found.scene)) == 1
     name = "" if is_last else found.name  # no scene is empty: delete it with its last map
     await run.request(Delete(scene_name=found.scene, map_name=name))
@@ -298,7 +325,7 @@ async def delete_map(run: Run) -> None:
         "STRING",
         "http or https URL of a ZIP file with the files of a scene",
         valid=is_link,
-        must_be="an http or https URL",
+        must_be=_URL(),
     ),
     ParameterType(
         "mapHash",
@@ -306,7 +333,7 @@ async def delete_map(run: Run) -> None:
         f"hash of the ZIP file in hexadecimal: {', '.join(HASHES)}",
         True,
         valid=lambda value: len(value) in HASHES.values(),
-        must_be=f"a hash of {', '.join(HASHES)}",
+        must_be=_HASH_OF(kinds=", ".join(HASHES)),
     ),
     repeatable=True,
 )
@@ -322,17 +349,13 @@ async def _download(run: Run) -> None:
     name, version = given["mapId"], given["mapVersion"]
     await maps.read()
     if maps.find(name) or maps.of_scene(name):
-        raise ActionFailedError(
-            f"the robot has a map or scene {name} already, and keeps one version of a map: "
-            "delete it first",
-            ErrorType.DUPLICATE_MAP,
-        )
+        raise ActionFailedError(_EXISTS(map=name), ErrorType.DUPLICATE_MAP)
     run.report(ActionStatus.RUNNING)
     try:
         link, expected = given["mapDownloadLink"], given.get("mapHash", "")
         files = await in_thread(lambda: unpack(fetch(link, expected)))
     except MapFileError as error:
-        raise ActionFailedError(str(error)) from None
+        raise ActionFailedError(said_by(error)) from None
     datas = [FileData(name=each, data=content) for each, content in files.items()]
     await run.request(Upload(scene_name=name, file_datas=datas, method=Upload.kFull))
     await maps.read()
@@ -340,8 +363,8 @@ async def _download(run: Run) -> None:
     if not stored or stored[0].version not in (version, ""):
         await run.request(Delete(scene_name=name))
         await maps.read()
-        what = f"version {stored[0].version} of the map" if stored else "no map of this name"
-        raise ActionFailedError(f"the file has {what}, not version {version} of {name}")
+        what = _ITS_VERSION(version=stored[0].version) if stored else _NO_SUCH_MAP()
+        raise ActionFailedError(_OTHER_FILE(what=what, version=version, map=name))
 
 
 def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
@@ -353,11 +376,11 @@ def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
     found = execution.maps.find(name, version)
     if len(found) == 1:
         return found[0]
-    what = f"map {name}" if version is None else f"version {version} of the map {name}"
+    what = _MAP(map=name) if version is None else _MAP_OF_VERSION(map=name, version=version)
     if not found:
-        raise ActionFailedError(f"the robot has no {what}")
+        raise ActionFailedError(_MISSING(what=what))
     scenes = ", ".join(each.scene for each in found)
-    raise ActionFailedError(f"several scenes of the robot have {what}: {scenes}; rename one")
+    raise ActionFailedError(_SEVERAL(what=what, scenes=scenes))
 
 
 def _is_current(execution: Execution, stored: StoredMap) -> bool:

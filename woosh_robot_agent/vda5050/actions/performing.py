@@ -12,13 +12,23 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.factsheet import ActionType, ParameterType, Scope
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
-from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus
+from woosh_robot_agent.vda5050.messages.state import ROBOT_REFUSED, ActionFailedError, ActionStatus
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
+_NO_MARK = Sentence("vda.unknownMark", "the robot knows no mark {mark} on its map")
+_FAR = Sentence(
+    "vda.markFar",
+    "mark {mark} is {distance} m away, more than {most} m: drive to it first",
+)
+_DRIVES = Sentence(
+    "vda.drives",
+    "the vehicle drives along an order: wait until it stands on a node, or cancel it",
+)
 REACH = 3.0
 """Maximum distance of a mark at which an action docks, in metres. The master control has not
 released the way to a farther mark."""
@@ -66,7 +76,7 @@ class Run:
         """
         answer = await self.link.ask(message)
         if not answer.ok:
-            raise ActionFailedError(f"the robot refused {full_name(message)}: {answer.msg}")
+            raise ActionFailedError(ROBOT_REFUSED(what=full_name(message), reason=answer.msg))
         return answer
 
     async def call(self, command: Message) -> str:
@@ -92,12 +102,11 @@ class Run:
         here = self.execution.robot.position
         place = None if here is None else self.execution.maps.find_mark(mark, here.map_id)
         if here is None or place is None:
-            raise ActionFailedError(f"the robot knows no mark {mark} on its map")
+            raise ActionFailedError(_NO_MARK(mark=mark))
         distance = math.dist(place.point, here.point)
         if distance > REACH:
-            raise ActionFailedError(
-                f"mark {mark} is {distance:.1f} m away, more than {REACH:g} m: drive to it first"
-            )
+            away = f"{distance:.1f}"
+            raise ActionFailedError(_FAR(mark=mark, distance=away, most=f"{REACH:g}"))
 
     def require_not_driving_order(self) -> None:
         """Check that the robot does not drive along an order.
@@ -106,9 +115,7 @@ class Run:
             ActionFailedError: the robot drives along an order.
         """
         if self.execution.order.driving:
-            raise ActionFailedError(
-                "the vehicle drives along an order: wait until it stands on a node, or cancel it"
-            )
+            raise ActionFailedError(_DRIVES())
 
 
 Perform: TypeAlias = Callable[[Run], Awaitable[str | None]]

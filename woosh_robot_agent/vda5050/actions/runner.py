@@ -9,6 +9,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.actions import control, map_actions, work
 from woosh_robot_agent.vda5050.actions.performing import Run, VehicleAction
 from woosh_robot_agent.vda5050.execution import Execution
@@ -65,6 +66,7 @@ def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
 
 _LOG = logging.getLogger(__name__)
 _ENDED = "the action was ended"
+_PROGRAM = Sentence("vda.program", "an error of the program; see its log")
 
 
 class ActionRunner:
@@ -140,12 +142,12 @@ class ActionRunner:
             self._ended(action, ActionStatus.FAILED, _ENDED)
             raise
         except ActionFailedError as error:
-            self._failed(action, str(error), error.kind)
+            self._failed(action, said_by(error), error.kind)
         except LinkError as error:
-            self._failed(action, str(error), ErrorType.ACTION)
+            self._failed(action, said_by(error), ErrorType.ACTION)
         except Exception:
             _LOG.exception("%s failed because of an error of the program", action.type)
-            self._failed(action, "an error of the program; see its log", ErrorType.ACTION)
+            self._failed(action, _PROGRAM(), ErrorType.ACTION)
         else:
             self._ended(action, ActionStatus.FINISHED, result or "")
 

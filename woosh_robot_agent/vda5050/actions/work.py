@@ -19,6 +19,7 @@ from woosh_robot_agent.pb.ros.action_pb2 import (
 )
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.actions.performing import (
     ANYWHERE,
     NOT_ON_EDGES,
@@ -33,8 +34,13 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
     choice,
     number,
 )
-from woosh_robot_agent.vda5050.messages.state import ActionFailedError
+from woosh_robot_agent.vda5050.messages.state import NO_STATE, ActionFailedError
 
+_NO_CHARGER = Sentence(
+    "vda.noCharger", "there is no charger within {most} m: drive to one, or name one as {key}"
+)
+_NOT_ENDED = Sentence("vda.notEnded", "the robot refused to end its task: {reason}")
+_STILL_CHARGES = Sentence("vda.stillCharges", "the robot still charges after {seconds} s")
 _STATION = "stationName"
 _CHARGE_TIMEOUT = 30.0
 """Maximum time until the robot reports that it does not charge any more, in seconds."""
@@ -79,9 +85,7 @@ async def _nearest_charger(run: Run) -> str:
         if here is not None:
             distances.append((math.dist((pose.x, pose.y), here.point), charger.identity.no))
     if not distances or min(distances)[0] > REACH:
-        raise ActionFailedError(
-            f"there is no charger within {REACH:g} m: drive to one, or name one as {_STATION}"
-        )
+        raise ActionFailedError(_NO_CHARGER(most=f"{REACH:g}", key=_STATION))
     return min(distances)[1]
 
 
@@ -97,17 +101,17 @@ async def stop_charging(run: Run) -> None:
     robot = run.execution.robot
     info = robot.info
     if info is None:
-        raise ActionFailedError("the robot has not reported its state yet")
+        raise ActionFailedError(NO_STATE())
     if info.task_proc.type == task.kCharge and is_running(info.task_proc):
         answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
         if not answer.ok:
-            raise ActionFailedError(f"the robot refused to end its task: {answer.msg}")
+            raise ActionFailedError(_NOT_ENDED(reason=answer.msg))
     elif robot.is_charging:
         await run.call(ChargeControl(execute_mode=ChargeControl.kExit))
     await run.wait(
         lambda: not robot.is_charging,
         _CHARGE_TIMEOUT,
-        f"the robot still charges after {_CHARGE_TIMEOUT:g} s",
+        _STILL_CHARGES(seconds=f"{_CHARGE_TIMEOUT:g}"),
     )
 
 

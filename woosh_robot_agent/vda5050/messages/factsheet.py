@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TypeAlias
 
+from woosh_robot_agent.sentences import Sentence, joined
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 
 STANDSTILL = frozenset({BlockingType.SOFT, BlockingType.HARD})
@@ -54,14 +55,32 @@ class Objection:
         return {"actionParameter": self.parameter} if self.parameter else {}
 
 
+_OR = Sentence("vda.or", "{one} or {other}")
+_FINITE = Sentence("vda.finite", "a finite number")()
+_NOT_EMPTY = Sentence("vda.notEmpty", "a text that is not empty")()
+_TRUTH = Sentence("vda.truth", "true or false")()
+_AT_LEAST = Sentence("vda.atLeast", "at least {least}")
+_WITHIN = Sentence("vda.within", "within {least} to {greatest}")
+_ONE_OF = Sentence("vda.oneOf", "one of {choices}")
+_WRONG_SCOPE = Sentence(
+    "vda.wrongScope", "{action} is not possible as {place} action, only as {places} action"
+)
+_BLOCKING = Sentence("vda.blocking", "{action} needs blockingType {types}, not {given}")
+_UNKNOWN_KEY = Sentence("vda.unknownKey", "{action} has no parameter {key}")
+_MISSING_KEY = Sentence("vda.missingKey", "{action} needs the parameter {key}")
+_WRONG_VALUE = Sentence("vda.wrongValue", "the parameter {key} of {action} must be {allowed}")
+_SCOPES = {each: Sentence(f"vda.scope.{each.value}", each.value.lower())() for each in Scope}
+_NO_ACTION = Sentence("vda.noAction", "the vehicle has no action {action}")
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 _DATA_TYPES: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "FLOAT": (_is_number, "a finite number"),
-    "STRING": (lambda value: isinstance(value, str) and bool(value), "a text that is not empty"),
-    "BOOL": (lambda value: isinstance(value, bool), "true or false"),
+    "FLOAT": (_is_number, _FINITE),
+    "STRING": (lambda value: isinstance(value, str) and bool(value), _NOT_EMPTY),
+    "BOOL": (lambda value: isinstance(value, bool), _TRUTH),
 }
 """Functions that return True for a valid value, and descriptions of valid values, by data type."""
 
@@ -96,7 +115,9 @@ def number(
     key: str, description: str, lowest: float, highest: float = math.inf, *, optional: bool = False
 ) -> ParameterType:
     """Return a parameter that is a number from `lowest` to `highest`, both included."""
-    limits = f"at least {lowest:g}" if highest == math.inf else f"within {lowest:g} to {highest:g}"
+    limits = _AT_LEAST(least=f"{lowest:g}")
+    if highest < math.inf:
+        limits = _WITHIN(least=f"{lowest:g}", greatest=f"{highest:g}")
     return ParameterType(
         key, "FLOAT", description, optional, lambda value: lowest <= value <= highest, limits
     )
@@ -104,7 +125,7 @@ def number(
 
 def choice(key: str, choices: Collection[str]) -> ParameterType:
     """Return a parameter that is one of some texts."""
-    text = f"one of {', '.join(choices)}"
+    text = _ONE_OF(choices=", ".join(choices))
     return ParameterType(key, "STRING", text, valid=lambda value: value in choices, must_be=text)
 
 
@@ -132,26 +153,23 @@ class ActionType:
     def objection(self, action: Action, scope: Scope) -> Objection | None:
         """Return why an action of this type is impossible in a place; None if it is possible."""
         if scope not in self.scopes:
-            places = " or ".join(sorted(each.value.lower() for each in self.scopes))
-            return Objection(
-                f"{self.name} is not possible as {scope.value.lower()} action, only as {places} "
-                "action"
-            )
+            places = joined(_OR, sorted(_SCOPES[each] for each in self.scopes))
+            return Objection(_WRONG_SCOPE(action=self.name, place=_SCOPES[scope], places=places))
         if scope is not Scope.INSTANT and action.blocking not in self.blocking:
-            permitted = " or ".join(sorted(each.value for each in self.blocking))
-            return Objection(
-                f"{self.name} needs blockingType {permitted}, not {action.blocking.value}"
-            )
+            permitted = joined(_OR, sorted(each.value for each in self.blocking))
+            blocking = action.blocking.value
+            return Objection(_BLOCKING(action=self.name, types=permitted, given=blocking))
         given, known = action.parameters, {each.key: each for each in self.parameters}
         for key in given:
             if key not in known:
-                return Objection(f"{self.name} has no parameter {key}", key)
+                return Objection(_UNKNOWN_KEY(action=self.name, key=key), key)
         for key, parameter in known.items():
             if key not in given:
                 if not parameter.optional:
-                    return Objection(f"{self.name} needs the parameter {key}", key)
+                    return Objection(_MISSING_KEY(action=self.name, key=key), key)
             elif defect := parameter.defect(given[key]):
-                return Objection(f"the parameter {key} of {self.name} must be {defect}", key)
+                wrong = _WRONG_VALUE(action=self.name, key=key, allowed=defect)
+                return Objection(wrong, key)
         return None
 
 
@@ -162,7 +180,7 @@ ActionTypes: TypeAlias = Mapping[str, ActionType]
 def objection(types: ActionTypes, action: Action, scope: Scope) -> Objection | None:
     """Return why the vehicle cannot perform an action; None if the action is possible."""
     if action.type not in types:
-        return Objection(f"the vehicle has no action {action.type}")
+        return Objection(_NO_ACTION(action=action.type))
     return types[action.type].objection(action, scope)
 
 

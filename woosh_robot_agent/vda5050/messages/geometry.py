@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import TypeAlias
 
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.order import MAX_CONTROL_POINTS, MAX_DEGREE, Trajectory
 
 Point: TypeAlias = tuple[float, float]
@@ -32,6 +33,21 @@ _MAX_POINTS = 100
 apart."""
 _SAMPLES = 8
 """Number of points in each span of the knots by which the length of the curve is estimated."""
+_NOT_FINITE = Sentence("vda.curve.notFinite", "a number is not finite")
+_DEGREE = Sentence("vda.curve.degree", "its degree is not a positive integer: {degree}")
+_HIGH_DEGREE = Sentence("vda.curve.highDegree", "its degree is above {most}: {degree}")
+_MANY_POINTS = Sentence("vda.curve.manyPoints", "it has more than {most} control points: {count}")
+_FEW_POINTS = Sentence(
+    "vda.curve.fewPoints",
+    "degree {degree} needs at least {least} control points: {count}",
+)
+_KNOTS = Sentence(
+    "vda.curve.knots",
+    "{points} control points of degree {degree} need {needed} knots: {count}",
+)
+_DECREASE = Sentence("vda.curve.decrease", "its knots decrease")
+_EQUAL = Sentence("vda.curve.equal", "its knots are all equal")
+_WEIGHT = Sentence("vda.curve.weight", "a weight is not positive")
 
 
 def curve_defect(trajectory: Trajectory) -> str:
@@ -39,26 +55,25 @@ def curve_defect(trajectory: Trajectory) -> str:
     degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
     numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
     if not all(map(math.isfinite, (degree, *numbers))):
-        return "a number is not finite"
+        return _NOT_FINITE()
     if degree != int(degree) or degree < 1:
-        return f"its degree is not a positive integer: {degree}"
+        return _DEGREE(degree=str(degree))
     if degree > MAX_DEGREE:
-        return f"its degree is above {MAX_DEGREE}: {degree:g}"
+        return _HIGH_DEGREE(most=MAX_DEGREE, degree=f"{degree:g}")
     if len(points) > MAX_CONTROL_POINTS:
-        return f"it has more than {MAX_CONTROL_POINTS} control points: {len(points)}"
+        return _MANY_POINTS(most=MAX_CONTROL_POINTS, count=len(points))
     if len(points) <= degree:
-        return f"degree {degree} needs at least {int(degree) + 1} control points: {len(points)}"
+        least = int(degree) + 1
+        return _FEW_POINTS(degree=str(degree), least=least, count=len(points))
     if len(knots) != len(points) + degree + 1:
-        return (
-            f"{len(points)} control points of degree {int(degree)} need "
-            f"{len(points) + int(degree) + 1} knots: {len(knots)}"
-        )
+        needed = len(points) + int(degree) + 1
+        return _KNOTS(points=len(points), degree=int(degree), needed=needed, count=len(knots))
     if any(after < before for before, after in pairwise(knots)):
-        return "its knots decrease"
+        return _DECREASE()
     if knots[int(degree)] == knots[len(points)]:
-        return "its knots are all equal"
+        return _EQUAL()
     if any(point.weight <= 0 for point in points):
-        return "a weight is not positive"
+        return _WEIGHT()
     return ""
 
 

@@ -13,6 +13,7 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 from jsonschema.protocols import Validator
 
+from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.messages.order import (
     MAX_INSTANT_ACTIONS,
     MAX_MESSAGE_SIZE,
@@ -69,6 +70,19 @@ def _short(text: str, limit: int = 200) -> str:
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
+_MESSAGE = Sentence("vda.message", "the message on {topic} {reason}")
+_MANY_ACTIONS = Sentence("vda.manyActions", "has {count} actions, more than {most}")
+_NO_ZONES = Sentence("vda.noZones", "the robot takes no zones")
+_MANY_BYTES = Sentence("vda.manyBytes", "it has {count} bytes, more than {most}")
+_ENCODING = Sentence("vda.encoding", "it is encoded in {encoding}; send UTF-8")
+_UNREADABLE = Sentence("vda.unreadable", "cannot be read: {error}")
+_MALFORMED = Sentence("vda.malformed", "is malformed at {place}: {reason}")
+_TOP_LEVEL = Sentence("vda.topLevel", "its top level")
+_VERSION = Sentence("vda.version", "has version {version}; the vehicle speaks {own}")
+_OTHER = Sentence("vda.otherVehicle", "is for {key} {value}; this vehicle has {own}")
+_LONG_TEXT = Sentence("vda.longText", "a text has {count} characters, more than {most}")
+_LARGE_NUMBER = Sentence("vda.largeNumber", "a number is not between -{most} and {most}")
+_DEEP = Sentence("vda.deep", "it is nested more than {most} levels deep")
 _MAX_DEPTH = 50
 """Maximum depth of nested lists and objects in a message."""
 _MAX_NUMBER = 2.0**53
@@ -105,7 +119,7 @@ def read_instant_actions(payload: bytes, version: Version, identity: Identity) -
     topic = Topic.INSTANT_ACTIONS
     message = _parse(payload, version, identity, topic)
     if (count := len(message["actions"])) > MAX_INSTANT_ACTIONS:
-        raise _rejected(topic, message, f"has {count} actions, more than {MAX_INSTANT_ACTIONS}")
+        raise _rejected(topic, message, _MANY_ACTIONS(count=count, most=MAX_INSTANT_ACTIONS))
     return [_action(version, action) for action in message["actions"]]
 
 
@@ -117,7 +131,7 @@ def refusal_of_zone_set(payload: bytes, version: Version, identity: Identity) ->
         return rejected.error
     return warning(
         ErrorType.UNSUPPORTED_PARAMETER,
-        "the robot takes no zones",
+        _NO_ZONES(),
         "send no zone sets: supportedZones of the factsheet is empty",
         topic=Topic.ZONE_SET.value,
         zoneSetId=message["zoneSet"]["zoneSetId"],
@@ -230,27 +244,26 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
     message: Any = None
     try:
         if len(payload) > MAX_MESSAGE_SIZE:
-            raise ValueError(f"it has {len(payload)} bytes, more than {MAX_MESSAGE_SIZE}")
+            raise ValueError(_MANY_BYTES(count=len(payload), most=MAX_MESSAGE_SIZE))
         if not (encoding := json.detect_encoding(payload)).startswith("utf-8"):
-            raise ValueError(f"it is encoded in {encoding}; send UTF-8")
+            raise ValueError(_ENCODING(encoding=encoding))
         message = json.loads(payload)
         _check_limits(message)
     except (ValueError, RecursionError) as error:
-        raise _rejected(topic, None, f"cannot be read: {error}") from None
+        raise _rejected(topic, None, _UNREADABLE(error=said_by(error))) from None
     if found := defect(version.number, topic.value, message):
         field_path, reason = found
-        raise _rejected(
-            topic, message, f"is malformed at {field_path or 'its top level'}: {reason}"
-        )
+        wrong = _MALFORMED(place=field_path or _TOP_LEVEL(), reason=reason)
+        raise _rejected(topic, message, wrong)
     if message["version"].split(".")[0] != version.number.split(".")[0]:
-        reason = f"has version {message['version']}; the vehicle speaks {version.number}"
+        reason = _VERSION(version=message["version"], own=version.number)
         raise _rejected(topic, message, reason)
     for key, own in (
         ("manufacturer", identity.manufacturer),
         ("serialNumber", identity.serial_number),
     ):
         if message[key] != own:
-            reason = f"is for {key} {message[key]}; this vehicle has {own}"
+            reason = _OTHER(key=key, value=message[key], own=own)
             raise _rejected(topic, message, reason)
     return message  # type: ignore[no-any-return]
 
@@ -268,9 +281,9 @@ def _check_limits(message: Any) -> None:
             if isinstance(value, str):
                 value.encode()  # raises for lone surrogates, which JSON can hold
                 if len(value) > MAX_TEXT:
-                    raise ValueError(f"a text has {len(value)} characters, more than {MAX_TEXT}")
+                    raise ValueError(_LONG_TEXT(count=len(value), most=MAX_TEXT))
             if isinstance(value, float | int) and not abs(value) <= _MAX_NUMBER:
-                raise ValueError(f"a number is not between -{_MAX_NUMBER:g} and {_MAX_NUMBER:g}")
+                raise ValueError(_LARGE_NUMBER(most=f"{_MAX_NUMBER:g}"))
             if isinstance(value, dict):
                 following += value
                 following += value.values()
@@ -279,7 +292,7 @@ def _check_limits(message: Any) -> None:
         if not following:
             return
         level = following
-    raise ValueError(f"it is nested more than {_MAX_DEPTH} levels deep")
+    raise ValueError(_DEEP(most=_MAX_DEPTH))
 
 
 def _rejected(topic: Topic, message: Any, reason: str) -> RejectedError:
@@ -288,10 +301,11 @@ def _rejected(topic: Topic, message: Any, reason: str) -> RejectedError:
         for key in ("headerId", "orderId", "orderUpdateId")
         if isinstance(message, dict) and key in message
     }
+    text = _MESSAGE(topic=topic.value, reason=reason)
     return RejectedError(
         warning(
             ErrorType.VALIDATION,
-            f"the message on {topic.value} {reason}"[:_MAX_REASON],
+            text if len(text) <= _MAX_REASON else text[:_MAX_REASON],
             "correct the message and send it again",
             topic=topic.value,
             **references,

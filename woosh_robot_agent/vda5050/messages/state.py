@@ -5,7 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
+
+ROBOT_REFUSED = Sentence("vda.refused", "the robot refused {what}: {reason}")
+"""Reason of a failure: a refusal, with the robot's text."""
+WITH_TEXT = Sentence("vda.withText", "{reason}: {text}")
+"""Reason of a failure, with the robot's text."""
+NO_STATE = Sentence("vda.noState", "the robot has not reported its state yet")
+"""Reason of a failure without a report of the robot."""
 
 
 class ErrorLevel(Enum):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     Factsheet,
@@ -49,7 +50,7 @@ _ARRAY_LIMITS: Mapping[str, int] = {
 _NOT_LOCALIZED = VehicleError(
     "LOCALIZATION_ERROR",
     ErrorLevel.FATAL,
-    "the robot does not know its position",
+    Sentence("vda.notLocalized", "the robot does not know its position")(),
     "initialise it with initializePosition",
 )
 

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     ActionTypes,
@@ -37,6 +38,14 @@ _MAX_ERRORS = 20
 _HOLD = "action "
 """Prefix of the names of holds: each running action that forbids driving sets a hold of the order.
 """
+
+_TOO_MANY = Sentence("vda.tooManyInstant", "more than {most} instant actions run")
+_RUNS = Sentence("vda.idRuns", "the {action} with this id has not ended")
+_IN_ORDER = Sentence("vda.idInOrder", "an action of the order has this id")
+_AGAIN = Sentence(
+    "vda.again",
+    "an instant action with this id was received before, and {action} is not performed again",
+)
 
 
 class InstantActions:
@@ -110,7 +119,7 @@ class InstantActions:
             )
             wrong = objection(self._types, action, Scope.INSTANT)
             if len(self.ids_in_state(ended=False)) > _MAX_STATES:
-                wrong = Objection(f"more than {_MAX_STATES} instant actions run")
+                wrong = Objection(_TOO_MANY(most=_MAX_STATES))
             if wrong is not None:
                 self._refuse(action, wrong, "see the factsheet for the actions of the vehicle")
                 self.changed(action.id, ActionStatus.FAILED, wrong.reason)
@@ -194,15 +203,12 @@ class InstantActions:
         """Return why an action cannot have its id; empty if the id is permitted."""
         state = self._states.get(action.id)
         if state is not None and not state.status.ended:
-            return f"the {state.type} with this id has not ended"
+            return _RUNS(action=state.type)
         if self._order.has_action(action.id):
-            return "an action of the order has this id"
+            return _IN_ORDER()
         kind = self._types.get(action.type)
         if action.id in self._known and not (kind is not None and kind.repeatable):
-            return (
-                "an instant action with this id was received before, and "
-                f"{action.type} is not performed again"
-            )
+            return _AGAIN(action=action.type)
         return ""
 
     def _refuse(self, action: Action, wrong: Objection, hint: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
 from woosh_robot_agent.vda5050.messages.state import (
     ActionStatus,
@@ -28,7 +29,11 @@ from woosh_robot_agent.vda5050.orders.legs import (
 from woosh_robot_agent.vda5050.orders.reach import Route, in_sequence
 from woosh_robot_agent.vda5050.orders.structure import Verdict, check_action_ids, check_start, judge
 
-_RESTARTED = "the connector was restarted while the action ran"
+_RESTARTED = Sentence("vda.restarted", "the connector was restarted while the action ran")()
+_OTHER_MAP = Sentence("vda.otherMap", "the vehicle waits before node {node}: it is on map {map}")
+_NOT_REACHED = Sentence("vda.notReached", "the robot did not reach node {node}: {reason}")
+_MOVED = Sentence("vda.moved", "the robot was moved away from node {node}")
+_FAR = Sentence("vda.far", "the trajectory of edge {edge} begins {distance} m away")
 _MAX_APPROACH = 0.5
 """Maximum distance to the start of a trajectory from which the vehicle drives there, in metres."""
 
@@ -100,7 +105,7 @@ class OrderMachine:
         return (
             warning(
                 ErrorType.DRIVING,
-                f"the vehicle waits before node {node.id}: it is on map {here.map_id}",
+                _OTHER_MAP(node=node.id, map=here.map_id),
                 "enable the map of the node, or cancel the order with cancelOrder",
                 orderId=self.order_id,
                 nodeId=node.id,
@@ -260,7 +265,7 @@ class OrderMachine:
             node = route.nodes[0]
             self.error = self._stuck(
                 ErrorType.DRIVING,
-                f"the robot did not reach node {node.id}: {reason}",
+                _NOT_REACHED(node=node.id, reason=reason),
                 ("nodeId", node.id),
                 ("edgeId", route.edges[0].id),
             )
@@ -399,7 +404,7 @@ class OrderMachine:
             if not is_there and self.error is None:
                 self.error = self._stuck(
                     ErrorType.INTERRUPTED,
-                    f"the robot was moved away from node {last.id}",
+                    _MOVED(node=last.id),
                     ("nodeId", last.id),
                 )
         route.doubtful = False
@@ -446,7 +451,7 @@ class OrderMachine:
         if (distance := route.distance_to_way(leg)) > _MAX_APPROACH:
             self.error = self._stuck(
                 ErrorType.DRIVING,
-                f"the trajectory of edge {leg.edges[0].id} begins {distance:.1f} m away",
+                _FAR(edge=leg.edges[0].id, distance=f"{distance:.1f}"),
                 ("nodeId", leg.nodes[0].id),
                 ("edgeId", leg.edges[0].id),
             )

@@ -7,6 +7,7 @@ from dataclasses import replace
 from enum import Enum
 from itertools import pairwise
 
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.order import Edge, Node, NodePosition, Order
 from woosh_robot_agent.vda5050.messages.state import (
     ErrorType,
@@ -17,6 +18,28 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.orders.legs import stops
 from woosh_robot_agent.vda5050.orders.reach import is_reached
 
+_NO_NODE = Sentence("vda.noNode", "the order has no node")
+_EDGES = Sentence(
+    "vda.edges", "the order has {nodes} nodes and {edges} edges; it needs one edge less than nodes"
+)
+_FIRST_NODE = Sentence("vda.firstNode", "the first node is not released")
+_APART = Sentence("vda.apart", "the edge does not connect the nodes before and after it")
+_END_NODE = Sentence("vda.endNode", "the edge is released, but its end node is not")
+_SEQUENCE = Sentence("vda.sequence", "sequenceId {id} does not follow {before}")
+_PREDECESSOR = Sentence("vda.predecessor", "it is released, but its predecessor is not")
+_SAME_ID = Sentence("vda.sameId", "two actions have the same id")
+_INSTANT_ID = Sentence("vda.instantId", "an instant action has this id")
+_OTHER_ORDER = Sentence(
+    "vda.otherOrder", "the vehicle still executes another order, or waits for its update"
+)
+_OUTDATED = Sentence("vda.outdated", "the vehicle has orderUpdateId {id} already")
+_CHANGED = Sentence("vda.changed", "the vehicle has another content of orderUpdateId {id}")
+_CANCELLED = Sentence("vda.cancelled", "the order was cancelled")
+_NO_UPDATE = Sentence("vda.noUpdate", "the update does not begin with the last node of the base")
+_ELSEWHERE = Sentence(
+    "vda.elsewhere", "the vehicle is not within the permitted deviation from the first node"
+)
+
 
 def check_structure(order: Order) -> None:
     """Check that the nodes and edges of an order form one path, the base before the horizon.
@@ -25,34 +48,31 @@ def check_structure(order: Order) -> None:
         RejectedError: the nodes and edges do not form one path.
     """
     if not order.nodes:
-        raise _malformed(order, "the order has no node")
+        raise _malformed(order, _NO_NODE())
     if len(order.edges) != len(order.nodes) - 1:
         raise _malformed(
             order,
-            f"the order has {len(order.nodes)} nodes and {len(order.edges)} edges; it needs one "
-            "edge less than nodes",
+            _EDGES(nodes=len(order.nodes), edges=len(order.edges)),
         )
     if not order.nodes[0].released:
-        raise _malformed(order, "the first node is not released", nodeId=order.nodes[0].id)
+        raise _malformed(order, _FIRST_NODE(), nodeId=order.nodes[0].id)
     path: list[Node | Edge] = [order.nodes[0]]
     for edge, node in zip(order.edges, order.nodes[1:], strict=True):
         path += [edge, node]
         if (edge.start_node_id, edge.end_node_id) != (path[-3].id, node.id):
-            raise _malformed(
-                order, "the edge does not connect the nodes before and after it", edgeId=edge.id
-            )
+            raise _malformed(order, _APART(), edgeId=edge.id)
         if edge.released and not node.released:
-            raise _malformed(order, "the edge is released, but its end node is not", edgeId=edge.id)
+            raise _malformed(order, _END_NODE(), edgeId=edge.id)
     for before, after in pairwise(path):
         key = "nodeId" if isinstance(after, Node) else "edgeId"
         if after.sequence_id != before.sequence_id + 1:
             raise _malformed(
                 order,
-                f"sequenceId {after.sequence_id} does not follow {before.sequence_id}",
+                _SEQUENCE(id=after.sequence_id, before=before.sequence_id),
                 **{key: after.id},
             )
         if after.released and not before.released:
-            raise _malformed(order, "it is released, but its predecessor is not", **{key: after.id})
+            raise _malformed(order, _PREDECESSOR(), **{key: after.id})
     check_action_ids(order, ())
 
 
@@ -71,7 +91,7 @@ def check_action_ids(order: Order, used: Collection[str]) -> None:
     for part in order.parts:
         for action in part.actions if part is not known else ():
             if action.id in seen:
-                raise _malformed(order, "two actions have the same id", actionId=action.id)
+                raise _malformed(order, _SAME_ID(), actionId=action.id)
             seen.add(action.id)
 
 
@@ -83,7 +103,7 @@ def check_instant_ids(order: Order, taken: Collection[str]) -> None:
     """
     for action in (each for part in order.parts for each in part.actions):
         if action.id in taken:
-            raise _malformed(order, "an instant action has this id", actionId=action.id)
+            raise _malformed(order, _INSTANT_ID(), actionId=action.id)
 
 
 def _malformed(order: Order, reason: str, **references: object) -> RejectedError:
@@ -128,7 +148,7 @@ def judge(
             raise rejection(
                 ErrorType.OTHER_ORDER_ACTIVE,
                 order,
-                "the vehicle still executes another order, or waits for its update",
+                _OTHER_ORDER(),
                 "wait for its end, or cancel it with cancelOrder",
             )
         return Verdict.NEW
@@ -136,7 +156,7 @@ def judge(
         raise rejection(
             ErrorType.OUTDATED_UPDATE,
             order,
-            f"the vehicle has orderUpdateId {current.update_id} already",
+            _OUTDATED(id=current.update_id),
             "send updates with increasing orderUpdateId",
         )
     is_restored = not current.nodes  # only the ids of an order survive a restart
@@ -146,14 +166,14 @@ def judge(
         raise rejection(
             ErrorType.CHANGED_UPDATE,
             order,
-            f"the vehicle has another content of orderUpdateId {current.update_id}",
+            _CHANGED(id=current.update_id),
             "send a changed order with a larger orderUpdateId",
         )
     if cancelled:
         raise rejection(
             ErrorType.UPDATE_AFTER_CANCEL,
             order,
-            "the order was cancelled",
+            _CANCELLED(),
             "send a new order with another orderId",
         )
     first = order.nodes[0]
@@ -164,7 +184,7 @@ def judge(
         raise rejection(
             ErrorType.ORDER_UPDATE,
             order,
-            "the update does not begin with the last node of the base",
+            _NO_UPDATE(),
             "begin the update with the last released node of the order"
             if decision_point is None
             else f"begin the update with node {decision_point.id}, "
@@ -187,7 +207,7 @@ def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
         raise rejection(
             ErrorType.NO_ROUTE,
             order,
-            "the vehicle is not within the permitted deviation from the first node",
+            _ELSEWHERE(),
             "start the order where the vehicle stands, or permit a larger deviation",
             nodeId=order.nodes[0].id,
         )

@@ -21,7 +21,14 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
-from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
+from woosh_robot_agent.sentences import Sentence, said_by
+from woosh_robot_agent.vda5050.messages.state import (
+    ROBOT_REFUSED,
+    WITH_TEXT,
+    ActionFailedError,
+    ActionStatus,
+    ErrorType,
+)
 from woosh_robot_agent.vda5050.orders.legs import Control
 from woosh_robot_agent.vda5050.robot.control import Controller
 from woosh_robot_agent.vda5050.robot.link import RobotLink
@@ -31,10 +38,14 @@ _ASK_EVERY = 1.0
 """Pause between two queries about an action, in seconds."""
 _READY_TIMEOUT = 5.0
 """Maximum time from a snapshot until the link is ready, in seconds."""
+_FAILED = Sentence("vda.failed", "the robot failed")()
+_ANOTHER = Sentence("vda.another", "the robot executes another {name} already")
+_NOT_SENT = Sentence("vda.notSent", "{name} was not sent: {reason}")
+_UNKNOWN = Sentence("vda.unknownEnd", "the link was lost, and the robot does not tell how it ended")
 _FAILURES = {
-    ros_pack_pb2.kRosCancel: "it was cancelled at the robot",
-    ros_pack_pb2.kRosFailure: "the robot failed",
-    ros_pack_pb2.kRosExecuteFailed: "the robot failed",
+    ros_pack_pb2.kRosCancel: Sentence("vda.cancelledAtRobot", "it was cancelled at the robot")(),
+    ros_pack_pb2.kRosFailure: _FAILED,
+    ros_pack_pb2.kRosExecuteFailed: _FAILED,
 }
 """Reasons why an action did not succeed, by the state in its last report."""
 _FIELDS = {
@@ -150,7 +161,7 @@ class RobotCalls:
         """
         name = full_name(command)
         if name in self._runs:
-            raise ActionFailedError(f"the robot executes another {command.DESCRIPTOR.name} already")
+            raise ActionFailedError(_ANOTHER(name=command.DESCRIPTOR.name))
         run = self._runs[name] = self._new_run(command, report)
         try:
             await self._start(run)
@@ -198,10 +209,10 @@ class RobotCalls:
             if self._link.ready:
                 self._inquire(run)
         except LinkError as error:
-            raise ActionFailedError(f"{run.name} was not sent: {error}") from None
+            raise ActionFailedError(_NOT_SENT(name=run.name, reason=said_by(error))) from None
         else:
             if not answer.ok:
-                raise ActionFailedError(f"the robot refused {run.name}: {answer.msg}")
+                raise ActionFailedError(ROBOT_REFUSED(what=run.name, reason=answer.msg))
 
     def _reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
@@ -227,7 +238,7 @@ class RobotCalls:
             run.end("")
         elif report.state in _FAILURES:
             reason = _FAILURES[report.state]
-            run.end(f"{reason}: {report.msg}" if report.msg else reason)
+            run.end(WITH_TEXT(reason=reason, text=report.msg) if report.msg else reason)
 
     def _show_paused(self, run: _Run, paused: bool) -> None:
         was_paused = run.controller.paused
@@ -263,7 +274,7 @@ class RobotCalls:
             is_known = run.accepted or run.heard
             if not mine or not is_known:
                 run.unknown = True
-                run.end("the link was lost, and the robot does not tell how it ended")
+                run.end(_UNKNOWN())
 
         while not run.ended.done():
             try:

@@ -23,9 +23,12 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
+from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.messages.geometry import curve_points
 from woosh_robot_agent.vda5050.messages.order import Node, Trajectory
 from woosh_robot_agent.vda5050.messages.state import (
+    ROBOT_REFUSED,
+    WITH_TEXT,
     ActionFailedError,
     ActionStatus,
     ErrorType,
@@ -99,15 +102,18 @@ _REPORT_AFTER = 3.0
 """Time after which the robot must have reported a task that it executes, in seconds."""
 _ASK_EVERY = 1.0
 """Pause between two queries about a task, in seconds."""
+_THE_TASK = Sentence("vda.theTask", "the task")
+_RESTARTED = Sentence("vda.restartedBefore", "the connector was restarted before it sent the task")
+_OTHER_ACTION = Sentence("vda.otherAction", "the robot executes the task of another action")
 _ENDED = {
     task.kCompleted: "",
-    task.kCanceled: "the task was cancelled at the robot",
-    task.kFailed: "the task failed",
+    task.kCanceled: Sentence("vda.taskCancelled", "the task was cancelled at the robot")(),
+    task.kFailed: Sentence("vda.taskFailed", "the task failed")(),
 }
 """Reasons why a task was not completed, by its last state; empty for a completed task."""
-UNKNOWN_TASK = "the robot does not know the task"
+UNKNOWN_TASK = Sentence("vda.unknownTask", "the robot does not know the task")()
 """Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
-UNSENT = "there is no link to the robot"
+UNSENT = Sentence("vda.unsent", "there is no link to the robot")()
 """Reason if the start of a task was not sent."""
 _ORDERS = {
     Control.PAUSE: action.kPause,
@@ -173,7 +179,7 @@ class RobotTask:
         if task_id:
             self._snapshot(info)
         else:
-            self._on_end("the connector was restarted before it sent the task")
+            self._on_end(_RESTARTED())
 
     def want(self, control: Control) -> None:
         """Keep the task paused, let it go on, or cancel it; without a task, do nothing."""
@@ -209,10 +215,10 @@ class RobotTask:
         except NotConnectedError:
             self._end(task_id, UNSENT)
         except LinkError as error:
-            self._end(task_id, str(error))
+            self._end(task_id, said_by(error))
         else:
             if not answer.ok:
-                self._end(task_id, f"the robot refused the task: {answer.msg}")
+                self._end(task_id, ROBOT_REFUSED(what=_THE_TASK(), reason=answer.msg))
 
     # Reports
 
@@ -238,7 +244,8 @@ class RobotTask:
         self.confirmed = True
         if report.state in _ENDED:
             reason = _ENDED[report.state]
-            self._end(self.id, f"{reason}: {report.msg}" if reason and report.msg else reason)
+            text = report.msg if reason else ""
+            self._end(self.id, WITH_TEXT(reason=reason, text=text) if text else reason)
             return
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
         if self._controller.reported(paused):
@@ -358,7 +365,7 @@ class ActionTasks:
             ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown.
         """
         if self._end is not None:
-            raise ActionFailedError("the robot executes the task of another action")
+            raise ActionFailedError(_OTHER_ACTION())
         end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._end, self._report = end, report
         self._task.start(request)

@@ -25,7 +25,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {Objection[]} objections
  * @property {Battery | null} battery
  * @property {RunningTask | null} task
- * @property {{name: string, state: string, text: string}[]} actions
+ * @property {{name: string, state: string, text: import("./texts.js").Value}[]} actions
  * @property {Code[]} problems
  * @property {{mute: boolean, volume: number} | null} sound
  * @property {boolean} light
@@ -58,7 +58,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
 /**
  * @typedef {object} Area the map, as far as it is known
  * @property {number} number
- * @property {string} error
+ * @property {import("./texts.js").Value} error
  * @property {string} [scene]
  * @property {string} [name]
  * @property {number} [resolution]
@@ -75,8 +75,8 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {{linear: number, angular: number}} limits of the stick
  * @property {number} maximum of the stick without a speed limit
  * @property {number | null} speedLimit
- * @property {string} speedRefusal
- * @property {{name: string, detail: string}} driver
+ * @property {import("./texts.js").Value} speedRefusal
+ * @property {{name: string, detail: import("./texts.js").Value}} driver
  * @property {import("./texts.js").Value} standstill
  */
 /**
@@ -101,11 +101,14 @@ import { batch, computed, signal } from "./vendor/preact.js";
  */
 /**
  * @typedef {{id: string, node: string, nodesLeft: number, paused: boolean, errors: {type: string,
- *   level: string, text: string}[]}} Order
+ *   level: string, text: import("./texts.js").Value}[]}} Order
  */
 /** @typedef {Pose & {index: number, name: string, scene: string, map: string, outline: number[][]}} Place */
 /** @typedef {{id: string, name: string, text: string, x?: number, y?: number, radius?: number}} Fault */
-/** @typedef {{known: {name: string, description: string, arguments: string}[], faults: Fault[]}} Simulator */
+/**
+ * @typedef {{known: {name: string, description: import("./texts.js").Value, arguments: string}[],
+ *   faults: Fault[]}} Simulator
+ */
 /** @typedef {{pose: Pose, points: Float32Array}} Scan  x, y of each point in the frame of the robot */
 /**
  * @typedef {object} Target the mark or pose to which the viewer may send the robot

@@ -105,7 +105,8 @@ export function say(value) {
   if (typeof value !== "object") return String(value);
   const { key, values, english } = value;
   if (english === undefined) return t(key, values);
-  const pattern = language.value === "en" ? undefined : (said.value[key] ?? texts.value[key]);
+  const known = [said, texts, codes].find((each) => key in each.value);
+  const pattern = language.value === "en" ? undefined : known?.value[key];
   return pattern ? filled(pattern, values) : english;
 }
 

@@ -3,7 +3,7 @@
 import { html } from "../vendor/preact.js";
 import { chooseRobot } from "../commands.js";
 import * as store from "../store.js";
-import { alarmCount, t, tOr } from "../texts.js";
+import { alarmCount, say, t, tOr } from "../texts.js";
 import { goalText, robotName } from "./parts.js";
 
 export function Fleet() {
@@ -62,7 +62,7 @@ function OrderLines({ order }) {
   return html`<small class="order">${parts.filter(Boolean).join(" · ")}</small> ${order.errors.map(
       ({ type, text, level }) =>
         html`<small key=${type} class=${level === "WARNING" ? "warn" : "bad"}
-          >${type}: ${text}</small
+          >${type}: ${say(text)}</small
         >`,
     )}`;
 }

@@ -3,7 +3,7 @@
 import { html, useState } from "../vendor/preact.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
-import { t } from "../texts.js";
+import { say, t } from "../texts.js";
 
 export function Simulator() {
   const { known, faults } = /** @type {store.Simulator} */ (store.simulator.value);
@@ -41,7 +41,7 @@ export function Simulator() {
             ${known.map((each) => html`<option key=${each.name} value=${each.name}>${each.name}</option>`)}
           </select>
         </label>
-        <p class="faint">${chosen.description}</p>
+        <p class="faint">${say(chosen.description)}</p>
         <label class="field">
           ${t("simulator.arguments")}
           <input

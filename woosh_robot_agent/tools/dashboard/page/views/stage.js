@@ -261,7 +261,7 @@ export function notices() {
     found.push({ tone: "bad", title, text: t("notice.faultRemedy", { code: code.code }) });
   }
   const error = store.map.value?.error;
-  if (error) found.push({ tone: "warn", title: t("map.none"), text: error });
+  if (error) found.push({ tone: "warn", title: t("map.none"), text: say(error) });
   const standstill = store.control.value?.standstill;
   if (standstill)
     found.push({ tone: "warn", title: t("notice.standstill"), text: say(standstill) });

@@ -3,7 +3,7 @@
 import { effect, html, signal, useEffect, useState } from "../vendor/preact.js";
 import { connection } from "../commands.js";
 import * as store from "../store.js";
-import { meaningOf, moment, t, tOr } from "../texts.js";
+import { meaningOf, moment, say, t, tOr } from "../texts.js";
 import { linkText } from "./bar.js";
 import { degrees, LEVELS, objectionText, placeText } from "./parts.js";
 import { Plot } from "./plot.js";
@@ -45,12 +45,6 @@ export function State() {
     <${Details} />`;
 }
 
-/** Return the number of a task in the reader's language. @param {string} detail */
-function detailText(detail) {
-  const [, id] = /^task (\S+)$/.exec(detail) ?? [];
-  return id ? t("task.number", { id }) : detail;
-}
-
 /** @param {{robot: store.Robot}} props */
 function Summary({ robot }) {
   const pose = store.pose.value;
@@ -68,7 +62,7 @@ function Summary({ robot }) {
       <dt>${t("robot.driver")}</dt>
       <dd>
         ${driver && tOr(`driver.${driver.name}`, tOr(`command.${driver.name}`, driver.name))}
-        ${driver?.detail && html`<small>${detailText(driver.detail)}</small>`}
+        ${driver?.detail && html`<small>${say(driver.detail)}</small>`}
       </dd>
       <dt>${t("robot.battery")}</dt>
       <dd><${BatteryLine} battery=${robot.battery} /></dd>
@@ -81,7 +75,7 @@ function Summary({ robot }) {
       ${robot.actions.map(
         ({ name, state, text }) =>
           html`<dt key=${name}>${name}</dt>
-            <dd>${state} ${text}</dd>`,
+            <dd>${tOr(`actionState.${state}`, state)} ${say(text)}</dd>`,
       )}
     </dl>
   </section>`;
@@ -230,7 +224,7 @@ function Details() {
     [t("details.mileage"), `${(details.mileage / 1000).toFixed(1)} km`],
     [t("details.software"), [details.software, details.system].filter(Boolean).join(" · ")],
     ...details.parts.map((/** @type {{part: string, state: string}} */ { part, state }) => [
-      t("details.part", { part }),
+      t("details.part", { part: part.replace(/^\w+/, (name) => tOr(`part.${name}`, name)) }),
       tOr(`level.${state}`, state),
     ]),
   ];
