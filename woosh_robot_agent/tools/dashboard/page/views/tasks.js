@@ -56,10 +56,19 @@ export function taskButtons() {
    * @param {string} icon
    * @param {string} name of the command
    */
-  const button = (id, icon, name = id) =>
-    html`<button type="button" id=${id} ...${gives(name)} onClick=${() => run(name)}>
-      <${Icon} name=${icon} /><span>${t(`command.${name}`)}</span>
+  const button = (id, icon, name = id) => {
+    const label = t(`command.${name}`);
+    const { title = label, ...state } = gives(name);
+    return html`<button
+      type="button"
+      id=${id}
+      title=${title}
+      ...${state}
+      onClick=${() => run(name)}
+    >
+      <${Icon} name=${icon} /><span>${label}</span>
     </button>`;
+  };
   const task = store.robot.value?.task;
   const waits = task?.running && WAITING.includes(task.state);
   return html`${button("pause", "pause")}${button("continue", "play")}${button("cancel", "close")}
