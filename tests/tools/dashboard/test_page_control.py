@@ -28,6 +28,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import stop_alarm
 
 TWIST = full_name(Twist)
 
@@ -405,6 +406,27 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
         await driver.command("pause")  # its reply comes after the velocities
         assert (chassis.counts[TWIST], is_stopped_by_zero(chassis)) == (sent, True)
         await hold(driver, lambda: is_driving(chassis))
+
+
+@aio
+async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stop_alarm, "_STANDSTILL", TIMEOUT)
+    async with (
+        dashboard(chassis, control=True) as running,
+        page(running) as first,
+        page(running) as second,
+    ):
+        await ready(first)
+        freeze = chassis.inject("freeze")
+        ok, text = await first.command("stop")
+        assert not ok, text
+        await second.until(lambda parts: parts["fleet"][0]["alarm"])
+        freeze.clear()
+        ok, text = await second.command("stop")
+        assert ok, text
+        await first.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
 @aio
