@@ -59,7 +59,7 @@ def go(driver: Any) -> None:
     again_if_slow(
         driver,
         lambda: element(driver, "#go").click(),
-        lambda: "accepted" in text(driver, "#answer"),
+        lambda: script(driver, "Boolean(store.answer.value?.task)"),
         "the task",
     )
 
@@ -185,10 +185,14 @@ def test_a_double_click_sends_one_task(robot: SimulatedPage, browser: Any) -> No
     eventually(lambda: "To A2" in text(browser, "#now"), "the task")
     assert sent() == 1
     # while the answer is pending, later clicks send none either, and the page says so
-    robot.call(lambda simulator: simulator.mute(full_name(ExecTask)))
+    press(browser, ".doing #cancel")
+    for fault in ("refuse", "lose_answer"):
+        robot.call(lambda s, fault=fault: s.inject(fault, type=full_name(ExecTask)))
     press(browser, "#marks li:nth-child(1) button")
     refusal = "the robot has not answered the former command"
     eventually(lambda: press(browser, "#go") or refusal in text(browser, "#answer"), "refusal")
+    assert not is_enabled(browser, "#go")
+    assert refusal in text(browser, "#now")
     assert sent() == 2
 
 

@@ -28,6 +28,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import stop_alarm
 
 TWIST = full_name(Twist)
 
@@ -376,7 +377,7 @@ async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread)
         await viewer.command("stop")
         await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
         ok, text = await viewer.until(lambda _: viewer.replies.get(99))
-        reasons = ("the robot was stopped in the meantime", TOO_SLOW)
+        reasons = ("STOP was pressed in the meantime", TOO_SLOW)
         assert not ok
         assert text.startswith("Go was not sent: ")
         assert text.endswith(reasons)
@@ -396,7 +397,7 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
             await eventually(lambda: is_driving(chassis))
             ok, text = await (driver if who == "driver" else other).command("stop")
             assert ok, text
-            await driver.until(lambda _: "the robot was stopped" in driver.refusals)
+            await driver.until(lambda _: {"stopping", "stopped"} <= set(driver.refusals))
             await passed(driver, MotionTiming().hold)
             await eventually(lambda: is_stopped_by_zero(chassis))
         sent = chassis.counts[TWIST]
@@ -405,6 +406,27 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
         await driver.command("pause")  # its reply comes after the velocities
         assert (chassis.counts[TWIST], is_stopped_by_zero(chassis)) == (sent, True)
         await hold(driver, lambda: is_driving(chassis))
+
+
+@aio
+async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stop_alarm, "_STANDSTILL", TIMEOUT)
+    async with (
+        dashboard(chassis, control=True) as running,
+        page(running) as first,
+        page(running) as second,
+    ):
+        await ready(first)
+        freeze = chassis.inject("freeze")
+        ok, text = await first.command("stop")
+        assert not ok, text
+        await second.until(lambda parts: parts["fleet"][0]["alarm"])
+        freeze.clear()
+        ok, text = await second.command("stop")
+        assert ok, text
+        await first.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
 @aio

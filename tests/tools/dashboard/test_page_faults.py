@@ -114,6 +114,7 @@ def test_a_robot_that_freezes_is_noticed_while_it_drives(
     robot.call(lambda simulator: simulator.inject("freeze"))
     eventually(lambda: "No data for" in text(browser, "#link"), "the silence")
     assert "last known state" in text(browser, "#notice")
+    assert "m/s" not in text(browser, "#now")
     assert script(browser, "store.held.value === null")
     robot.call(lambda simulator: simulator.clear_faults())
     eventually(lambda: script(browser, "!store.outdated.value"), "the robot")
@@ -127,6 +128,7 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
     with robot.silent():
         eventually(lambda: "No answer from the dashboard" in text(browser, "#notice"), "warning")
         assert script(browser, "store.held.value === null")
+        assert "m/s" not in text(browser, "#now")
         element(browser, "#stop").click()
         eventually(lambda: "emergency stop: STOP is not" in text(browser, "#alarm"), "the alarm")
         assert "no answer" not in text(browser, "#alarm")
@@ -225,10 +227,14 @@ def test_a_restarted_dashboard_is_found_again(shared_browser: SharedBrowser) -> 
         eventually(lambda: "No connection to the dashboard" in text(driver, "#notice"), "the loss")
         press(driver, "#stop")
         eventually(lambda: "not confirmed" in text(driver, "#alarm"), "the alarm")
+        press(driver, "#marks li:nth-child(2) button")
+        eventually(lambda: "no path" in text(driver, "#now"), "the preview without a way")
+        assert not is_enabled(driver, "#go")
         with program(robot, options=options):
             eventually(lambda: script(driver, "!store.outdated.value"), "the new dashboard")
             wait_for_map(driver)
             eventually(lambda: text(driver, "#alarm") == "", "the end of the alarm")
+            eventually(lambda: " m" in text(driver, "#now .way"), "the way, asked again")
 
 
 def test_a_stop_is_for_the_robot_that_is_shown(shared_browser: SharedBrowser) -> None:
@@ -253,11 +259,11 @@ def test_a_stop_is_for_the_robot_that_is_shown(shared_browser: SharedBrowser) ->
 
             def is_going() -> bool:
                 # on a busy machine, the connection may be too slow for a moment
-                if "To A2" not in text(browser, "#now"):
+                if is_enabled(browser, "#go"):
+                    script(browser, "document.querySelector('#go')?.click()")
+                elif script(browser, "store.target.value === null"):
                     show(browser, "go")
                     press(browser, "#marks li:nth-child(2) button")
-                    eventually(lambda: is_enabled(browser, "#go"), "the preview")
-                    press(browser, "#go")
                 return "To A2" in text(browser, "#now")
 
             eventually(is_going, "the task")

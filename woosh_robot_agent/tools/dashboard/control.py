@@ -29,6 +29,7 @@ from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
 from woosh_robot_agent.sentences import REFUSED, THEN, Said, Sentence, joined, said_by
 from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandError, number
 from woosh_robot_agent.tools.dashboard.robot import Robot
+from woosh_robot_agent.tools.dashboard.stop_alarm import StopAlarm
 from woosh_robot_agent.tools.dashboard.tasks import TaskLog
 from woosh_robot_agent.tools.dashboard.texts import Text, value_data
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
@@ -40,7 +41,7 @@ class Outcome(NamedTuple):
     Attributes:
         ok: True if the command succeeded.
         text: a text for the viewer.
-        data: data that the page requested; otherwise None.
+        data: data that the page requested; of an accepted task its id; otherwise None.
     """
 
     ok: bool
@@ -116,13 +117,17 @@ class Control:
     Args:
         robot: the robot.
         config: limits and timeouts.
+        on_stopped: called after each answer to a stop.
 
     Attributes:
         owner: the viewer that has the control; None if no viewer has it.
         tasks: the tasks of the robot.
+        alarm: the alarm of a stop that is not confirmed.
     """
 
-    def __init__(self, robot: Robot, config: ControlConfig) -> None:
+    def __init__(
+        self, robot: Robot, config: ControlConfig, on_stopped: Callable[[], None] = lambda: None
+    ) -> None:
         self._robot = robot
         self._config = config
         self._gate = MotionGate(robot.chassis)
@@ -146,6 +151,7 @@ class Control:
         velocities = VelocitySources(robot.chassis, self._gate)
         self._who_drives = WhoDrives(robot.chassis, self._gate, last_known, velocities, tuple)
         self.tasks = TaskLog(robot, self._who_drives.now)
+        self.alarm = StopAlarm(robot, on_stopped)
         self.owner: Viewer | None = None
         self._used_at = -math.inf
         """Loop time of the last command of the owner."""
@@ -307,9 +313,14 @@ class Control:
         return Text("reason.running", owner=owner) if owner else None
 
     async def _stop(self) -> Outcome:
+        driving = self.owner, self._press
         report = await self._gate.stop(_STOP_TIMEOUT)
+        self.alarm.answered(report)
         key = "reply.stopped" if report.success else "reply.notStopped"
-        return Outcome(report.success, Text(key, text=report.message))
+        text = Text(key, text=report.message)
+        if driving == (self.owner, self._press):  # a press that began meanwhile goes on
+            self._end_press(text)
+        return Outcome(report.success, text)
 
     async def _execute(self, name: str, request: Message) -> Outcome:
         try:
@@ -320,7 +331,8 @@ class Control:
         if isinstance(request, ExecTask):
             self.tasks.answered(request.task_id, answer.ok)
         if answer.ok:
-            return Outcome(True, Text("reply.accepted", command=_name(name)))
+            task_id = str(request.task_id) if isinstance(request, ExecTask) else None
+            return Outcome(True, Text("reply.accepted", command=_name(name)), task_id)
         reasons = await self._explainer.reasons(type_of(request))
         text = answer.msg or REFUSED()
         if reasons:
@@ -345,7 +357,7 @@ class Control:
 
     def _stopped(self) -> None:
         self._stopped_at = asyncio.get_running_loop().time()
-        self._end_press(Text("reason.stopped"))
+        self._end_press(Text("reply.stopping"))
 
     def _answered(self, command: AnsweredCommand) -> None:
         if command.source == _STICK and not command.answer.ok:

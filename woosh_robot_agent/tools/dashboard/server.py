@@ -29,7 +29,7 @@ from woosh_robot_agent.tools.dashboard.commands import Args, CommandError
 from woosh_robot_agent.tools.dashboard.control import STOP, Control, ControlConfig, Outcome
 from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
-from woosh_robot_agent.tools.dashboard.texts import PAGE, Text, spoken
+from woosh_robot_agent.tools.dashboard.texts import PAGE, Text, spoken, value_data
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 _LOG = logging.getLogger(__name__)
@@ -120,7 +120,10 @@ class Dashboard:
             Robot(each, self._shared, control=config.control, scan_rate=config.scan_rate)
             for each in robots
         ]
-        self._controls = {each: Control(each, config.control_config) for each in self.robots}
+        self._controls = {
+            each: Control(each, config.control_config, lambda: self._shared.publish("fleet"))
+            for each in self.robots
+        }
         self._max_viewers = config.max_viewers + len(robots)
         self._viewers: set[Viewer] = set()
         self._count = 0
@@ -214,6 +217,7 @@ class Dashboard:
                 **part_data.card_data(each.view, each.chassis, each.silence),
                 "order": each.order(),
                 "task": control.tasks.running(),
+                "alarm": value_data(control.alarm.reason),
             }
             for each, control in self._controls.items()
         ]

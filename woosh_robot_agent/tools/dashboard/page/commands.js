@@ -1,6 +1,7 @@
 // Actions of the viewer: commands, STOP, the choice of a robot, of a target, of a pose.
 
-import { batch, computed } from "./vendor/preact.js";
+import { refusal } from "./allowed.js";
+import { batch, computed, effect } from "./vendor/preact.js";
 import { Connection } from "./connection.js";
 import * as store from "./store.js";
 
@@ -12,8 +13,8 @@ export const connection = new Connection(received, receivedScan, (problem) => {
   checkAlarm();
 });
 
-/** Time of the last sending of each command, and whether its answer is pending. */
-const given = /** @type {Map<string, {since: number, pending: boolean}>} */ (new Map());
+/** Time of the last sending of each command. */
+const given = /** @type {Map<string, number>} */ (new Map());
 let standingSince = 0; // time since which the robot is seen to stand still
 
 /**
@@ -41,13 +42,14 @@ function receivedScan(data) {
  * @param {boolean} ok
  * @param {import("./texts.js").Text} text
  * @param {number} robot index
+ * @param {string} [task] id of the task that the robot has accepted
  */
-export function tell(ok, text, robot = store.chosen.value) {
-  store.answer.value = { ok, text, time: Date.now(), robot };
+export function tell(ok, text, robot = store.chosen.value, task) {
+  store.answer.value = { ok, text, time: Date.now(), robot, task };
 }
 
 /**
- * Send a command, unless the same command was sent just now, or its answer is pending.
+ * Send a command, unless the same command was sent just now, or it would do nothing.
  * @param {string} name
  * @param {Record<string, any>} args
  * @returns {Promise<boolean>} true if the robot has accepted the command
@@ -55,54 +57,66 @@ export function tell(ok, text, robot = store.chosen.value) {
 export async function run(name, args = {}) {
   const { robot } = connection;
   const now = performance.now();
-  const moves = name === "go" || name === "goMark" || name === "charge";
-  // all tasks of a robot share one key, so that a double click on a mark sends one task
-  const key = JSON.stringify(moves ? [robot] : [robot, name, args]);
-  const { since, pending } = given.get(key) ?? { since: -Infinity, pending: false };
-  if (now < since + DOUBLE_CLICK) return false;
-  if (pending) {
-    const command = { key: `command.${name}`, values: {} };
-    const reason = { key: "reason.pending", values: {} };
-    tell(false, { key: "reply.notSent", values: { command, reason } }, robot);
+  const pending = store.pendingKey(name);
+  const key = store.MOVES.includes(name) ? pending : `${pending} ${JSON.stringify(args)}`;
+  if (now < (given.get(key) ?? -Infinity) + DOUBLE_CLICK) return false;
+  const values = { command: { key: `command.${name}`, values: {} } };
+  const reason = refusal(name);
+  if (reason) {
+    tell(false, { key: "reply.notSent", values: { ...values, reason } }, robot);
     return false;
   }
-  given.set(key, { since: now, pending: true });
-  const { ok, text } = await connection.command(name, args);
-  given.set(key, { since: now, pending: false });
-  tell(ok, text, robot);
+  given.set(key, now);
+  setPending(pending, true);
+  tell(true, { key: "reply.sent", values }, robot);
+  const { ok, text, data } = await connection.command(name, args);
+  given.set(key, performance.now());
+  setPending(pending, false);
+  tell(ok, text, robot, data);
   return ok;
+}
+
+/**
+ * @param {string} key
+ * @param {boolean} on
+ */
+function setPending(key, on) {
+  const keys = new Set(store.pending.value);
+  if (on) keys.add(key);
+  else keys.delete(key);
+  store.pending.value = keys;
 }
 
 export async function stop() {
   store.letGo();
   const { robot } = connection;
   tell(true, { key: "reply.stopping", values: {} }, robot);
-  const { ok, text } = await connection.stop();
+  const { ok, text, unanswered } = await connection.stop();
   tell(ok, text, robot);
-  setAlarm(robot, ok ? "" : text);
+  setUnanswered(robot, unanswered ? text : "");
 }
 
 /**
- * Raise the alarm of a robot whose stop is not confirmed; without a text, end it.
+ * Raise the alarm of a robot whose stop has no answer; without a text, end it.
  * @param {number} robot index
  * @param {import("./texts.js").Value} text
  */
-function setAlarm(robot, text) {
-  const alarms = new Map(store.alarms.value);
+function setUnanswered(robot, text) {
+  const alarms = new Map(store.unanswered.value);
   alarms.delete(robot);
   if (text) alarms.set(robot, text);
-  store.alarms.value = alarms;
+  store.unanswered.value = alarms;
   standingSince = performance.now();
 }
 
-/** End the alarm of an unconfirmed stop once the robot's pose shows a standstill for a while. */
+/** End the alarm of a stop without an answer once the robot's pose shows a standstill for a while. */
 function checkAlarm() {
   const now = performance.now();
   const pose = store.pose.value;
   const seen = !store.outdated.value && store.watching.value === store.chosen.value;
   if (!(seen && pose && !pose.linear && !pose.angular)) standingSince = now;
-  const ends = now - standingSince > STANDSTILL && store.alarms.value.has(store.chosen.value);
-  if (ends) setAlarm(store.chosen.value, "");
+  const ends = now - standingSince > STANDSTILL && store.unanswered.value.has(store.chosen.value);
+  if (ends) setUnanswered(store.chosen.value, "");
 }
 
 /** @param {number} index */
@@ -134,6 +148,12 @@ export async function setTarget(target) {
   const error = { error: text };
   store.target.value = { ...target, plan: ok ? data : error };
 }
+
+effect(() => {
+  const target = store.target.peek();
+  if (!store.outdated.value && target?.plan && "error" in target.plan)
+    setTarget({ ...target, plan: null }); // the answer may have been lost with the connection
+});
 
 /** @param {import("./store.js").Mark} mark */
 export function setTargetMark(mark) {

@@ -35,6 +35,7 @@ function takesKeys(target) {
 
 /** @param {KeyboardEvent} event */
 function keyDown(event) {
+  if (event.repeat && event.key === "Enter") event.preventDefault(); // no press of a button
   if (event.key === "Escape" && store.mayControl.value) {
     if (!event.repeat) stop();
     return;

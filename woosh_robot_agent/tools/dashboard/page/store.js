@@ -98,6 +98,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {Battery | null} battery
  * @property {Task | null} task the one that runs
  * @property {Order | null} order
+ * @property {import("./texts.js").Value} alarm why a stop was not confirmed; empty without an alarm
  */
 /**
  * @typedef {{id: string, node: string, nodesLeft: number, paused: boolean, errors: {type: string,
@@ -119,7 +120,10 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {TaskKind} [kind] what shall be done there, as far as it is known
  */
 /** @typedef {{type: string, number: number, direction: string}} TaskKind */
-/** @typedef {{ok: boolean, text: import("./texts.js").Text, time: number, robot: number}} Answer */
+/**
+ * @typedef {{ok: boolean, text: import("./texts.js").Text, time: number, robot: number,
+ *   task?: string}} Answer  with the id of the task that the robot has accepted
+ */
 /**
  * @typedef {object} Grip
  * @property {number} id of the pointer
@@ -128,6 +132,8 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {number} up
  */
 
+/** Commands that give a task. */
+export const MOVES = ["go", "goMark", "charge"];
 const DEAD_ZONE = 0.12; // of the stick's radius
 /** @type {Record<string, [number, number]>} distances to the right and up, by the code of the key */
 export const KEYS = {
@@ -209,10 +215,18 @@ export const layers = state({
   others: true,
 });
 export const answer = state(/** @type {Answer | null} */ (null));
-/** Why a stop was not confirmed, by the index of the robot. */
-export const alarms = state(
+/** Why a stop of this page has no answer of the dashboard, by the index of the robot. */
+export const unanswered = state(
   /** @type {ReadonlyMap<number, import("./texts.js").Value>} */ (new Map()),
 );
+/** Why a stop was not confirmed, by the index of the robot. The dashboard knows of the others' stops, too. */
+export const alarms = computed(() => {
+  const found = new Map(unanswered.value);
+  fleet.value.forEach(({ alarm }, index) => alarm && found.set(index, alarm));
+  return found;
+});
+/** Commands without an answer so far, as robot and name. */
+export const pending = state(/** @type {ReadonlySet<string>} */ (new Set()));
 /** True if the arrow keys drive. */
 export const keyboard = state(false);
 /** The pointer that holds the stick; null without one. */
@@ -238,6 +252,15 @@ export const shownMap = computed(() =>
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
 export const mine = computed(() => control.value !== null && control.value.owner === you.value);
 
+/**
+ * Return the key of a command in `pending`; all tasks share one, so that two marks send one task.
+ * @param {string} name
+ */
+export const pendingKey = (name) => `${chosen.value} ${MOVES.includes(name) ? "go" : name}`;
+
+/** @param {string} name */
+export const isPending = (name) => pending.value.has(pendingKey(name));
+
 /** Parts about all robots. */
 const SHARED = { fleet, places, simulator };
 
@@ -252,6 +275,7 @@ export function receive(name, data) {
       you.value = data.you;
       mayControl.value = data.control;
       robots.value = data.robots;
+      unanswered.value = alarms.value; // another process may know nothing of them
       if (map.value) map.value = null; // another process may use the map's number for another map
     });
   } else if (name === "watching") {

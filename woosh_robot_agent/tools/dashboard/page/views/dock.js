@@ -1,9 +1,10 @@
 // The current task of the robot, and the stick, whose place on the screen never changes.
 
 import { html, useEffect, useRef } from "../vendor/preact.js";
+import { gives, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
-import { t, tOr } from "../texts.js";
+import { say, t, tOr } from "../texts.js";
 import { degrees, goalText, Icon, placeText } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
@@ -51,17 +52,30 @@ function Owner() {
   </div>`;
 }
 
-/** The target or pose that the viewer has begun to set, or else the robot's task. */
+/** The task that runs, or else the target or pose that the viewer has begun to set. */
 function Doing() {
-  if (store.tool.value === "pose") return html`<${PoseDraft} />`;
-  if (store.target.value) return html`<${Preview} />`;
   const task = store.robot.value?.task;
+  const drives = task?.running && task.state !== "paused";
+  if (store.tool.value === "pose" && !drives) return html`<${PoseDraft} />`;
   if (task?.running) return html`<${Running} />`;
-  const pose = store.pose.value;
-  const moves = pose && (pose.linear || pose.angular);
-  return html`<div class="now" id="now">
-    <b>${moves ? speedText(pose) : stateText()}</b>
-    <p>${t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove")}</p>
+  if (store.target.value) return html`<${Preview} />`;
+  const hints = [
+    !refusal("go") && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
+    !refusal("drive") && store.robot.value?.control === "auto" && t("dock.hintDrive"),
+  ];
+  return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
+}
+
+/**
+ * What is shown of the robot; if that is old, it says so.
+ * @param {{title: unknown, text: string, more?: string}} props
+ */
+function Now({ title, text, more = "" }) {
+  const old = store.outdated.value;
+  return html`<div class="now ${old ? "old" : ""}" id="now">
+    <b>${title}</b>
+    <p>${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}</p>
+    ${more && html`<p>${more}</p>`}
   </div>`;
 }
 
@@ -70,9 +84,15 @@ function speedText({ linear, angular }) {
   return `${linear.toFixed(2)} m/s · ${degrees(angular)}/s`;
 }
 
+/** Return the speed, or why the robot takes no task, or else its state. */
 function stateText() {
-  const robot = store.robot.value;
-  return robot?.known ? tOr(`state.${robot.state}`, robot.state) : t("link.connecting");
+  const { robot, pose, outdated } = store;
+  const moves = pose.value && !outdated.value && (pose.value.linear || pose.value.angular);
+  if (pose.value && moves) return speedText(pose.value);
+  const reason = refusal("go");
+  if (reason && reason.key !== "reason.controlled") return say(reason);
+  const state = robot.value?.state ?? "";
+  return tOr(`state.${state}`, state);
 }
 
 function PoseDraft() {
@@ -108,7 +128,7 @@ function PoseDraft() {
         type="button"
         class="primary"
         id="confirm"
-        disabled=${!draft}
+        ...${gives("setPose", draft !== null)}
         onClick=${commands.confirmPose}
       >
         ${t("pose.confirm")}
@@ -128,18 +148,25 @@ function Dismiss() {
   </button>`;
 }
 
+/**
+ * Return where a target is, and the way there.
+ * @param {import("../store.js").Target} target
+ */
+function targetTexts({ plan, mark, pose }) {
+  const to = mark ?? (pose ? placeText(pose) : t("type.charge"));
+  if (!store.mayControl.value || !pose) return [to, ""];
+  if (!plan) return [to, t("target.planning")];
+  if ("error" in plan) return [to, t("target.noPath", { reason: plan.error })];
+  return [to, t("target.length", { length: plan.length.toFixed(1) })];
+}
+
 /** The way to the target, and the choice to go there. */
 function Preview() {
   const target = /** @type {import("../store.js").Target} */ (store.target.value);
-  const { plan, mark, pose, command } = target;
+  const { mark, pose, command } = target;
   const may = store.mayControl.value;
-  const to = mark ?? (pose ? placeText(pose) : t("type.charge"));
-  let way = "";
-  if (may && pose) {
-    if (!plan) way = t("target.planning");
-    else if ("error" in plan) way = t("target.noPath", { reason: plan.error });
-    else way = t("target.length", { length: plan.length.toFixed(1) });
-  }
+  const [to, way] = targetTexts(target);
+  const reason = may && refusal(command);
   const known = store.map.value?.marks?.find(({ number }) => number === mark);
   const about = known
     ? [tOr(`mark.${known.type}`, known.type), known.text, placeText(known), degrees(known.theta)]
@@ -148,7 +175,7 @@ function Preview() {
       : [];
   return html`<div class="now" id="now">
       <b>${to}${way && html` <span class="way">${way}</span>`}</b>
-      <p>${about.filter(Boolean).join(" · ")}</p>
+      <p>${reason ? say(reason) : about.filter(Boolean).join(" · ")}</p>
     </div>
     <div class="act">
       ${may && html`<${TaskOptions} key=${`${to} ${JSON.stringify(target.kind)}`} target=${target} command=${command} />`}
@@ -159,17 +186,21 @@ function Preview() {
 function Running() {
   const running = store.tasks.value.find((each) => each.running);
   const task = store.robot.value?.task;
+  const target = store.target.value;
+  const reason = target && refusal(target.command);
   if (!task) return null;
-  return html`<div class="now" id="now">
-      <b>${running ? goalText(running) : stateText()}</b>
-      <p>${[taskState(task), task.text].filter(Boolean).join(" · ")}</p>
-    </div>
+  return html`<${Now}
+      title=${running ? goalText(running) : stateText()}
+      text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
+      more=${target && [...targetTexts(target), reason && say(reason)].filter(Boolean).join(" · ")}
+    />
     <div class="act">${taskButtons()}</div>`;
 }
 
 function Stick() {
   const stick = useRef(/** @type {HTMLElement | null} */ (null));
   const grip = store.grip.value;
+  const reason = refusal("drive");
   useEffect(() => {
     const { current } = stick;
     if (!grip || !current) return undefined;
@@ -206,12 +237,12 @@ function Stick() {
   };
   const shift = grip ? `translate(${grip.right * HALF}%, ${-grip.up * HALF}%)` : "";
   return html`<div
-    class="stick"
+    class="stick ${reason ? "off" : ""}"
     id="stick"
     ref=${stick}
     role="img"
     aria-label=${t("stick.title")}
-    title=${t("stick.title")}
+    title=${reason ? say(reason) : t("stick.title")}
     onPointerDown=${press}
     onPointerMove=${move}
     onPointerUp=${end}
@@ -233,9 +264,9 @@ export function ReadOnly() {
       <div class="doing"><${Preview} /></div>
     </section>`;
   return html`<section class="dock looking" aria-label=${t("dock.name")}>
-    <div class="now" id="now">
-      <b>${task?.running && running ? goalText(running) : stateText()}</b>
-      <p>${task?.running ? taskState(task) : t("dock.looking")}</p>
-    </div>
+    <${Now}
+      title=${task?.running && running ? goalText(running) : stateText()}
+      text=${task?.running ? taskState(task) : t("dock.looking")}
+    />
   </section>`;
 }

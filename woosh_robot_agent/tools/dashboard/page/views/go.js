@@ -1,6 +1,7 @@
 // Marks to go to, and the kinds of tasks that can be done there.
 
 import { html, useState } from "../vendor/preact.js";
+import { gives } from "../allowed.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
@@ -142,5 +143,8 @@ export function TaskOptions({ target, command }) {
       >
         ${DIRECTIONS.map((each) => html`<option key=${each} value=${each}>${t(`direction.${each}`)}</option>`)}
       </select>`
-    } <button type="button" class="primary" id="go" onClick=${go}>${t("target.go")}</button>`;
+    }
+    <button type="button" class="primary" id="go" ...${gives(command)} onClick=${go}>
+      ${t("target.go")}
+    </button>`;
 }

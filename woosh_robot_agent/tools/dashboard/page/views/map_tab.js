@@ -1,6 +1,7 @@
 // The robot's place and its maps: set pose, switch map, make a map.
 
 import { html, useState } from "../vendor/preact.js";
+import { gives } from "../allowed.js";
 import { run, startPose } from "../commands.js";
 import * as store from "../store.js";
 import { t } from "../texts.js";
@@ -15,14 +16,14 @@ export function MapTab() {
       ${
         may
           ? html`<div class="act">
-                <button type="button" id="set-pose" onClick=${startPose} disabled=${mapping}>
+                <button type="button" id="set-pose" ...${gives("setPose")} onClick=${startPose}>
                   <${Icon} name="pose" />${t("pose.set")}
                 </button>
                 <button
                   type="button"
                   id="keep-pose"
+                  ...${gives("keepPose")}
                   onClick=${() => run("keepPose")}
-                  disabled=${mapping}
                 >
                   ${t("command.keepPose")}
                 </button>
@@ -55,6 +56,7 @@ function Scenes() {
                 ? html`<small>${t("maps.used")}</small>`
                 : store.mayControl.value &&
                   html`<${Confirmed}
+                    command="switchMap"
                     label=${t("maps.switch")}
                     question=${t("maps.sure")}
                     onConfirm=${() => run("switchMap", { scene, map })}
@@ -86,6 +88,7 @@ function Mapping({ mapping }) {
           html`<button
             type="button"
             id="deploy"
+            ...${gives("workMode")}
             onClick=${() => run("workMode", { mode: "deploy" })}
           >
             ${t("work.setDeploy")}
@@ -119,7 +122,7 @@ function Mapping({ mapping }) {
                 type="button"
                 id="add-map"
                 class="primary"
-                disabled=${!scene || !name}
+                ...${gives("buildMap", Boolean(scene && name))}
                 onClick=${() => begin("add")}
               >
                 ${t("mapping.add")}
@@ -127,7 +130,7 @@ function Mapping({ mapping }) {
               <button
                 type="button"
                 id="update-map"
-                disabled=${!scene || !name}
+                ...${gives("buildMap", Boolean(scene && name))}
                 onClick=${() => begin("update")}
               >
                 ${t("mapping.update")}
@@ -140,10 +143,17 @@ function Mapping({ mapping }) {
         ${
           step === 3 &&
           html`<div class="act">
-            <button type="button" id="save-map" class="primary" onClick=${() => run("saveMap")}>
+            <button
+              type="button"
+              id="save-map"
+              class="primary"
+              ...${gives("saveMap")}
+              onClick=${() => run("saveMap")}
+            >
               ${t("command.saveMap")}
             </button>
             <${Confirmed}
+              command="discardMap"
               label=${t("command.discardMap")}
               question=${t("mapping.sure")}
               onConfirm=${() => run("discardMap")}
@@ -155,7 +165,12 @@ function Mapping({ mapping }) {
         <p>${t("mapping.marks")}</p>
         ${
           step === 2 &&
-          html`<button type="button" id="collect-mark" onClick=${() => run("collectMark")}>
+          html`<button
+            type="button"
+            id="collect-mark"
+            ...${gives("collectMark")}
+            onClick=${() => run("collectMark")}
+          >
             ${t("command.collectMark")}
           </button>`
         }
@@ -167,6 +182,7 @@ function Mapping({ mapping }) {
           html`<button
             type="button"
             id="task-mode"
+            ...${gives("workMode")}
             onClick=${() => run("workMode", { mode: "task" })}
           >
             ${t("work.setTask")}
@@ -179,17 +195,22 @@ function Mapping({ mapping }) {
 
 /**
  * A button that asks for confirmation before it acts.
- * @param {{label: string, question: string, onConfirm: () => void}} props
+ * @param {{command: string, label: string, question: string, onConfirm: () => void}} props
  */
-function Confirmed({ label, question, onConfirm }) {
+function Confirmed({ command, label, question, onConfirm }) {
   const [asks, setAsks] = useState(false);
-  if (!asks) return html`<button type="button" onClick=${() => setAsks(true)}>${label}</button>`;
+  if (!asks)
+    return html`<button type="button" ...${gives(command)} onClick=${() => setAsks(true)}>
+      ${label}
+    </button>`;
   const confirm = () => {
     setAsks(false);
     onConfirm();
   };
   return html`<span class="act">
-    <button type="button" class="primary" onClick=${confirm}>${question}</button>
+    <button type="button" class="primary" ...${gives(command)} onClick=${confirm}>
+      ${question}
+    </button>
     <button type="button" aria-label=${t("target.cancel")} onClick=${() => setAsks(false)}>
       <${Icon} name="close" />
     </button>

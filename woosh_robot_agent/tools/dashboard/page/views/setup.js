@@ -1,6 +1,7 @@
 // Modes and settings of the robot, and of this page.
 
 import { html, useEffect, useState } from "../vendor/preact.js";
+import { gives } from "../allowed.js";
 import { run } from "../commands.js";
 import * as store from "../store.js";
 import { t } from "../texts.js";
@@ -55,6 +56,7 @@ function Choice({ name, command, value, choices }) {
             type="button"
             key=${each}
             aria-pressed=${value === each}
+            ...${gives(command)}
             onClick=${() => run(command, { mode: each })}
           >
             ${t(`${name}.${each}`)}
@@ -83,6 +85,7 @@ function Speed() {
       <select
         id="speed-limit"
         value=${String(limit ?? "")}
+        ...${gives("speedLimit")}
         onChange=${(/** @type {any} */ event) => {
           const { value } = event.currentTarget;
           run("speedLimit", { limit: value ? Number(value) : null });
@@ -112,6 +115,7 @@ function Sound({ sound }) {
           max="100"
           step="5"
           value=${volume}
+          ...${gives("sound")}
           onInput=${(/** @type {any} */ event) => setVolume(Number(event.currentTarget.value))}
           onChange=${() => run("sound", { mute: sound.mute, volume })}
         />
@@ -122,6 +126,7 @@ function Sound({ sound }) {
       type="button"
       id="mute"
       aria-pressed=${sound.mute}
+      ...${gives("sound")}
       onClick=${() => run("sound", { mute: !sound.mute, volume: sound.volume })}
     >
       ${t("setup.mute")}
@@ -148,7 +153,7 @@ function Speech() {
         value=${text}
         onInput=${(/** @type {any} */ event) => setText(event.currentTarget.value)}
       />
-      <button id="speak">${t("command.speak")}</button>
+      <button id="speak" ...${gives("speak", text.trim() !== "")}>${t("command.speak")}</button>
     </form>
   </section>`;
 }
@@ -187,7 +192,7 @@ function Light() {
           onInput=${(/** @type {any} */ e) => setColor(Number(e.currentTarget.value))}
         />
       </label>
-      <button id="light">${t("setup.set")}</button>
+      <button id="light" ...${gives("light")}>${t("setup.set")}</button>
     </form>
     <p class="faint">${t("setup.lightHint")}</p>
   </section>`;

@@ -1,6 +1,7 @@
 // The map with its tools, and the notices over it.
 
 import { html, useEffect, useRef, useState } from "../vendor/preact.js";
+import { refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import { MapCanvas } from "../map/map.js";
 import * as store from "../store.js";
@@ -8,6 +9,7 @@ import { clock, meaningOf, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
 import { openTab } from "./panel.js";
 import { Icon, objectionText, placeText, robotName } from "./parts.js";
+import { outcomeText, TONES } from "./tasks.js";
 
 /** @typedef {{tone: string, title: string, text: string, action?: [string, () => void]}} Notice */
 
@@ -234,17 +236,26 @@ export function notices() {
     found.push({ tone: "bad", title: short, text: [long, text].filter(Boolean).join(" ") });
   }
   if (!robot?.known) return found;
-  const setPose = /** @type {[string, () => void]} */ ([t("pose.set"), commands.startPose]);
   const may = store.mayControl.value;
-  /** @type {Record<string, [string, () => void]>} */
+  const locating = store.isPending("keepPose") || store.isPending("setPose");
+  /**
+   * @param {string} command
+   * @param {string} label
+   * @param {() => void} act
+   * @returns {Notice["action"]}
+   */
+  const action = (command, label, act) => (may && !refusal(command) ? [label, act] : undefined);
+  const setPose = locating ? undefined : action("setPose", t("pose.set"), commands.startPose);
+  const setAuto = action("controlMode", t("control.setAuto"), () =>
+    commands.run("controlMode", { mode: "auto" }),
+  );
+  const setTask = action("workMode", t("work.setTask"), () =>
+    commands.run("workMode", { mode: "task" }),
+  );
+  /** @type {Record<string, Notice["action"]>} */
   const actions = {
-    not_initialised: setPose,
-    lost: setPose,
-    manual: [t("control.setAuto"), () => commands.run("controlMode", { mode: "auto" })],
-    no_control_mode: [t("control.setAuto"), () => commands.run("controlMode", { mode: "auto" })],
-    maintenance: [t("control.setAuto"), () => commands.run("controlMode", { mode: "auto" })],
-    no_work_mode: [t("work.setTask"), () => commands.run("workMode", { mode: "task" })],
-    schedule: [t("work.setTask"), () => commands.run("workMode", { mode: "task" })],
+    ...{ not_initialised: setPose, lost: setPose, no_work_mode: setTask, schedule: setTask },
+    ...{ manual: setAuto, no_control_mode: setAuto, maintenance: setAuto },
   };
   const ordinary = ["busy", "mapping", "not_taskable", "fault", "deployment"];
   const objections = robot.objections.filter(({ name }) => !ordinary.includes(name));
@@ -252,9 +263,10 @@ export function notices() {
   if (doubt) objections.push(doubt);
   for (const each of objections) {
     const { reason, remedy } = objectionText(each);
+    const waits = locating && ["not_initialised", "lost"].includes(each.name);
     const tone = each.name === "emergency_stop" || each.name === "hardware" ? "bad" : "warn";
-    const action = may && !store.outdated.value ? actions[each.name] : undefined;
-    found.push({ tone, title: reason, text: remedy, action });
+    const text = waits ? t("notice.locating") : remedy;
+    found.push({ tone, title: reason, text, action: actions[each.name] });
   }
   for (const code of robot.problems.filter(({ level }) => level === "fault")) {
     const title = t("notice.fault", { text: meaningOf(code) || code.text || code.code });
@@ -272,11 +284,15 @@ function Line() {
   const answer = store.answer.value;
   const at = store.pointed.value;
   const other = answer && answer.robot !== store.chosen.value ? ofRobot(answer.robot) : "";
-  const said = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
+  let said = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
+  let tone = answer && !answer.ok ? "bad" : "";
+  const task = answer?.task && store.tasks.value.find(({ id }) => id === answer.task);
+  if (task && task.state in TONES) {
+    said = `${clock(task.changed)}  ${outcomeText(task)}`;
+    tone = TONES[task.state];
+  }
   return html`<div class="line">
-    <p id="answer" role="status" class=${answer && !answer.ok ? "bad" : ""} title=${said}>
-      ${said}
-    </p>
+    <p id="answer" role="status" class=${tone} title=${said}>${said}</p>
     <p id="pointed" aria-hidden="true">${at && placeText(at)}</p>
   </div>`;
 }

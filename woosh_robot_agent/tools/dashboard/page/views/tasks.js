@@ -1,13 +1,14 @@
 // The tasks of the robot: the running task, and the outcomes of earlier tasks.
 
 import { html } from "../vendor/preact.js";
+import { gives } from "../allowed.js";
 import { forgetTarget, run, setTarget } from "../commands.js";
 import * as store from "../store.js";
 import { clock, meaningOf, moment, t, tOr } from "../texts.js";
-import { destination, Icon, TYPES, taskType } from "./parts.js";
+import { destination, goalText, Icon, TYPES, taskType } from "./parts.js";
 
 /** @type {Record<string, string>} class of the outcome of a task */
-const TONES = { completed: "ok", canceled: "warn", failed: "bad", unseen: "bad" };
+export const TONES = { completed: "ok", canceled: "warn", failed: "bad", unseen: "bad" };
 // texts for the senders of tasks that are no viewers; without a text, no sender is shown
 /** @type {Record<string, string>} */
 const SOURCES = {
@@ -45,36 +46,33 @@ export function Tasks() {
     </section>`;
 }
 
-/** Return the buttons for the running task; a button without an effect is disabled. */
+/**
+ * Return the buttons for the running task. Each has its place, whatever the task does: a repeated
+ * press of Pause must not find Continue there.
+ */
 export function taskButtons() {
+  /**
+   * @param {string} id
+   * @param {string} icon
+   * @param {string} name of the command
+   */
+  const button = (id, icon, name = id) => {
+    const label = t(`command.${name}`);
+    const { title = label, ...state } = gives(name);
+    return html`<button
+      type="button"
+      id=${id}
+      title=${title}
+      ...${state}
+      onClick=${() => run(name)}
+    >
+      <${Icon} name=${icon} /><span>${label}</span>
+    </button>`;
+  };
   const task = store.robot.value?.task;
-  const state = task?.running ? task.state : "";
-  const paused = state === "paused";
-  return html`
-    ${
-      WAITING.includes(state) &&
-      html`<button type="button" id="end-wait" onClick=${() => run("endWait")}>
-        <${Icon} name="end" /><span>${t("command.endWait")}</span>
-      </button>`
-    }
-    ${
-      paused
-        ? html`<button
-            type="button"
-            id="continue"
-            disabled=${store.robot.value?.emergencyStop}
-            onClick=${() => run("continue")}
-          >
-            <${Icon} name="play" /><span>${t("command.continue")}</span>
-          </button>`
-        : html`<button type="button" id="pause" disabled=${!state} onClick=${() => run("pause")}>
-            <${Icon} name="pause" /><span>${t("command.pause")}</span>
-          </button>`
-    }
-    <button type="button" id="cancel" disabled=${!state} onClick=${() => run("cancel")}>
-      <${Icon} name="close" /><span>${t("command.cancel")}</span>
-    </button>
-  `;
+  const waits = task?.running && WAITING.includes(task.state);
+  return html`${button("pause", "pause")}${button("continue", "play")}${button("cancel", "close")}
+  ${waits && button("end-wait", "end", "endWait")}`;
 }
 
 /**
@@ -97,7 +95,7 @@ function Entry({ task }) {
       : moment(begun || changed);
   const source = Object.hasOwn(SOURCES, by) ? SOURCES[by] && t(SOURCES[by]) : byViewer(by);
   const about = [times, task.type !== "unknown" && taskType(task.type), source];
-  const reason = code && `${meaningOf(code) || code.text} (${code.code})`;
+  const reason = code && codeText(code);
   return html`<li>
     <div>
       <p>
@@ -110,6 +108,19 @@ function Entry({ task }) {
     </div>
     <${Repeat} task=${task} />
   </li>`;
+}
+
+/** @param {store.Code} code */
+const codeText = (code) => `${meaningOf(code) || code.text} (${code.code})`;
+
+/**
+ * Return what became of a task, with the reason.
+ * @param {store.Task} task
+ */
+export function outcomeText(task) {
+  const state = tOr(`task.${task.state}`, task.state);
+  const reason = task.code ? codeText(task.code) : task.text;
+  return [goalText(task), state, reason].filter(Boolean).join(" · ");
 }
 
 /** @param {string} name */

@@ -1,0 +1,61 @@
+"""The alarm of a stop that a robot has not confirmed."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+
+from woosh_robot_agent.link import LinkState
+from woosh_robot_agent.motion.gate import StopReport
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.tools.dashboard import part_data
+from woosh_robot_agent.tools.dashboard.robot import Robot
+
+_STANDSTILL = 1.0
+"""Time for which a robot must stand still to end its alarm, in seconds."""
+
+
+class StopAlarm:
+    """Remembers that a stop was not confirmed, until a later one is, or the robot stands still.
+
+    Args:
+        robot: the robot.
+        on_answered: called after each answer to a stop.
+    """
+
+    def __init__(self, robot: Robot, on_answered: Callable[[], None]) -> None:
+        self._robot = robot
+        self._on_answered = on_answered
+        self._reason = ""
+        self._standing_since = -math.inf
+        """Loop time since which the robot is seen to stand still."""
+        self._received = 0
+        """Number of frames received until then; without a further one, nothing is seen."""
+        robot.chassis.subscribe(PoseSpeed, lambda report: self._look())
+
+    @property
+    def reason(self) -> str:
+        """Why the stop was not confirmed; empty without an alarm."""
+        self._look()
+        return self._reason
+
+    def answered(self, report: StopReport) -> None:
+        """Raise the alarm if a stop was not confirmed, otherwise end it."""
+        self._reason = "" if report.success else report.message
+        self._begin()
+        self._on_answered()
+
+    def _begin(self) -> None:
+        self._standing_since = asyncio.get_running_loop().time()
+        self._received = self._robot.chassis.stats.rx
+
+    def _look(self) -> None:
+        """End the alarm if the robot has been seen to stand still for long enough."""
+        chassis, now = self._robot.chassis, asyncio.get_running_loop().time()
+        pose = part_data.pose_data(self._robot.view.info)
+        moves = pose is None or pose["linear"] or pose["angular"]
+        if moves or self._robot.no_data or chassis.state is not LinkState.READY:
+            self._begin()
+        elif now - self._standing_since > _STANDSTILL and chassis.stats.rx > self._received:
+            self._reason = ""
