@@ -20,6 +20,7 @@ export function Go() {
     return words.every((word) => about.includes(word));
   });
   const may = store.mayControl.value;
+  const hasMap = Boolean(store.map.value?.resolution);
   return html`${
       may &&
       html`<section class="pair">
@@ -49,7 +50,7 @@ export function Go() {
       <ul class="rows" id="marks">
         ${found.map((mark) => html`<${Mark} key=${mark.number} mark=${mark} />`)}
       </ul>
-      ${!found.length && html`<p class="faint">${t(marks.length ? "marks.notFound" : "marks.none")}</p>`}
+      ${!found.length && html`<p class="faint">${t(marks.length ? "marks.notFound" : hasMap ? "marks.none" : "marks.noMap")}</p>`}
     </section>`;
 }
 

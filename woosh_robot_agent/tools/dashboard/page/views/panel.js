@@ -36,6 +36,7 @@ function names() {
 /** Show a tab. @param {string} name */
 export function openTab(name) {
   batch(() => {
+    if (name !== "simulator" && store.tool.value === "obstacle") store.tool.value = "go";
     store.tab.value = name;
     if (store.sheet.value === "closed") store.sheet.value = "half";
   });
@@ -127,7 +128,7 @@ export function Panel() {
 }
 
 /** Return true on small screens; a change renders the component anew. */
-function useCompact() {
+export function useCompact() {
   const [matches, setMatches] = useState(compact.matches);
   useEffect(() => {
     const change = () => setMatches(compact.matches);

@@ -6,10 +6,11 @@ import { MapCanvas } from "../map/map.js";
 import * as store from "../store.js";
 import { clock, meaningOf, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
-import { openTab } from "./panel.js";
-import { Icon, objectionText, placeText, robotName } from "./parts.js";
+import { openTab, useCompact } from "./panel.js";
+import { Icon, objectionText, placeText, shortLabel, toneOf } from "./parts.js";
 
-/** @typedef {{tone: string, title: string, text: string, action?: [string, () => void]}} Notice */
+/** @typedef {[string, () => void]} Action  text of a button, and what it does */
+/** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice */
 
 /** @type {MapCanvas | null} */
 let map = null;
@@ -155,6 +156,7 @@ function Notices() {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const [notice, ...more] = notices();
   const alarms = [...store.alarms.value];
+  const isCompact = useCompact();
   useEffect(() => {
     const panel = document.querySelector(".panel");
     const elements = [box.current, panel].filter((each) => each !== null);
@@ -165,22 +167,23 @@ function Notices() {
   return html`<div class="notices" ref=${box}>
     ${
       alarms.length > 0 &&
-      html`<details class="alarm" id="alarm" role="alert">
-        <summary>
-          <span> ${t("alarm.stop")}${alarms.map(([robot]) => ofRobot(robot)).join("")} </span>
-        </summary>
-        ${alarms.map(([robot, text]) => html`<p key=${robot}>${t("alarm.reason", { reason: text })}${ofRobot(robot)}</p>`)}
-        <p>${t("alarm.advice")}</p>
-      </details>`
+      html`<div class="alarm" id="alarm" role="alert">
+        <details>
+          <summary>
+            <span> ${t("alarm.stop")}${alarms.map(([robot]) => ofRobot(robot)).join("")} </span>
+          </summary>
+          ${alarms.map(([robot, text]) => html`<p key=${robot}>${t("alarm.reason", { reason: text })}${ofRobot(robot)}</p>`)}
+          <p>${t("alarm.advice")}</p>
+        </details>
+      </div>`
     }
     ${
       notice &&
       html`<section class="notice ${notice.tone}" id="notice" role="status">
-        <${Icon} name="alarm" />
-        <div>
-          <b>${notice.title}</b>
+        <details key=${notice.title} open=${!isCompact}>
+          <summary><${Icon} name="alarm" /><b>${notice.title}</b></summary>
           <p>${notice.text}</p>
-        </div>
+        </details>
         <div class="actions">
           ${
             notice.action &&
@@ -216,8 +219,8 @@ function leaveFree() {
 
 /** @param {number} robot index */
 function ofRobot(robot) {
-  const card = store.fleet.value[robot];
-  return card && store.robots.value.length > 1 ? ` (${robotName(card)})` : "";
+  const label = shortLabel(robot);
+  return label && ` (${label})`;
 }
 
 /**
@@ -234,9 +237,9 @@ export function notices() {
     found.push({ tone: "bad", title: short, text: [long, text].filter(Boolean).join(" ") });
   }
   if (!robot?.known) return found;
-  const setPose = /** @type {[string, () => void]} */ ([t("pose.set"), commands.startPose]);
+  const setPose = /** @type {Action} */ ([t("pose.set"), commands.startPose]);
   const may = store.mayControl.value;
-  /** @type {Record<string, [string, () => void]>} */
+  /** @type {Record<string, Action>} */
   const actions = {
     not_initialised: setPose,
     lost: setPose,
@@ -248,13 +251,10 @@ export function notices() {
   };
   const ordinary = ["busy", "mapping", "not_taskable", "fault", "deployment"];
   const objections = robot.objections.filter(({ name }) => !ordinary.includes(name));
-  const doubt = store.pose.value?.doubt;
-  if (doubt) objections.push(doubt);
   for (const each of objections) {
     const { reason, remedy } = objectionText(each);
-    const tone = each.name === "emergency_stop" || each.name === "hardware" ? "bad" : "warn";
     const action = may && !store.outdated.value ? actions[each.name] : undefined;
-    found.push({ tone, title: reason, text: remedy, action });
+    found.push({ tone: toneOf(each), title: reason, text: remedy, action });
   }
   for (const code of robot.problems.filter(({ level }) => level === "fault")) {
     const title = t("notice.fault", { text: meaningOf(code) || code.text || code.code });
@@ -265,7 +265,25 @@ export function notices() {
   const standstill = store.control.value?.standstill;
   if (standstill)
     found.push({ tone: "warn", title: t("notice.standstill"), text: say(standstill) });
+  const doubt = store.pose.value?.doubt;
+  if (doubt && !store.dismissed.value.includes(doubtKey(doubt))) {
+    const { reason, remedy } = objectionText(doubt);
+    const dismiss = /** @type {Action} */ ([t("notice.dismiss"), () => dismissDoubt(doubt)]);
+    const action = doubt.name === "map_id_0" ? dismiss : undefined; // which some maps always have
+    found.push({ tone: "warn", title: reason, text: remedy, action });
+  }
   return found;
+}
+
+/** @param {store.Objection} doubt */
+function doubtKey({ name }) {
+  const { scene, map } = store.shownMap.value;
+  return [store.chosen.value, name, scene, map].join(" ");
+}
+
+/** Show a doubt no more while the robot uses this map. @param {store.Objection} doubt */
+function dismissDoubt(doubt) {
+  store.dismissed.value = [...store.dismissed.value, doubtKey(doubt)];
 }
 
 function Line() {
