@@ -75,11 +75,12 @@ _COVERED = """["#stop", "#stick", ".line"].flatMap((selector) => {
 
 
 _CUT = """[
-  ...[...document.querySelectorAll(".chip span, .chip small, #alarm summary span, #stop small")]
+  ...[...document.querySelectorAll(".chip span, .chip small, #alarm summary span, #stop small, .kind")]
     .filter((each) => each.scrollWidth > each.clientWidth || each.scrollHeight > each.clientHeight + 2),
-  ...[...document.querySelectorAll(".doing select")].filter((each) => {
+  ...[...document.querySelectorAll("#direction")].filter((each) => {
     const context = new OffscreenCanvas(1, 1).getContext("2d");
-    context.font = getComputedStyle(each).font;
+    const {fontSize, fontFamily} = getComputedStyle(each);
+    context.font = `${fontSize} ${fontFamily}`;
     return context.measureText(each.selectedOptions[0].text).width > each.clientWidth - 24;
   }),
 ].filter((each) => each.checkVisibility() && !each.matches(".hidden")).map((each) => each.outerHTML)
@@ -227,7 +228,8 @@ def test_a_whole_map_is_fitted_beside_what_lies_over_it_and_not_moved_by_notices
         before = script(browser, _MAP_BOX)
         page_.robots[0].set_emergency_stop(True)
         page_.robots[0].inject("lost_localisation")
-        eventually(lambda: "1 more" in text(browser, "#notice .actions"), "the banner")
+        eventually(lambda: script(browser, "store.robot.value.objections.length") == 2, "both")
+        assert "1 more" not in text(browser, "#notice"), "one line"
         eventually(lambda: script(browser, "mapCanvas.covered.top > 0"), "its size")
         assert script(browser, _MAP_BOX) == before
         press(browser, "#fit")

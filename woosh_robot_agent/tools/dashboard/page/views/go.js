@@ -124,14 +124,17 @@ export function TaskOptions({ target, command }) {
   };
   return html`${
       command === "goMark" &&
-      html`<select
-        id="kind"
-        aria-label=${t("target.kind")}
-        value=${kind}
-        onChange=${(/** @type {any} */ event) => setKind(event.currentTarget.value)}
-      >
-        ${kinds.map(({ value, name }) => html`<option key=${value} value=${value}>${name}</option>`)}
-      </select>`
+      html`<label class="kind">
+        <span aria-hidden="true">${kinds.find(({ value }) => value === kind)?.name}</span>
+        <select
+          id="kind"
+          aria-label=${t("target.kind")}
+          value=${kind}
+          onChange=${(/** @type {any} */ event) => setKind(event.currentTarget.value)}
+        >
+          ${kinds.map(({ value, name }) => html`<option key=${value} value=${value}>${name}</option>`)}
+        </select>
+      </label>`
     }
     ${
       type === "carry" &&

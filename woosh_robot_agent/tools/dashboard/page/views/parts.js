@@ -66,7 +66,7 @@ export function robotName({ id, name, model }) {
 export function robotLabel(index) {
   const cards = store.fleet.value.filter(({ known }) => known);
   const card = store.fleet.value[index];
-  const address = store.robots.value[index] ?? "";
+  const address = (store.robots.value[index] ?? "").replace(/^\w+:\/\//, "");
   if (!card?.known) return address;
   const name = robotName(card);
   const same = cards.filter((each) => (card.id ? each.id === card.id : robotName(each) === name));
