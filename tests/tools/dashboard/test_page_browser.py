@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.tools.dashboard.browsers import (
+    SharedBrowser,
     SimulatedPage,
     actions,
     click_at,
@@ -262,8 +263,9 @@ def test_the_map_is_used_without_a_pointer(robot: SimulatedPage, browser: Any) -
             Keys.SHIFT
         ).perform()
         enter(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
-        pixels = "(([one, other]) => (other.x - one.x) * mapCanvas.view.scale)(store.measured.value)"
-        assert script(browser, pixels) == pytest.approx(125, abs=0.1)
+        length = "(([one, other]) => other.x - one.x)(store.measured.value)"
+        pixels = script(browser, f"{length} * mapCanvas.view.scale")
+        assert pixels == pytest.approx(125, abs=0.1)
         assert element(browser, "#keyboard").is_displayed()
     element(browser, "[data-tool=go]").send_keys(Keys.ENTER)
     element(browser, "#map").send_keys("0", Keys.ENTER)

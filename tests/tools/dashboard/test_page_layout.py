@@ -75,8 +75,9 @@ _COVERED = """["#stop", "#stick", ".line"].flatMap((selector) => {
 
 
 _CUT = """[
-  ...[...document.querySelectorAll(".chip span, .chip small, #alarm summary span, #stop small, .kind")]
-    .filter((each) => each.scrollWidth > each.clientWidth || each.scrollHeight > each.clientHeight + 2),
+  ...[...document.querySelectorAll(".chip :is(span, small), #alarm span, #stop small, .kind")]
+    .filter(({scrollWidth, clientWidth, scrollHeight, clientHeight}) =>
+      scrollWidth > clientWidth || scrollHeight > clientHeight + 2),
   ...[...document.querySelectorAll("#direction")].filter((each) => {
     const context = new OffscreenCanvas(1, 1).getContext("2d");
     const {fontSize, fontFamily} = getComputedStyle(each);
@@ -386,7 +387,7 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         eventually(lambda: script(browser, "!store.outdated.value"), "the robot")
         first.stop_listening()
         eventually(lambda: "lost" in text(browser, "#link"), "the loss of the link")
-        if width < 1000 or height < 600:
+        if width < 480 or height < 600:
             press(browser, "#notice summary")
         assert "last known state" in text(browser, "#notice")
         check("link lost")

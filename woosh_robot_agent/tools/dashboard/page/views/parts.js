@@ -146,3 +146,6 @@ export const LEVELS = { fault: "bad", warn: "warn", tips: "", normal: "" };
 
 /** True on screens on which the panel is a sheet over the map; the same query is in style.css. */
 export const compact = matchMedia("(max-width: 999px), (max-height: 599px)");
+
+/** True on screens on which a notice is folded to one line. */
+export const tiny = matchMedia("(max-width: 479px), (max-height: 599px)");

@@ -6,8 +6,8 @@ import { MapCanvas } from "../map/map.js";
 import * as store from "../store.js";
 import { clock, meaningOf, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
-import { openTab, useCompact } from "./panel.js";
-import { Icon, objectionText, placeText, shortLabel, toneOf } from "./parts.js";
+import { openTab, useMatches } from "./panel.js";
+import { Icon, objectionText, placeText, shortLabel, tiny, toneOf } from "./parts.js";
 
 /** @typedef {[string, () => void]} Action  text of a button, and what it does */
 /** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice */
@@ -156,7 +156,7 @@ function Notices() {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const [notice, ...more] = notices();
   const alarms = [...store.alarms.value];
-  const isCompact = useCompact();
+  const isTiny = useMatches(tiny);
   useEffect(() => {
     const panel = document.querySelector(".panel");
     const elements = [box.current, panel].filter((each) => each !== null);
@@ -180,7 +180,7 @@ function Notices() {
     ${
       notice &&
       html`<section class="notice ${notice.tone}" id="notice" role="status">
-        <details key=${notice.title} open=${!isCompact}>
+        <details key=${notice.title} open=${!isTiny}>
           <summary><${Icon} name="alarm" /><b>${notice.title}</b></summary>
           <p>${notice.text}</p>
         </details>
