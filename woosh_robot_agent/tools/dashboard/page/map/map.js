@@ -389,7 +389,10 @@ export class MapCanvas {
     const last = this.trail.at(-1);
     const step = last ? Math.hypot(pose.x - last[0], pose.y - last[1]) : Infinity;
     if (step < TRAIL_STEP) return;
-    if (step > TRAIL_JUMP) this.trail = []; // it was told another pose, or was not seen for a while
+    if (step > TRAIL_JUMP) {
+      this.trail = []; // it was told another pose, or was not seen for a while
+      if (!this.area && this.stillFitted) this.fit();
+    }
     this.trail.push([pose.x, pose.y]);
     if (this.trail.length > TRAIL_LENGTH) this.trail.shift();
   }
