@@ -95,7 +95,7 @@ export class MapCanvas {
 
   /** Show the whole map; without a map, show the surroundings of the robot. */
   fit() {
-    this.view.inset = this.covered;
+    this.view.inset = this.area ? this.covered : { ...this.covered, top: 0 };
     store.follow.value = false;
     const pose = store.pose.value;
     if (this.area) this.view.fit(this.corners(this.area));
