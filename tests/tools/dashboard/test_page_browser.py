@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.tools.dashboard.browsers import (
+    SharedBrowser,
     SimulatedPage,
     actions,
     click_at,
@@ -31,10 +33,12 @@ from tests.tools.dashboard.browsers import (
 from tests.tools.dashboard.pages import TOO_SLOW
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, SetRobotPose
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.util import task_pb2 as task
 
 pytestmark = pytest.mark.timeout(300)
+_REAL_SCENE = Path(__file__).parents[2] / "facts/real_scene"
 _PLACE = (1.0, -6.0)
 """A place on the map where the robot can stand, in metres."""
 
@@ -231,6 +235,70 @@ def test_the_pose_is_shown_with_the_laser_before_it_is_told(
     eventually(lambda: script(browser, there), "the robot there")
     trail = script(browser, "mapCanvas.trail")
     assert all(math.dist(place, _PLACE) < 0.1 for place in trail), "no line from the former pose"
+
+
+def test_the_map_is_used_without_a_pointer(robot: SimulatedPage, browser: Any) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    def at_cross() -> list[float]:
+        middle = "(({x, y}) => mapCanvas.view.toWorld(x, y))(mapCanvas.view.middle)"
+        return list(script(browser, f"(({{x, y}}) => [x, y])({middle})"))
+
+    def enter(*keys: str) -> None:
+        actions(browser).send_keys(*keys, Keys.ENTER).perform()
+
+    for size in ((1280, 800), (720, 450)):
+        set_screen(browser, *size)
+        show(browser, "map")
+        element(browser, "#set-pose").send_keys(Keys.ENTER)
+        assert script(browser, "document.activeElement.id") == "map"
+        assert script(browser, "mapCanvas.picture().cross")
+        enter(Keys.ARROW_LEFT)
+        place = at_cross()
+        enter(Keys.ARROW_UP)
+        pose = script(browser, "(({x, y, theta}) => [x, y, theta])(store.draft.value)")
+        assert pose == pytest.approx([*place, math.pi / 2], abs=0.01)
+        element(browser, "#dismiss").send_keys(Keys.ENTER)
+        # the control that was pressed is gone
+        eventually(lambda: script(browser, "document.activeElement.matches('.doing')"), "focus")
+        element(browser, "[data-tool=measure]").send_keys(Keys.ENTER)
+        element(browser, "#map").send_keys(Keys.ENTER)
+        actions(browser).key_down(Keys.SHIFT).send_keys(Keys.ARROW_RIGHT).key_up(
+            Keys.SHIFT
+        ).perform()
+        enter(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
+        length = "(([one, other]) => other.x - one.x)(store.measured.value)"
+        pixels = script(browser, f"{length} * mapCanvas.view.scale")
+        assert pixels == pytest.approx(125, abs=0.1)
+        assert element(browser, "#keyboard").is_displayed()
+    element(browser, "[data-tool=go]").send_keys(Keys.ENTER)
+    element(browser, "#map").send_keys("0", Keys.ENTER)
+    eventually(lambda: is_enabled(browser, "#go"), "the preview")
+    again_if_slow(
+        browser,
+        lambda: element(browser, "#go").send_keys(Keys.ENTER),
+        lambda: script(browser, "document.activeElement.matches('.doing')"),
+        "the focus after the control that was pressed",
+    )
+
+
+def test_a_real_scene_whose_map_has_the_id_0_and_tasks_without_a_mark(
+    shared_browser: SharedBrowser,
+) -> None:
+    robot = SimulatedPage(scenes=(_REAL_SCENE,))
+    try:
+        with shared_browser.window() as browser:
+            open_page(browser, robot.url)
+            eventually(lambda: "has the id 0" in text(browser, "#notice"), "the doubt")
+            press(browser, "#notice button")
+            eventually(lambda: not text(browser, "#notice"), "its end")
+            ended = TaskProc(robot_task_id=1795612722129, state=task.kCompleted, type=task.kPick)
+            robot.call(lambda simulator: simulator.push(ended))
+            show(browser, "tasks")
+            eventually(lambda: "Pick" in text(browser, "#ended b"), "the task of another program")
+            assert "1795612722129" not in text(browser, "#ended")
+    finally:
+        robot.close()
 
 
 def switch_map(driver: Any, scene: str) -> None:
@@ -553,6 +621,8 @@ def test_emergency_stop_lost_position_faults_and_obstacles(
     eventually(lambda: script(browser, "mapCanvas.picture().obstacles.length") == 1, "its picture")
     click_at(browser, *_PLACE)
     eventually(lambda: robot.call(lambda s: not s.chassis.obstacles.names), "the end")
+    show(browser, "go")  # where no tool is marked that puts obstacles
+    assert script(browser, "store.tool.value") == "go"
     # one far away disturbs nothing
     robot.call(lambda simulator: simulator.inject("obstacle", x=1e300, y=-1e300))
     eventually(lambda: script(browser, "mapCanvas.picture().obstacles.length") == 1, "the obstacle")

@@ -478,6 +478,20 @@ async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: Simulat
 
 
 @aio
+async def test_a_refused_velocity_has_the_words_of_the_robot_and_the_reason() -> None:
+    with SimulatorThread(quick_config(port=0, tcp_port=0, profile="tr200")) as chassis:
+        async with controlled(chassis) as viewer:
+            chassis.set_emergency_stop(True)
+            await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+            async with viewer.holds(0.3):
+                text = await viewer.until(
+                    lambda _: [each for each in viewer.refusals if each != TOO_SLOW]
+                )
+            assert text[0].startswith("State not allow to twist (the emergency stop is pressed")
+            assert len(text) == 1
+
+
+@aio
 async def test_a_robot_that_sends_nothing_is_not_driven(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         async with viewer.holds(0.3):

@@ -267,6 +267,10 @@ def test_a_stop_is_for_the_robot_that_is_shown(shared_browser: SharedBrowser) ->
                 return "To A2" in text(browser, "#now")
 
             eventually(is_going, "the task")
+        show(browser, "fleet")
+        eventually(lambda: script(browser, f"{cards}[0]").count("moves"), "which robots move")
+        assert text(browser, "#robots option[value='0']").endswith("moves")
+        assert text(browser, "#stop small") == "8"
         press(browser, "#stop")
         eventually(lambda: "task cancelled" in text(browser, "#answer"), "the answer")
         order = full_name(ActionOrder)
@@ -274,6 +278,31 @@ def test_a_stop_is_for_the_robot_that_is_shown(shared_browser: SharedBrowser) ->
         element(browser, "#robots option[value='0']").click()
         eventually(lambda: script(browser, "document.title").startswith("7 "), "the first robot")
         eventually(lambda: "To A2" in text(browser, "#now"), "its task, which goes on")
+
+
+def test_robots_with_one_number_are_told_apart_and_cards_tell_what_hinders_them(
+    shared_browser: SharedBrowser,
+) -> None:
+    config = {"port": 0, "tcp_port": 0, "robot_id": 7}
+    with (
+        SimulatorThread(quick_config(**config)) as first,
+        SimulatorThread(quick_config(**config, initialised=False)) as second,
+        program(first, second) as (_, url),
+        shared_browser.window() as browser,
+    ):
+        open_page(browser, url)
+        first.inject("key_switch")
+        show(browser, "fleet")
+        cards = "[...document.querySelectorAll('.card .state.warn')].map((each) => each.innerText)"
+        hindered = ["The robot is in manual mode", "The robot is not initialised"]
+        eventually(lambda: script(browser, cards) == hindered, "the cards")
+        address = f"127.0.0.1:{first.port}"
+        for selector in ("#fleet .card b", "#robots option", "#stop small"):
+            assert text(browser, selector).startswith(address), selector
+        first.inject("freeze")
+        eventually(lambda: script(browser, "store.outdated.value"), "the silence")
+        press(browser, "#stop")
+        eventually(lambda: f"({address})" in text(browser, "#alarm"), "the alarm")
 
 
 def test_names_are_shown_as_text(shared_browser: SharedBrowser, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ChangeNavMode,
     ExecTask,
     InitRobot,
+    PlanNavPath,
     SwitchMap,
     Twist,
 )
@@ -48,9 +50,14 @@ async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -
         assert found["length"] >= math.dist((here["x"], here["y"]), (1.0, -6.0)) - 0.1
         ok, text = await viewer.command("plan", x=500.0, y=0.0, theta=0.0)
         assert not ok
-        assert text
+        assert re.fullmatch(r"the place may be .* outside of the map, or cut off \(.+\)", text)
         assert viewer.parts["control"]["owner"] is None  # looking takes no control
         assert chassis.counts[full_name(ExecTask)] == 0
+        chassis.inject("lost_localisation")
+        await viewer.until(lambda parts: parts["robot"]["objections"])
+        chassis.refuse(full_name(PlanNavPath), "Request failed")
+        ok, text = await viewer.command("plan", x=1.0, y=-6.0, theta=0.0)
+        assert (ok, text) == (False, "the robot has lost its localisation (Request failed)")
 
 
 @aio
@@ -155,7 +162,8 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
             )
             assert [each["id"] for each in cards] == [30001, 8]
             other.set_emergency_stop(True)
-            await viewer.until(lambda parts: parts["fleet"][1]["emergencyStop"])
+            name = "emergency_stop"
+            await viewer.until(lambda parts: parts["fleet"][1]["objection"]["name"] == name)
             other.stop_listening()
             await viewer.until(lambda parts: not parts["fleet"][1]["connected"])
             # a frozen robot is noticed though nobody watches it

@@ -63,7 +63,7 @@ new PerformanceObserver((list) => {
 """
 """Collects the boxes of the stick and STOP in all frames, and the shifts of the layout."""
 
-_COVERED = """["#stop", "#stick"].flatMap((selector) => {
+_COVERED = """["#stop", "#stick", ".line"].flatMap((selector) => {
   const target = document.querySelector(selector);
   const {x, y, width, height} = target.getBoundingClientRect();
   return [[.5, .5], [.5, .06], [.5, .94], [.06, .5], [.94, .5]]
@@ -72,6 +72,21 @@ _COVERED = """["#stop", "#stick"].flatMap((selector) => {
     .map((found) => `${selector} is covered by ${found?.outerHTML}`);
 })
 """
+
+
+_CUT = """[
+  ...[...document.querySelectorAll(".chip :is(span, small), #alarm span, #stop small, .kind")]
+    .filter(({scrollWidth, clientWidth, scrollHeight, clientHeight}) =>
+      scrollWidth > clientWidth || scrollHeight > clientHeight + 2),
+  ...[...document.querySelectorAll("#direction")].filter((each) => {
+    const context = new OffscreenCanvas(1, 1).getContext("2d");
+    const {fontSize, fontFamily} = getComputedStyle(each);
+    context.font = `${fontSize} ${fontFamily}`;
+    return context.measureText(each.selectedOptions[0].text).width > each.clientWidth - 24;
+  }),
+].filter((each) => each.checkVisibility() && !each.matches(".hidden")).map((each) => each.outerHTML)
+"""
+"""Lists what cannot be read in full of the bar, the alarm and the kind of a task."""
 
 
 class _Served:
@@ -169,6 +184,9 @@ def test_nothing_lies_over_anything_that_is_pressed(
         boxes = {selector: element(browser, selector).rect for selector in parts}
         for one, other in itertools.combinations(parts, 2):
             assert are_apart(boxes[one], boxes[other]), (one, other)
+        if (width, height) != (427, 267):
+            scrolls = "(({scrollHeight, clientHeight}) => scrollHeight > clientHeight)"
+            assert not script(browser, f"{scrolls}(document.querySelector('.tools'))")
         # with the sheet open, the whole map is still shown beside it, if there is room
         if (is_small := width < 1000 or height < 600) and (width, height) != (427, 267):
             press(browser, "#tab-go")
@@ -198,7 +216,7 @@ _MAP_BOX = """(() => {
 """The box of the map's picture on the screen."""
 
 
-def test_a_whole_map_stays_beside_what_lies_over_it_until_somebody_moves_it(
+def test_a_whole_map_is_fitted_beside_what_lies_over_it_and_not_moved_by_notices(
     shared_browser: SharedBrowser,
 ) -> None:
     def is_beside(selector: str) -> bool:
@@ -208,10 +226,21 @@ def test_a_whole_map_stays_beside_what_lies_over_it_until_somebody_moves_it(
     with served(1) as page_, opened(shared_browser, page_.url, 390, 844) as browser:
         press(browser, "#tab-go")
         eventually(lambda: is_beside(".panel"), "the map beside the sheet")
-        press(browser, ".panel [aria-label=Close]")
+        before = script(browser, _MAP_BOX)
         page_.robots[0].set_emergency_stop(True)
-        eventually(lambda: text(browser, "#notice"), "the banner")
+        page_.robots[0].inject("lost_localisation")
+        eventually(lambda: script(browser, "store.robot.value.objections.length") == 2, "both")
+        assert "1 more" not in text(browser, "#notice"), "one line"
+        eventually(lambda: script(browser, "mapCanvas.covered.top > 0"), "its size")
+        assert script(browser, _MAP_BOX) == before
+        press(browser, "#fit")
+        assert is_beside("#notice")
+        assert is_beside(".panel")
+        assert script(browser, _MAP_BOX)["height"] > 100
+        press(browser, ".panel [aria-label=Close]")
         eventually(lambda: is_beside("#notice"), "the map beside the banner")
+        page_.robots[0].clear_faults()
+        page_.robots[0].set_emergency_stop(True)
         for width, height in ((390, 844), (1440, 900)) * 3:
             set_screen(browser, width, height, mobile=width < 1000)
             browser.refresh()
@@ -302,6 +331,7 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
 
         def check(state: str) -> None:
             assert script(browser, _COVERED) == [], state
+            assert script(browser, _CUT) == [], state
             for selector in ("#stop", "#stick"):
                 boxes = script(browser, f"[...boxes['{selector}']]")
                 assert len(boxes) == 1, (state, selector, boxes)
@@ -312,6 +342,8 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         assert stop["height"] >= 64
         assert stop["width"] >= 98
         assert script(browser, "document.querySelector('#robots') !== null") == (number > 1)
+        shown = "30001" if number > 1 else ""
+        eventually(lambda: text(browser, "#stop small") == shown, "the robot that STOP stops")
         check("standing")
         with served_.commanded_by_another():
             eventually(lambda: text(browser, "#owner").startswith("Viewer "), "the other owner")
@@ -340,6 +372,8 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         press(browser, "#marks button")
         eventually(lambda: is_enabled(browser, "#go"), "the preview")
         check("a preview")
+        element(browser, "#kind option[value='carry 0']").click()
+        check("a preview of carrying")
         press(browser, "#dismiss")
         if width < 1000:
             press(browser, ".panel [aria-label=Larger]")
@@ -353,6 +387,8 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         eventually(lambda: script(browser, "!store.outdated.value"), "the robot")
         first.stop_listening()
         eventually(lambda: "lost" in text(browser, "#link"), "the loss of the link")
+        if width < 480 or height < 600:
+            press(browser, "#notice summary")
         assert "last known state" in text(browser, "#notice")
         check("link lost")
         first.listen()

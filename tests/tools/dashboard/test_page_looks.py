@@ -130,6 +130,11 @@ def test_axe_finds_no_violation(
         show(driver, "state")
         eventually(lambda: text(driver, "#problems"), "the fault")
         check_accessibility(driver, "emergency stop")
+        robot.call(lambda simulator: simulator.inject("off"))
+        eventually(lambda: script(driver, "store.outdated.value"), "the loss of the link")
+        press(driver, "#stop")
+        eventually(lambda: text(driver, "#alarm"), "the alarm")
+        check_accessibility(driver, "alarm")
 
 
 def test_colours_have_enough_contrast(robot: SimulatedPage, shared_browser: SharedBrowser) -> None:
@@ -498,6 +503,7 @@ def test_other_states_look_as_stored(
         eventually(lambda: script(driver, "globalThis.store?.scan.value != null"), "the laser")
         if name == "nomap":
             eventually(lambda: "No map" in text(driver, "#notice"), "the banner")
+            assert "There is no map" in script(driver, "document.querySelector('#panel').innerText")
         else:
             wait_for_map(driver)
         if name == "two":

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.motion import (
     AnsweredCommand,
     MotionGate,
@@ -22,7 +23,7 @@ from woosh_robot_agent.motion import (
     VelocityDriver,
     VelocityLimits,
 )
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Twist
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.standstill import Standstill
 from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
@@ -162,6 +163,7 @@ class Control:
         self._driven_at = -math.inf
         """Loop time of the last velocity of the press `_press`."""
         self._stick_task: asyncio.Task[None] | None = None
+        self._explaining: asyncio.Task[None] | None = None
         robot.parts.add("control", self._data, each_second=True)
 
     def start(self) -> None:
@@ -333,12 +335,15 @@ class Control:
         if answer.ok:
             task_id = str(request.task_id) if isinstance(request, ExecTask) else None
             return Outcome(True, Text("reply.accepted", command=_name(name)), task_id)
-        reasons = await self._explainer.reasons(type_of(request))
-        text = answer.msg or REFUSED()
-        if reasons:
-            because = joined(THEN, (each.said for each in reasons))
-            text = _BECAUSE(text=text, reason=because)
+        text = await self._explained(type_of(request), answer.msg or REFUSED())
         return Outcome(False, Text("reply.refused", command=_name(name), text=text))
+
+    async def _explained(self, request_type: str, text: str) -> str:
+        """Return the text of a refusal that just came, with its reasons."""
+        reasons = await self._explainer.reasons(request_type)
+        if not reasons:
+            return text
+        return _BECAUSE(text=text, reason=joined(THEN, (each.said for each in reasons)))
 
     def _speed_in(self, args: Args) -> float | None:
         if args.get("limit") is None:
@@ -360,8 +365,17 @@ class Control:
         self._end_press(Text("reply.stopping"))
 
     def _answered(self, command: AnsweredCommand) -> None:
-        if command.source == _STICK and not command.answer.ok:
-            self._stick_refused(command.answer.msg or _VELOCITY_REFUSED())
+        viewer, answer = self.owner, command.answer
+        refused = command.source == _STICK and not answer.ok
+        if refused and viewer is not None and viewer.ended_press < self._press:
+            viewer.ended_press = self._press  # drives no more while the reason is sought
+            explain = self._explain(viewer, self._press, answer.msg or _VELOCITY_REFUSED())
+            self._explaining = asyncio.get_running_loop().create_task(explain, name="refusal")
+
+    async def _explain(self, viewer: Viewer, press: int, text: str) -> None:
+        """Tell a viewer why the robot has refused the velocity of a press."""
+        text = await self._explained(full_name(Twist), text)
+        viewer.end_press(press, Text("reason.said", text=text))
 
     def _stick_refused(self, reason: str) -> None:
         self._end_press(Text("reason.said", text=reason))

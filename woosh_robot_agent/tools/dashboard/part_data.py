@@ -35,6 +35,7 @@ from woosh_robot_agent.robot.readiness import (
     Objection,
     accepts_task,
     is_charging,
+    objections,
     pose_doubt,
     rejections,
 )
@@ -129,6 +130,8 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
     """
     info = view.info
     worst = max((code.level for code in info.abnormal_codes.scs), default=StatusCode.kNormal)
+    objection = next(iter(objections(info)), None)
+    twist = info.pose_speed.twist
     return {
         "address": chassis.config.address,
         "connected": chassis.state is LinkState.READY,
@@ -137,7 +140,8 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "id": info.robot_id or info.genral.serial_number,
         "name": info.setting.identity.name,
         "state": enum_name(robot.State, info.state),
-        "emergencyStop": is_emergency_stop(info),
+        "objection": None if objection is None else _objection(objection),
+        "moves": bool(_number(twist.linear) or _number(twist.angular)),
         "problems": len(info.abnormal_codes.scs),
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),

@@ -25,6 +25,7 @@ from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, objections
 from woosh_robot_agent.sentences import REFUSED, Said, Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import Args, set_pose
@@ -54,6 +55,10 @@ _BUSY = 0.3
 """A check that is late by more than this was delayed by this program, in seconds. That delay does
 not count as silence of the robot."""
 _NO_PATH = Sentence("plan.noPath", "the robot answered with {type}, not with a path")
+_REFUSED_PATH = Sentence("plan.refused", "{reason} ({text})")
+_UNREACHABLE = Sentence(
+    "plan.unreachable", "the place may be in or near a wall, outside of the map, or cut off"
+)
 READ_ONLY = Text("reason.readOnly")
 """Reason for which commands are refused."""
 
@@ -166,7 +171,10 @@ class Robot:
         request.start.CopyFrom(self.view.info.pose_speed.pose)
         answer = await self.chassis.request(self.requests.address(request))
         if not answer.ok:
-            return answer.msg or REFUSED(), None
+            placeless = (NOT_INITIALISED, LOST)
+            found = (each.said for each in objections(self.view.info) if each in placeless)
+            reason = next(found, _UNREACHABLE())
+            return _REFUSED_PATH(reason=reason, text=answer.msg or REFUSED()), None
         if not isinstance(answer.body, NavPath):
             return _NO_PATH(type=answer.type), None
         points = part_data.points_data(answer.body.path.poses)

@@ -173,7 +173,8 @@ export function setTargetPlace({ x, y }, direction) {
 
 function forgetPlaces() {
   batch(() => {
-    store.target.value = store.draft.value = store.measured.value = null;
+    store.target.value = store.draft.value = null;
+    store.entered.value = store.measured.value = null;
   });
 }
 
@@ -192,6 +193,7 @@ export function startPose() {
     store.tool.value = "pose";
     store.sheet.value = "closed"; // on a small screen the sheet covers the map
   });
+  document.getElementById("map")?.focus();
 }
 
 /** Send the pose that the viewer has set to the robot. */

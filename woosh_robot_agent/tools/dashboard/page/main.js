@@ -38,4 +38,17 @@ effect(() => {
   tooled = true;
   store.tool.value = "go";
 });
+
+// A focused control that disappears leaves the focus to what is left around it.
+let around = /** @type {EventTarget[]} */ ([]); // the focused control, and what contains it
+addEventListener("pointerdown", () => (around = []), { capture: true });
+addEventListener("focusin", (event) => (around = event.composedPath()));
+new MutationObserver(() => {
+  const [focused, ...others] = /** @type {HTMLElement[]} */ (around);
+  if (!focused || focused.isConnected || document.activeElement !== document.body) return;
+  const left = others.find((each) => each.isConnected);
+  if (!left || left === document.body) return;
+  left.tabIndex = -1;
+  left.focus();
+}).observe(document.body, { childList: true, subtree: true });
 Object.assign(globalThis, { store, connection }); // for the console of the browser, and for tests

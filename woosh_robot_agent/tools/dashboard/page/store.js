@@ -92,7 +92,8 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {number} id
  * @property {string} name
  * @property {string} state
- * @property {boolean} emergencyStop
+ * @property {Objection | null} objection why it takes no tasks
+ * @property {boolean} moves
  * @property {number} problems
  * @property {string} level
  * @property {Battery | null} battery
@@ -197,6 +198,8 @@ export const tool = state(/** @type {"move" | "go" | "measure" | "pose" | "obsta
 export const target = state(/** @type {Target | null} */ (null));
 /** Pose that the viewer is about to send to the robot. */
 export const draft = state(/** @type {Pose | null} */ (null));
+/** Place at which the enter key has begun to set a pose. */
+export const entered = state(/** @type {Point | null} */ (null));
 /** Both ends of the measured line. */
 export const measured = state(/** @type {[Point, Point] | null} */ (null));
 /** Place under the pointer. */
@@ -215,6 +218,8 @@ export const layers = state({
   others: true,
 });
 export const answer = state(/** @type {Answer | null} */ (null));
+/** Doubts about a pose that the viewer has dismissed, each with its robot and map. */
+export const dismissed = state(/** @type {string[]} */ ([]));
 /** Why a stop of this page has no answer of the dashboard, by the index of the robot. */
 export const unanswered = state(
   /** @type {ReadonlyMap<number, import("./texts.js").Value>} */ (new Map()),
@@ -337,7 +342,7 @@ export function forget() {
   batch(() => {
     for (const each of Object.values(OF_ROBOT)) each.value = Array.isArray(each.value) ? [] : null;
     scan.value = null;
-    target.value = draft.value = measured.value = null;
+    target.value = draft.value = entered.value = measured.value = null;
     answer.value = null;
     if (tool.value === "pose") tool.value = "move";
   });

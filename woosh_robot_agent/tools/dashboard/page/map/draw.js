@@ -25,6 +25,7 @@
  * @property {number[][]} outline
  * @property {[Point, Point]} [measured]
  * @property {{from: Point, to: Point}} [arrow] in pixels
+ * @property {boolean} cross true to show the place that the enter key presses
  */
 
 const BOX = [
@@ -69,6 +70,7 @@ export function draw(context, view, picture, colours) {
   if (target) drawTarget(context, view, target, colours.accent);
   if (picture.measured) drawMeasured(context, view, picture.measured, colours);
   if (picture.arrow) drawArrow(context, picture.arrow, colours.accent);
+  if (picture.cross) drawCross(context, view.middle, colours);
   drawScale(context, view, colours);
 }
 
@@ -347,6 +349,28 @@ function drawMeasured(context, view, [from, to], colours) {
   }
   const length = Math.hypot(to.x - from.x, to.y - from.y).toFixed(2);
   text(context, `${length} m`, (begin.x + end.x) / 2, (begin.y + end.y) / 2 - 8, colours, "center");
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {Point} at in pixels
+ * @param {Colours} colours
+ */
+function drawCross(context, { x, y }, colours) {
+  for (const [colour, width] of /** @type {[string, number][]} */ ([
+    [colours["map-floor"], 5],
+    [colours.ink, 2],
+  ])) {
+    context.beginPath();
+    context.moveTo(x - 14, y);
+    context.lineTo(x + 14, y);
+    context.moveTo(x, y - 14);
+    context.lineTo(x, y + 14);
+    context.strokeStyle = colour;
+    context.lineWidth = width;
+    context.stroke();
+  }
+  text(context, "Enter", x, y + 30, colours, "center");
 }
 
 /**

@@ -18,6 +18,7 @@ const DRAG = 8; // pixels from which a press is a drag
 const DIRECTION = 24; // pixels from which a drag gives a direction
 const HIT = 22; // pixels within which a press hits a mark or an obstacle
 const KEY_STEP = 60; // pixels by which an arrow key moves the map
+const SMALL_KEY_STEP = 5; // pixels by which it does so with Shift
 const ZOOM_STEP = 1.4;
 const COLOURS = [
   ...["accent", "edge", "faint", "ink", "laser", "map-floor", "map-unknown", "map-wall"],
@@ -46,6 +47,8 @@ export class MapCanvas {
     this.press = { start: { x: 0, y: 0 }, acts: false, dragged: false };
     /** @type {{from: Point, to: Point} | null} */
     this.arrow = null;
+    /** @type {import("./view.js").Inset} what lies over the canvas now */
+    this.covered = this.view.inset;
     this.pending = 0; // request of the next frame
     this.shown = ""; // address of the map's picture
     this.colours = this.readColours();
@@ -67,6 +70,8 @@ export class MapCanvas {
     canvas.addEventListener("pointerleave", () => (store.pointed.value = null));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("keydown", (event) => this.keyDown(event));
+    canvas.addEventListener("focus", () => this.redraw());
+    canvas.addEventListener("blur", () => this.redraw());
     canvas.addEventListener(
       "wheel",
       (event) => {
@@ -81,7 +86,7 @@ export class MapCanvas {
     effect(() => {
       const signals = [store.scan, store.path, store.outline, store.layers, store.target];
       for (const each of [...signals, store.draft, store.measured, store.places]) each.value;
-      for (const each of [store.simulator, store.tool]) each.value;
+      for (const each of [store.simulator, store.tool, store.entered]) each.value;
       this.redraw();
     });
   }
@@ -90,6 +95,7 @@ export class MapCanvas {
 
   /** Show the whole map; without a map, show the surroundings of the robot. */
   fit() {
+    this.view.inset = this.area ? this.covered : { ...this.covered, top: 0 };
     store.follow.value = false;
     const pose = store.pose.value;
     if (this.area) this.view.fit(this.corners(this.area));
@@ -118,11 +124,14 @@ export class MapCanvas {
   }
 
   /**
-   * Say what lies over the canvas. A map that is still fitted is fitted anew, unless somebody
-   * presses it just now.
+   * Say what lies over the canvas. When somebody opens or closes the panel, a map that is still
+   * fitted is fitted anew. Notices, which come by themselves, move nothing.
    * @param {import("./view.js").Inset} inset
    */
   setInset(inset) {
+    this.covered = inset;
+    const { bottom, left } = this.view.inset;
+    if (inset.bottom === bottom && inset.left === left) return;
     this.view.inset = inset;
     if (this.stillFitted && !this.pointers.size) this.fit();
     else this.redraw();
@@ -270,18 +279,43 @@ export class MapCanvas {
 
   /** @param {KeyboardEvent} event */
   keyDown(event) {
+    const step = event.shiftKey ? SMALL_KEY_STEP : KEY_STEP;
     const moves = /** @type {Record<string, Point>} */ ({
-      ArrowLeft: { x: KEY_STEP, y: 0 },
-      ArrowRight: { x: -KEY_STEP, y: 0 },
-      ArrowUp: { x: 0, y: KEY_STEP },
-      ArrowDown: { x: 0, y: -KEY_STEP },
+      ArrowLeft: { x: step, y: 0 },
+      ArrowRight: { x: -step, y: 0 },
+      ArrowUp: { x: 0, y: step },
+      ArrowDown: { x: 0, y: -step },
     });
     if (event.key in moves) this.pan({ x: 0, y: 0 }, moves[event.key]);
+    else if (event.key === "Enter" && !event.repeat) this.enter();
     else if (event.key === "+") this.zoomIn();
     else if (event.key === "-") this.zoomOut();
     else if (event.key === "0") this.fit();
     else return;
     event.preventDefault();
+  }
+
+  /** Press the cross in the middle; for a pose, a second time in its direction. */
+  enter() {
+    const { middle } = this.view;
+    const tool = store.tool.value;
+    if (tool === "measure") this.measureFrom(middle);
+    else if (tool === "pose" && !store.entered.value) {
+      store.entered.value = this.view.toWorld(middle.x, middle.y);
+    } else if (tool !== "move") {
+      const arrow = this.enteredArrow;
+      store.entered.value = null;
+      this.act({ start: arrow?.from ?? middle, dragged: false }, arrow);
+    }
+  }
+
+  /** Arrow from where the enter key has begun to the cross; null if it would be too short. */
+  get enteredArrow() {
+    const place = store.entered.peek();
+    if (!place) return null;
+    const from = this.view.toScreen(place.x, place.y);
+    const to = this.view.middle;
+    return distance(from, to) < DIRECTION ? null : { from, to };
   }
 
   /**
@@ -355,7 +389,10 @@ export class MapCanvas {
     const last = this.trail.at(-1);
     const step = last ? Math.hypot(pose.x - last[0], pose.y - last[1]) : Infinity;
     if (step < TRAIL_STEP) return;
-    if (step > TRAIL_JUMP) this.trail = []; // it was told another pose, or was not seen for a while
+    if (step > TRAIL_JUMP) {
+      this.trail = []; // it was told another pose, or was not seen for a while
+      if (!this.area && this.stillFitted) this.fit();
+    }
     this.trail.push([pose.x, pose.y]);
     if (this.trail.length > TRAIL_LENGTH) this.trail.shift();
   }
@@ -468,7 +505,8 @@ export class MapCanvas {
       draft: draft ?? undefined,
       outline: layers.footprint ? store.outline.peek() : [],
       measured: store.measured.peek() ?? undefined,
-      arrow: this.arrow ?? undefined,
+      arrow: this.arrow ?? this.enteredArrow ?? undefined,
+      cross: this.canvas.matches(":focus-visible") && store.tool.peek() !== "move",
     };
   }
 }

@@ -5,7 +5,7 @@ import { chooseRobot, stop } from "../commands.js";
 import * as store from "../store.js";
 import { alarmCount, LANGUAGES, language, say, setLanguage, t, tOr } from "../texts.js";
 import { openTab } from "./panel.js";
-import { Icon, robotName } from "./parts.js";
+import { Icon, robotLabel, robotName, shortLabel } from "./parts.js";
 
 export function Bar() {
   return html`<header class="bar">
@@ -33,9 +33,10 @@ function Name() {
       value=${String(store.chosen.value)}
       onChange=${(/** @type {any} */ event) => chooseRobot(Number(event.currentTarget.value))}
     >
-      ${store.robots.value.map((address, index) => {
-        const card = cards[index];
-        const shown = card?.known ? robotName(card) : address;
+      ${store.robots.value.map((_, index) => {
+        const { connected, moves } = cards[index] ?? {};
+        const also = connected && moves && index !== store.chosen.value && t("fleet.moves");
+        const shown = [robotLabel(index), also].filter(Boolean).join(" · ");
         return html`<option key=${index} value=${String(index)}>${shown}</option>`;
       })}
     </select>
@@ -137,6 +138,6 @@ function Stop() {
       pointer.current = null;
     }}
   >
-    ${t("stop.name")}<kbd>Esc</kbd>
+    ${t("stop.name")}<small>${shortLabel(store.chosen.value)}</small><kbd>Esc</kbd>
   </button>`;
 }

@@ -4,7 +4,7 @@ import { html } from "../vendor/preact.js";
 import { chooseRobot } from "../commands.js";
 import * as store from "../store.js";
 import { alarmCount, say, t, tOr } from "../texts.js";
-import { goalText, robotName } from "./parts.js";
+import { goalText, objectionText, robotLabel, toneOf } from "./parts.js";
 
 export function Fleet() {
   return html`<section>
@@ -28,10 +28,11 @@ function Card({ card, index }) {
     onClick=${() => chooseRobot(index)}
   >
     <span class="top">
-      <b>${card.known ? robotName(card) : card.address}</b>
+      <b>${robotLabel(index)}</b>
       <span>${battery ? `${battery.power} %` : ""}</span>
     </span>
     <span class="state ${tone}"><span class="dot"></span>${state}</span>
+    ${card.connected && card.moves && html`<small class="accent">${t("fleet.moves")}</small>`}
     ${card.problems > 0 && html`<small class="bad">${alarmCount(card.problems)}</small>`}
     ${order && html`<${OrderLines} order=${order} />`}
     <small>${card.address}</small>
@@ -42,11 +43,11 @@ function Card({ card, index }) {
  * @param {store.Card} card
  * @returns {[string, string]} class and text
  */
-function stateOf({ connected, silence, known, emergencyStop, level, state, task }) {
+function stateOf({ connected, silence, known, objection, level, state, task }) {
   if (!connected) return ["bad", t("link.lost")];
   if (silence) return ["bad", t("link.noData", { seconds: silence })];
   if (!known) return ["", t("link.connecting")];
-  if (emergencyStop) return ["bad", t("objection.emergency_stop.reason")];
+  if (objection) return [toneOf(objection), objectionText(objection).reason];
   const shown = task ? goalText(task) : tOr(`state.${state}`, state);
   return [level === "fault" ? "bad" : level === "warn" ? "warn" : "ok", shown];
 }

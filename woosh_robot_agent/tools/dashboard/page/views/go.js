@@ -21,6 +21,7 @@ export function Go() {
     return words.every((word) => about.includes(word));
   });
   const may = store.mayControl.value;
+  const hasMap = Boolean(store.map.value?.resolution);
   return html`${
       may &&
       html`<section class="pair">
@@ -50,7 +51,7 @@ export function Go() {
       <ul class="rows" id="marks">
         ${found.map((mark) => html`<${Mark} key=${mark.number} mark=${mark} />`)}
       </ul>
-      ${!found.length && html`<p class="faint">${t(marks.length ? "marks.notFound" : "marks.none")}</p>`}
+      ${!found.length && html`<p class="faint">${t(marks.length ? "marks.notFound" : hasMap ? "marks.none" : "marks.noMap")}</p>`}
     </section>`;
 }
 
@@ -124,14 +125,17 @@ export function TaskOptions({ target, command }) {
   };
   return html`${
       command === "goMark" &&
-      html`<select
-        id="kind"
-        aria-label=${t("target.kind")}
-        value=${kind}
-        onChange=${(/** @type {any} */ event) => setKind(event.currentTarget.value)}
-      >
-        ${kinds.map(({ value, name }) => html`<option key=${value} value=${value}>${name}</option>`)}
-      </select>`
+      html`<label class="kind">
+        <span aria-hidden="true">${kinds.find(({ value }) => value === kind)?.name}</span>
+        <select
+          id="kind"
+          aria-label=${t("target.kind")}
+          value=${kind}
+          onChange=${(/** @type {any} */ event) => setKind(event.currentTarget.value)}
+        >
+          ${kinds.map(({ value, name }) => html`<option key=${value} value=${value}>${name}</option>`)}
+        </select>
+      </label>`
     }
     ${
       type === "carry" &&

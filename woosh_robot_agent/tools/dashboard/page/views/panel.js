@@ -36,6 +36,7 @@ function names() {
 /** Show a tab. @param {string} name */
 export function openTab(name) {
   batch(() => {
+    if (name !== "simulator" && store.tool.value === "obstacle") store.tool.value = "go";
     store.tab.value = name;
     if (store.sheet.value === "closed") store.sheet.value = "half";
   });
@@ -51,7 +52,7 @@ function pressTab(name) {
 }
 
 export function Tabs() {
-  const isCompact = useCompact();
+  const isCompact = useMatches();
   const open = !isCompact || store.sheet.value !== "closed";
   const known = names();
   const problems = store.robot.value?.problems.length ?? 0;
@@ -89,7 +90,7 @@ export function Tabs() {
 }
 
 export function Panel() {
-  const isCompact = useCompact();
+  const isCompact = useMatches();
   const known = names();
   const name = known.includes(store.tab.value) ? store.tab.value : "go";
   const size = isCompact ? store.sheet.value : "half";
@@ -126,13 +127,13 @@ export function Panel() {
   </aside>`;
 }
 
-/** Return true on small screens; a change renders the component anew. */
-function useCompact() {
-  const [matches, setMatches] = useState(compact.matches);
+/** Return true if the screen matches a query; a change renders the component anew. */
+export function useMatches(query = compact) {
+  const [matches, setMatches] = useState(query.matches);
   useEffect(() => {
-    const change = () => setMatches(compact.matches);
-    compact.addEventListener("change", change);
-    return () => compact.removeEventListener("change", change);
+    const change = () => setMatches(query.matches);
+    query.addEventListener("change", change);
+    return () => query.removeEventListener("change", change);
   }, []);
   return matches;
 }

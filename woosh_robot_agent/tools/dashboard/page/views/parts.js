@@ -1,6 +1,7 @@
 // Small things that several views use: icons, and names of robots, places and tasks.
 
 import { html } from "../vendor/preact.js";
+import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
 
 /** @type {Record<string, string>} lines of icons of 24 x 24 pixels */
@@ -58,6 +59,29 @@ export function robotName({ id, name, model }) {
 }
 
 /**
+ * Return the name that tells a robot from the others; for robots with the same name or number, it
+ * begins with the address.
+ * @param {number} index
+ */
+export function robotLabel(index) {
+  const cards = store.fleet.value.filter(({ known }) => known);
+  const card = store.fleet.value[index];
+  const address = (store.robots.value[index] ?? "").replace(/^\w+:\/\//, "");
+  if (!card?.known) return address;
+  const name = robotName(card);
+  const same = cards.filter((each) => (card.id ? each.id === card.id : robotName(each) === name));
+  return same.length > 1 ? `${address} · ${name}` : name;
+}
+
+/**
+ * Return the first part of `robotLabel`, for small places; empty if there is only one robot.
+ * @param {number} index
+ */
+export function shortLabel(index) {
+  return store.robots.value.length > 1 ? robotLabel(index).split(" · ")[0] : "";
+}
+
+/**
  * Return a place in metres.
  * @param {{x: number, y: number}} place
  */
@@ -71,14 +95,14 @@ export function degrees(angle) {
 }
 
 /**
- * Return the destination of a task.
+ * Return the destination of a task; if that is not known, its kind.
  * @param {import("../store.js").Task} task
  */
-export function destination({ id, to, place, command }) {
+export function destination({ type, to, place, command }) {
   if (to) return to;
   if (command.args?.mark) return String(command.args.mark);
   if (place) return placeText({ x: place[0], y: place[1] });
-  return t("task.number", { id });
+  return type === "unknown" ? t("task.unnamed") : taskType(type);
 }
 
 /**
@@ -87,7 +111,7 @@ export function destination({ id, to, place, command }) {
  */
 export function goalText(task) {
   const known = task.to || task.place || task.command.args?.mark;
-  return known ? t("dock.to", { place: destination(task) }) : taskType(task.type);
+  return known ? t("dock.to", { place: destination(task) }) : destination(task);
 }
 
 /** Kinds of tasks that the page gives. */
@@ -109,8 +133,19 @@ export function objectionText({ name, reason, remedy }) {
   };
 }
 
+/**
+ * Return the class of an objection.
+ * @param {import("../store.js").Objection} objection
+ */
+export function toneOf({ name }) {
+  return name === "emergency_stop" || name === "hardware" ? "bad" : "warn";
+}
+
 /** @type {Record<string, string>} class of a level of a status code */
 export const LEVELS = { fault: "bad", warn: "warn", tips: "", normal: "" };
 
 /** True on screens on which the panel is a sheet over the map; the same query is in style.css. */
 export const compact = matchMedia("(max-width: 999px), (max-height: 599px)");
+
+/** True on screens on which a notice is folded to one line. */
+export const tiny = matchMedia("(max-width: 479px), (max-height: 599px)");

@@ -7,11 +7,12 @@ import { MapCanvas } from "../map/map.js";
 import * as store from "../store.js";
 import { clock, meaningOf, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
-import { openTab } from "./panel.js";
-import { Icon, objectionText, placeText, robotName } from "./parts.js";
+import { openTab, useMatches } from "./panel.js";
+import { Icon, objectionText, placeText, shortLabel, tiny, toneOf } from "./parts.js";
 import { outcomeText, TONES } from "./tasks.js";
 
-/** @typedef {{tone: string, title: string, text: string, action?: [string, () => void]}} Notice */
+/** @typedef {[string, () => void]} Action  text of a button, and what it does */
+/** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice */
 
 /** @type {MapCanvas | null} */
 let map = null;
@@ -157,6 +158,7 @@ function Notices() {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const [notice, ...more] = notices();
   const alarms = [...store.alarms.value];
+  const isTiny = useMatches(tiny);
   useEffect(() => {
     const panel = document.querySelector(".panel");
     const elements = [box.current, panel].filter((each) => each !== null);
@@ -167,22 +169,23 @@ function Notices() {
   return html`<div class="notices" ref=${box}>
     ${
       alarms.length > 0 &&
-      html`<details class="alarm" id="alarm" role="alert">
-        <summary>
-          <span> ${t("alarm.stop")}${alarms.map(([robot]) => ofRobot(robot)).join("")} </span>
-        </summary>
-        ${alarms.map(([robot, text]) => html`<p key=${robot}>${t("alarm.reason", { reason: text })}${ofRobot(robot)}</p>`)}
-        <p>${t("alarm.advice")}</p>
-      </details>`
+      html`<div class="alarm" id="alarm" role="alert">
+        <details>
+          <summary>
+            <span> ${t("alarm.stop")}${alarms.map(([robot]) => ofRobot(robot)).join("")} </span>
+          </summary>
+          ${alarms.map(([robot, text]) => html`<p key=${robot}>${t("alarm.reason", { reason: text })}${ofRobot(robot)}</p>`)}
+          <p>${t("alarm.advice")}</p>
+        </details>
+      </div>`
     }
     ${
       notice &&
       html`<section class="notice ${notice.tone}" id="notice" role="status">
-        <${Icon} name="alarm" />
-        <div>
-          <b>${notice.title}</b>
+        <details key=${notice.title} open=${!isTiny}>
+          <summary><${Icon} name="alarm" /><b>${notice.title}</b></summary>
           <p>${notice.text}</p>
-        </div>
+        </details>
         <div class="actions">
           ${
             notice.action &&
@@ -218,8 +221,8 @@ function leaveFree() {
 
 /** @param {number} robot index */
 function ofRobot(robot) {
-  const card = store.fleet.value[robot];
-  return card && store.robots.value.length > 1 ? ` (${robotName(card)})` : "";
+  const label = shortLabel(robot);
+  return label && ` (${label})`;
 }
 
 /**
@@ -242,7 +245,7 @@ export function notices() {
    * @param {string} command
    * @param {string} label
    * @param {() => void} act
-   * @returns {Notice["action"]}
+   * @returns {Action | undefined}
    */
   const action = (command, label, act) => (may && !refusal(command) ? [label, act] : undefined);
   const setPose = locating ? undefined : action("setPose", t("pose.set"), commands.startPose);
@@ -252,21 +255,18 @@ export function notices() {
   const setTask = action("workMode", t("work.setTask"), () =>
     commands.run("workMode", { mode: "task" }),
   );
-  /** @type {Record<string, Notice["action"]>} */
+  /** @type {Record<string, Action | undefined>} */
   const actions = {
     ...{ not_initialised: setPose, lost: setPose, no_work_mode: setTask, schedule: setTask },
     ...{ manual: setAuto, no_control_mode: setAuto, maintenance: setAuto },
   };
   const ordinary = ["busy", "mapping", "not_taskable", "fault", "deployment"];
   const objections = robot.objections.filter(({ name }) => !ordinary.includes(name));
-  const doubt = store.pose.value?.doubt;
-  if (doubt) objections.push(doubt);
   for (const each of objections) {
     const { reason, remedy } = objectionText(each);
     const waits = locating && ["not_initialised", "lost"].includes(each.name);
-    const tone = each.name === "emergency_stop" || each.name === "hardware" ? "bad" : "warn";
     const text = waits ? t("notice.locating") : remedy;
-    found.push({ tone, title: reason, text, action: actions[each.name] });
+    found.push({ tone: toneOf(each), title: reason, text, action: actions[each.name] });
   }
   for (const code of robot.problems.filter(({ level }) => level === "fault")) {
     const title = t("notice.fault", { text: meaningOf(code) || code.text || code.code });
@@ -277,7 +277,25 @@ export function notices() {
   const standstill = store.control.value?.standstill;
   if (standstill)
     found.push({ tone: "warn", title: t("notice.standstill"), text: say(standstill) });
+  const doubt = store.pose.value?.doubt;
+  if (doubt && !store.dismissed.value.includes(doubtKey(doubt))) {
+    const { reason, remedy } = objectionText(doubt);
+    const dismiss = /** @type {Action} */ ([t("notice.dismiss"), () => dismissDoubt(doubt)]);
+    const action = doubt.name === "map_id_0" ? dismiss : undefined; // which some maps always have
+    found.push({ tone: "warn", title: reason, text: remedy, action });
+  }
   return found;
+}
+
+/** @param {store.Objection} doubt */
+function doubtKey({ name }) {
+  const { scene, map } = store.shownMap.value;
+  return [store.chosen.value, name, scene, map].join(" ");
+}
+
+/** Show a doubt no more while the robot uses this map. @param {store.Objection} doubt */
+function dismissDoubt(doubt) {
+  store.dismissed.value = [...store.dismissed.value, doubtKey(doubt)];
 }
 
 function Line() {
