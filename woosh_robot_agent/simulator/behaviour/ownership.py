@@ -63,14 +63,6 @@ class Follower:
     def __init__(self) -> None:
         self.active = False
 
-    def start(self) -> None:
-        """Start following."""
-        self.active = True
-
-    def stop(self) -> None:
-        """Stop following. The base slows down."""
-        self.active = False
-
     def tick(self, robot: Robot, dt: float) -> None:
         """Drive for `dt` seconds."""
         leader = _leader(robot) if self.active else None
@@ -184,7 +176,7 @@ class Ownership:
     @property
     def busy(self) -> bool:
         """True if there is a task or an action, paused ones included, or the robot follows."""
-        return self._tasks.active or self._actions.running or self._follower.active
+        return self._tasks.active or self._actions.any_active or self._follower.active
 
     def tick(self, dt: float) -> None:
         """Let tasks and actions work for `dt` seconds."""
@@ -280,7 +272,7 @@ class Ownership:
         """
         self._take_wheels("following", refusals.FOLLOW_WHILE_DRIVING)
         self._teleop.release()
-        self._follower.start()
+        self._follower.active = True
 
     def stop_wheels(self, reason: str) -> None:
         """Stop at once. A task or action that drives is paused."""
@@ -302,7 +294,7 @@ class Ownership:
 
         A task that the robot started by itself is cancelled, and one of a client is paused.
         """
-        self._follower.stop()
+        self._follower.active = False
         self._actions.abort(reason)
         self._tasks.cancel_automatic(reason)
         if self._tasks.active:
@@ -312,7 +304,7 @@ class Ownership:
         self._tasks.cancel_automatic(f"replaced by {user}")
         if self.driver:
             raise RefusedError(refusal, driver=self.driver)
-        self._follower.stop()
+        self._follower.active = False
 
     def _has_precedence(self, order: TaskOrder) -> bool:
         """Return True if the running task has precedence over a new task."""
@@ -352,5 +344,5 @@ class Ownership:
             raise RefusedError(refusals.ACTION_RUNNING, action=owner)
 
     def _end_manual_driving(self) -> None:
-        self._follower.stop()
+        self._follower.active = False
         self._teleop.release()

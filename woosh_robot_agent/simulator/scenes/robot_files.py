@@ -121,8 +121,8 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
         DataFileError: A file cannot be used.
     """
     entries = _index(files[SCENE_INDEX]).maps
-    all_different([each.where for each in entries], "name", [each.name for each in entries])
-    all_different([each.where for each in entries], "id", [each.id for each in entries])
+    check_unique([each.where for each in entries], "name", [each.name for each in entries])
+    check_unique([each.where for each in entries], "id", [each.id for each in entries])
     scene = Scene(name, [], files={**files})
     scene.action_groups = read_groups(scene.files.pop(ACTION_GROUPS, b""))
     before = files_of(old).of_maps if old else {}
@@ -265,8 +265,13 @@ def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None
             raise DataFileError(f"{where}: {text}")
 
 
-def all_different(places: Sequence[str], key: str, values: Sequence[Hashable]) -> None:
-    """Check that no two entries, at these places in a file, have the same value of a key.
+def check_unique(places: Sequence[str], key: str, values: Sequence[Hashable]) -> None:
+    """Check that all values of a key are different.
+
+    Args:
+        places: place of each value in the file, for the error.
+        key: name of the key.
+        values: the values.
 
     Raises:
         DataFileError: Two entries have the same value.

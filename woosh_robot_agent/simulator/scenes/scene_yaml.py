@@ -23,10 +23,10 @@ from woosh_robot_agent.simulator.scenes.robot_files import (
     MAX_MARKS,
     MAX_TASKS,
     Read,
-    all_different,
     check_map_name,
     check_pixels,
     check_sides,
+    check_unique,
 )
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
@@ -254,8 +254,8 @@ def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
         maps.append(_map(each, free_ids, read))
         check_pixels(each.where, maps)
     places = [each.where for each in entry.maps]
-    all_different(places, "name", [each.name for each in maps])
-    all_different(places, "id", [each.id for each in maps])
+    check_unique(places, "name", [each.name for each in maps])
+    check_unique(places, "id", [each.id for each in maps])
     scene = Scene(name, maps)
     if entry.start:
         scene.start, scene.start_map = Pose(*entry.start.pose), entry.start.map
@@ -343,8 +343,8 @@ def _marks(entry: MapEntry) -> dict[str, Mark]:
         for number, each in enumerate(entry.marks, start=1)
     ]
     places = [each.where for each in entry.marks]
-    all_different(places, "number", [mark.number for mark in marks])
-    all_different(places, "id", [mark.id for mark in marks])
+    check_unique(places, "number", [mark.number for mark in marks])
+    check_unique(places, "id", [mark.id for mark in marks])
     return {mark.number: mark for mark in marks}
 
 
