@@ -66,6 +66,7 @@ class Progress:
     Attributes:
         done: True if the job has ended, successfully or not.
         failure: Reason of the failure; empty if the job did not fail.
+        code: Status code of the failure; 0 without one.
         text: Description of the progress, for reports.
         impeded: True if an obstacle blocks the job at the moment; `text` describes the obstacle.
     """
@@ -74,6 +75,7 @@ class Progress:
     failure: str = ""
     text: str = ""
     impeded: bool = False
+    code: int = 0
 
 
 class Job(ABC):
@@ -95,9 +97,9 @@ class Job(ABC):
         """Prepare for a pause: the next tick may come later and at another place, or never."""
 
 
-def failed(reason: str) -> Progress:
+def failed(reason: str, code: int = 0) -> Progress:
     """Return the progress of a job that failed."""
-    return Progress(done=True, failure=reason)
+    return Progress(done=True, failure=reason, code=code)
 
 
 class Done(Job):

@@ -25,8 +25,11 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.status_codes import (
     DRIVING_STRAIGHT,
+    GOAL_OCCUPIED,
+    GOAL_UNREACHABLE,
     NEW_NAVIGATION,
     OBSTACLE_AVOIDED,
+    Code,
 )
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall, outer_radius, wrap
 from woosh_robot_agent.simulator.world.planner import (
@@ -38,7 +41,15 @@ from woosh_robot_agent.simulator.world.planner import (
 
 
 class NoRouteError(Exception):
-    """There is no route. The text is the reason, then after a colon what to do."""
+    """There is no route. The text is the reason, then after a colon what to do.
+
+    Attributes:
+        code: status code of the reason.
+    """
+
+    def __init__(self, text: str, code: Code) -> None:
+        super().__init__(text)
+        self.code = code
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +103,19 @@ def plan_route(
         except SearchBudgetError:
             raise NoRouteError(
                 f"the way to {goal} is too long or too winding to plan: choose a nearer goal, "
-                "or add poses on the way, each in sight of the next"
+                "or add poses on the way, each in sight of the next",
+                GOAL_UNREACHABLE,
             ) from None
         if leg is None:
             grid = robot.map.grid
             if grid and grid.kept_out(*goal.point):
-                raise NoRouteError(f"{goal} is in a keep-out area: choose a goal outside of it")
-            raise NoRouteError(f"no free path to {goal}: choose a goal on free floor")
+                raise NoRouteError(
+                    f"{goal} is in a keep-out area: choose a goal outside of it", GOAL_OCCUPIED
+                )
+            raise NoRouteError(
+                f"no free path to {goal}: choose a goal on free floor",
+                GOAL_UNREACHABLE if robot.can_stand(goal) else GOAL_OCCUPIED,
+            )
         for corner in leg:
             poses.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
             here = corner
@@ -259,7 +276,7 @@ class Navigate(Job):
             try:
                 self._plan(robot)
             except NoRouteError as error:
-                return failed(str(error))
+                return failed(str(error), error.code.number)
         if not self._announced:
             self._announced = True
             robot.codes.report(NEW_NAVIGATION, self.kind)
