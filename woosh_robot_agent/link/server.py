@@ -156,12 +156,13 @@ class ConnectedClient:
         self._outbox.clear()
         self._outbox_bytes = 0
 
-    async def write(self, running: asyncio.Event) -> None:
-        """Send queued frames until the connection ends, while `running` is set."""
+    async def write(self, running: asyncio.Event | None = None) -> None:
+        """Send queued frames until the connection ends. Pause while `running` is not set."""
         with contextlib.suppress(TransportClosedError):
             while self._open:
                 await self._filled.wait()
-                await running.wait()
+                if running is not None:
+                    await running.wait()
                 if not self._outbox:
                     self._filled.clear()
                     continue

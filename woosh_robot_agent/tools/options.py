@@ -11,7 +11,17 @@ import sys
 from typing import Any, NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS
+from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS, url_host
+
+
+def tool_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
+    """Return a parser without options, whose help keeps the line breaks of `epilog`."""
+    return argparse.ArgumentParser(
+        prog=prog,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
 
 
 def stop_event() -> asyncio.Event:
@@ -117,8 +127,8 @@ def link_config(
 
 def link_arguments(config: LinkConfig) -> str:
     """Return the options with which another tool reaches the same robot, for a hint."""
-    host = f"[{config.ip}]:{config.port}" if ":" in config.ip else f"{config.ip}:{config.port}"
-    arguments = f"--ip {host if config.port else config.ip}"
+    address = f"{url_host(config.ip)}:{config.port}" if config.port else config.ip
+    arguments = f"--ip {address}"
     for name in ("transport", "encoding", "robot_id"):
         value = getattr(config, name)
         if value != getattr(LinkConfig, name):

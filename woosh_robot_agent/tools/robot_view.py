@@ -37,7 +37,7 @@ class RobotView:
     def __init__(self) -> None:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
         self.actions: dict[str, Feedback] = {}
-        self.values = LastKnown(None)
+        self.values = LastKnown()  # filled by `update`
         # An empty RobotInfo, because its parts can arrive before it.
         self.values.remember(RobotInfo())
         self.is_empty = True

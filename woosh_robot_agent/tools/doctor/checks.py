@@ -15,6 +15,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs import JSON, client_codec
 from woosh_robot_agent.link.codecs.json_codec import to_json
+from woosh_robot_agent.link.config import url_host
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import enum_name, full_name
 from woosh_robot_agent.link.tasks import run_with_timeout
@@ -49,7 +50,7 @@ class Status(Enum):
 
     OK = "ok"
     WARN = "warn"
-    FAIL = "FAIL"
+    FAIL = "FAIL"  # in capitals, so that it is seen in a long list
     SKIPPED = "skip"
 
 
@@ -80,10 +81,6 @@ class CheckFailedError(Exception):
     def __init__(self, text: str, remedy: str) -> None:
         super().__init__(text)
         self.result = Result(Status.FAIL, text, remedy)
-
-
-class SurveyError(Exception):
-    """A survey cannot be made, or its folder cannot be written."""
 
 
 _MAX_BODY = 64 * 1024 * 1024
@@ -291,19 +288,18 @@ async def open_link(config: LinkConfig) -> Transport:
     try:
         return await open_transport(config)
     except TransportClosedError as error:
-        raise await _explained(
+        raise await _link_error(
             config,
-            str(error),
             f"the program on this port is not a chassis: {error}",
             "check --ip and --transport; a proxy or another program may use the port",
+            str(error),
         ) from None
     except TimeoutError:
         text = (
             f"the connection was accepted, but no answer came within {config.connect_timeout:g} s"
         )
-        raise await _explained(
+        raise await _link_error(
             config,
-            text,
             text,
             "check --ip and --transport; if they are right, the robot's program hangs: switch "
             "the robot off and on",
@@ -315,17 +311,19 @@ async def open_link(config: LinkConfig) -> Transport:
         ) from None
 
 
-async def _explained(config: LinkConfig, reason: str, text: str, remedy: str) -> CheckFailedError:
-    """Return the error for a link that did not open, which tells what answers HTTP at its address.
+async def _link_error(
+    config: LinkConfig, text: str, remedy: str, reason: str = ""
+) -> CheckFailedError:
+    """Return the error for a link that did not open. It tells what answers HTTP at the same address.
 
     A chassis answers HTTP on the same port, so that a proxy or firewall that refuses WebSockets can
     be told from another program.
 
     Args:
         config: Address and timeouts of the robot.
-        reason: Why the link did not open.
         text: What is wrong if no chassis answers HTTP either.
         remedy: What to do about it then.
+        reason: Why the link did not open; by default `text`.
     """
     is_http = config.transport == "websocket"
     answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
@@ -339,7 +337,7 @@ async def _explained(config: LinkConfig, reason: str, text: str, remedy: str) ->
     number = info.robot_id or info.genral.serial_number
     return CheckFailedError(
         f"robot {number} answers HTTP requests at this address, but its WebSocket cannot be "
-        f"opened: {reason}",
+        f"opened: {reason or text}",
         "a proxy or firewall between this computer and the robot lets only HTTP pass: let it pass "
         "the headers Upgrade and Connection too, or connect without it",
     )
@@ -374,8 +372,8 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
     """
     import aiohttp  # loads slowly, and is seldom needed
 
-    host = f"[{config.ip}]" if ":" in config.ip else config.ip
-    url = f"http://{host}:{config.effective_port}/{full_name(request).replace('.', '/')}"
+    path = full_name(request).replace(".", "/")
+    url = f"http://{url_host(config.ip)}:{config.effective_port}/{path}"
     limits = aiohttp.ClientTimeout(total=timeout, sock_connect=config.connect_timeout)
     began = time.monotonic()
     try:

@@ -356,14 +356,16 @@ _ADDRESS = re.compile(
     re.I | re.A | re.X,
 )
 """An IP, MAC or mail address, or the name of a host."""
-_TELLING = re.compile(r"name|serial|sn$|id$|no$|addr|mac|ip$|wifi|ssid|pass|pwd|token|key", re.I)
+_IDENTIFYING_KEY = re.compile(
+    r"name|serial|sn$|id$|no$|addr|mac|ip$|wifi|ssid|pass|pwd|token|key", re.I
+)
 """Keys whose values could identify the robot or its site."""
 _PLAIN_KEY = re.compile(r"[a-z]\w{0,40}")
 """A key that looks like the name of a field."""
 
 
-class Hider:
-    """Removes names, addresses and ids that could identify the robot or its site.
+class Redactor:
+    """Redacts names, addresses and ids that could identify the robot or its site.
 
     Args:
         names: The names, as in `Observations.names`.
@@ -392,7 +394,7 @@ class Hider:
             return {self._key(name): self.value(name, each) for name, each in value.items()}
         if isinstance(value, str):
             return f"<text of {len(value)} characters>"
-        if isinstance(value, bool) or not _TELLING.search(key):
+        if value is None or isinstance(value, bool) or not _IDENTIFYING_KEY.search(key):
             return value
         return "<number>"
 

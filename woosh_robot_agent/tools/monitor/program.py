@@ -18,7 +18,7 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.monitor.screen import draw, key_presses
-from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event
+from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event, tool_parser
 from woosh_robot_agent.tools.robot_view import (
     MAX_BACKOFF,
     LinkReport,
@@ -111,12 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     ros_at = given.index("--ros-args") if "--ros-args" in given else len(given)
-    parser = argparse.ArgumentParser(
-        prog="monitor",
-        description="Show the state of one robot.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = tool_parser("monitor", "Show the state of one robot.", _EPILOG)
     add_link_options(parser, ip_required=False)
     parser.add_argument(
         "--namespace",

@@ -18,6 +18,7 @@ from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.config import url_host
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.ros.qos import latched
@@ -283,7 +284,9 @@ class RosSource:
 
     def _on_parameters(self, response: Any) -> None:
         transport, ip, port, encoding, robot_id = response.values
-        self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
+        self._address = url_host(ip.string_value)
+        if port.integer_value:
+            self._address += f":{port.integer_value}"
         self._address += f" over {transport.string_value}"
         config: dict[str, Any] = {
             "ip": ip.string_value,

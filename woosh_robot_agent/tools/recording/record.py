@@ -30,6 +30,7 @@ from woosh_robot_agent.tools.options import (
     link_arguments,
     link_config,
     stop_event,
+    tool_parser,
     warn_if_not_local,
 )
 from woosh_robot_agent.tools.recording.files import Limits
@@ -79,12 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="record",
-        description="Record all frames between a robot and its clients.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = tool_parser("record", "Record all frames between a robot and its clients.", _EPILOG)
     add_link_options(parser)
     parser.add_argument(
         "--listen",

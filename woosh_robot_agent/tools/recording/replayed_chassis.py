@@ -120,7 +120,7 @@ class ReplayedChassis:
         self._playback = playback
         self._host = host
         self._speed = speed
-        self._repeat = loop
+        self._loop = loop
         self._wait_for_commands = wait_for_commands
         self._listeners: list[Listener] = []
         self._clients: dict[ConnectedClient, Codec] = {}
@@ -131,8 +131,6 @@ class ReplayedChassis:
         """Types that were requested but not recorded."""
         self._changed = asyncio.Event()
         """Set when a client connects or sends a frame."""
-        self._unpaused = asyncio.Event()
-        self._unpaused.set()
         self._base: tuple[float, float] | None = None
         """Loop time and recording time of the same moment; None until the playback has started."""
         self._player: asyncio.Task[None] | None = None
@@ -157,7 +155,7 @@ class ReplayedChassis:
         """Drop all clients and stop listening."""
         if self._player is not None:
             self._player.cancel()
-        await self._disappear()
+        await self._go_offline()
 
     # Playback
 
@@ -172,11 +170,12 @@ class ReplayedChassis:
                 if self._base is not None:
                     due = self._base[0] + (step.t - self._base[1]) / self._speed
                     await asyncio.sleep(max(0.0, due - loop.time()))
-                recorded[step.type] += step.kind is StepKind.COMMAND
+                if step.kind is StepKind.COMMAND:
+                    recorded[step.type] += 1
                 await self._do(step, recorded[step.type])
             self.rounds += 1
-            _LOG.info("end of the recording%s", ", starting again" if self._repeat else "")
-            if not self._repeat:
+            _LOG.info("end of the recording%s", ", starting again" if self._loop else "")
+            if not self._loop:
                 return
             self._base = None
             await self._flush()
@@ -196,7 +195,7 @@ class ReplayedChassis:
         elif step.kind is StepKind.LOST:
             _LOG.info("%.3f s: dropping the connection, as recorded", step.t)
             await self._flush()
-            await self._disappear()
+            await self._go_offline()
         elif step.kind is StepKind.SUBSCRIBED:
             await self._wait_for_client(subscribed=True)
             self._resume_at(step)
@@ -242,7 +241,7 @@ class ReplayedChassis:
             try:
                 listener = await serve(self._serve, self._host, port, max_size=_MAX_FRAME_SIZE)
             except OSError:
-                await self._disappear()
+                await self._go_offline()
                 raise
             self._listeners.append(listener)
         self.port, self.tcp_port = (listener.port for listener in self._listeners)
@@ -254,7 +253,7 @@ class ReplayedChassis:
         while any(client.unsent for client in self._clients) and loop.time() < deadline:
             await asyncio.sleep(_FLUSH_CHECK_PERIOD)
 
-    async def _disappear(self) -> None:
+    async def _go_offline(self) -> None:
         """Drop all clients and stop listening, like a chassis that is out of reach."""
         self._drop_clients()
         listeners, self._listeners = self._listeners, []
@@ -272,7 +271,7 @@ class ReplayedChassis:
         client = ConnectedClient(transport, _MAX_OUTBOX)
         self._clients[client] = JSON
         self._changed.set()
-        writer = asyncio.ensure_future(client.write(self._unpaused))
+        writer = asyncio.ensure_future(client.write())
         _LOG.info("%s connected", transport.peer)
         try:
             while True:

@@ -152,8 +152,8 @@ class View(NamedTuple):
     Attributes:
         channel: Channel of the message.
         message: The message.
-        state: Name of the state that the view shows until the next view of this name; empty for an
-            event.
+        state: Key of a view that stays valid until the next view with this key. It is repeated at
+            the start of each file of a split recording; empty if it is not repeated.
     """
 
     channel: Channel
