@@ -111,11 +111,11 @@ class ConnectedClient:
     """A client that is connected to a server.
 
     Args:
-        transport: The open connection.
-        max_outbox: Maximum number of queued frames. A client that exceeds it is dropped.
+        transport: the open connection.
+        max_outbox: maximum number of queued frames. A client that exceeds it is dropped.
 
     Attributes:
-        topics: Subscribed topics, each with the codec of the subscription.
+        topics: subscribed topics, each with the codec of the subscription.
     """
 
     def __init__(self, transport: ServerTransport, max_outbox: int) -> None:

@@ -55,8 +55,8 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     Another signal ends it at once. Signals within `_REPEAT_TIME` of the first one are ignored.
 
     Args:
-        arguments: Command-line arguments; None for the arguments of this process.
-        signals: Tells when to stop.
+        arguments: command-line arguments; None for the arguments of this process.
+        signals: tells when to stop.
 
     Returns:
         The exit status: 0, or 1 if the chassis could not start.

@@ -24,8 +24,8 @@ class Code(NamedTuple):
     """A status code.
 
     Attributes:
-        number: Number of the code, as in the table of `woosh_robot_agent.robot.status_codes`.
-        chinese: Text in Chinese.
+        number: number of the code, as in the table of `woosh_robot_agent.robot.status_codes`.
+        chinese: text in Chinese.
     """
 
     number: int

@@ -49,7 +49,7 @@ def add_link_options(
     """Add `--ip` and the other options of the link to a parser.
 
     Args:
-        parser: The parser.
+        parser: the parser.
         ip_required: True if `--ip` must be given.
         again: True for a subparser whose main parser has the options too. They may come before or
             after the command, so the subparser has no defaults and no help for them.
@@ -105,9 +105,9 @@ def link_config(
     """Return the configuration of the link; an invalid option ends the program.
 
     Args:
-        parser: The parser of the options.
-        options: The options.
-        address: Address of the robot; by default `options.ip`.
+        parser: the parser of the options.
+        options: the options.
+        address: address of the robot; by default `options.ip`.
     """
     ip, port = options.ip if address is None else address
     try:
@@ -155,7 +155,7 @@ def host_and_port(text: str) -> tuple[str, int]:
     """Parse `HOST:PORT`, `[IPV6]:PORT` or `PORT`, which means this machine only.
 
     Raises:
-        argparse.ArgumentTypeError: The text has another form.
+        argparse.ArgumentTypeError: the text has another form.
     """
     host, _, port = text.rpartition(":")
     if not port.isdecimal() or not int(port) < 2**16:
@@ -175,8 +175,8 @@ def warn_if_not_local(host: str, consequence: str) -> None:
     """Print a warning to stderr if other machines can reach `host`.
 
     Args:
-        host: Address to listen on.
-        consequence: What everybody who can connect is able to do.
+        host: address to listen on.
+        consequence: what everybody who can connect is able to do.
     """
     if not is_local(host):
         print(f"warning: everybody who can reach {host} {consequence}", file=sys.stderr)

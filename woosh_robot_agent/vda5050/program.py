@@ -218,7 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the connector until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; 1 if the page cannot be served.

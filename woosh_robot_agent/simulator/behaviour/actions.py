@@ -21,12 +21,12 @@ class _Run:
     """A current action.
 
     Attributes:
-        name: Name of the action.
-        job: Job of the action.
+        name: name of the action.
+        job: job of the action.
         paused: True if the action is paused.
         started: True if the start of the action has been reported.
         impeded: True if an obstacle blocks the action at the moment.
-        reported_at: Simulated time of the last report, in seconds.
+        reported_at: simulated time of the last report, in seconds.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Actions:
     """The current actions. `Ownership` decides which of them may run.
 
     Attributes:
-        last: The last feedback of each action since the start, by name.
+        last: the last feedback of each action since the start, by name.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -77,7 +77,7 @@ class Actions:
         """Return the job of an action, or None if the action is not paused.
 
         Raises:
-            RefusedError: There is no such action.
+            RefusedError: there is no such action.
         """
         run = self._find(name)
         return run.job if run.paused else None
@@ -93,7 +93,7 @@ class Actions:
         """Cancel an action.
 
         Raises:
-            RefusedError: There is no such action.
+            RefusedError: there is no such action.
         """
         self._end(self._find(name), ros_pack_pb2.kRosCancel, "cancelled")
 
@@ -101,7 +101,7 @@ class Actions:
         """Pause an action.
 
         Raises:
-            RefusedError: There is no such action.
+            RefusedError: there is no such action.
         """
         self._pause(self._find(name), "paused")
 
@@ -115,7 +115,7 @@ class Actions:
         """Resume a paused action.
 
         Raises:
-            RefusedError: There is no such action.
+            RefusedError: there is no such action.
         """
         run = self._find(name)
         run.paused = False

@@ -59,10 +59,10 @@ class Result:
     """Result of one check.
 
     Attributes:
-        status: Outcome.
-        text: What was found.
-        remedy: What to do about it; empty if nothing has to be done.
-        check: Name of the check; filled in by `examine`.
+        status: outcome.
+        text: what was found.
+        remedy: what to do about it; empty if nothing has to be done.
+        check: name of the check; filled in by `examine`.
     """
 
     status: Status
@@ -75,7 +75,7 @@ class CheckFailedError(Exception):
     """A check failed on which all later checks depend.
 
     Attributes:
-        result: Result of the check.
+        result: result of the check.
     """
 
     def __init__(self, text: str, remedy: str) -> None:
@@ -94,10 +94,10 @@ class RobotInfoAnswer(NamedTuple):
     """The robot's answer to the request for RobotInfo.
 
     Attributes:
-        info: Body of the answer.
-        skew: Time by which the robot's clock is ahead of this computer's, in seconds; None if the
+        info: body of the answer.
+        skew: time by which the robot's clock is ahead of this computer's, in seconds; None if the
             answer carries no time.
-        round_trip: Time from request to answer, in seconds.
+        round_trip: time from request to answer, in seconds.
     """
 
     info: RobotInfo
@@ -109,7 +109,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
     """Request RobotInfo.
 
     Raises:
-        CheckFailedError: No answer, a refusal, or an answer that cannot be read.
+        CheckFailedError: no answer, a refusal, or an answer that cannot be read.
     """
     codec = client_codec(config)
     invalid_frames: list[FrameError] = []
@@ -223,7 +223,7 @@ async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
         The numeric address, and why its port is closed; empty if it is open.
 
     Raises:
-        CheckFailedError: The host name has no address, or no address is reachable.
+        CheckFailedError: the host name has no address, or no address is reachable.
     """
     loop = asyncio.get_running_loop()
     lookup = loop.getaddrinfo(config.ip, config.effective_port, type=socket.SOCK_STREAM)
@@ -282,7 +282,7 @@ async def open_link(config: LinkConfig) -> Transport:
     """Open the configured transport.
 
     Raises:
-        CheckFailedError: The other end does not speak the transport, does not answer, or
+        CheckFailedError: the other end does not speak the transport, does not answer, or
             disconnects.
     """
     try:
@@ -314,16 +314,16 @@ async def open_link(config: LinkConfig) -> Transport:
 async def _link_error(
     config: LinkConfig, text: str, remedy: str, reason: str = ""
 ) -> CheckFailedError:
-    """Return the error for a link that did not open. It tells what answers HTTP at the same address.
+    """Return the error for a link that did not open. It tells what answers HTTP at this address.
 
     A chassis answers HTTP on the same port, so that a proxy or firewall that refuses WebSockets can
     be told from another program.
 
     Args:
-        config: Address and timeouts of the robot.
-        text: What is wrong if no chassis answers HTTP either.
-        remedy: What to do about it then.
-        reason: Why the link did not open; by default `text`.
+        config: address and timeouts of the robot.
+        text: what is wrong if no chassis answers HTTP either.
+        remedy: what to do about it then.
+        reason: why the link did not open; by default `text`.
     """
     is_http = config.transport == "websocket"
     answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
@@ -347,10 +347,10 @@ class HttpAnswer(NamedTuple):
     """An answer over HTTP.
 
     Attributes:
-        status: Status of the response.
-        server: Name that the server gives itself.
-        body: Body of the response.
-        delay: Time from request to response, in seconds.
+        status: status of the response.
+        server: name that the server gives itself.
+        body: body of the response.
+        delay: time from request to response, in seconds.
     """
 
     status: int
@@ -363,9 +363,9 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
     """Send a request over HTTP.
 
     Args:
-        config: Address of the robot, and the timeout of the connection.
-        request: The request.
-        timeout: Timeout of the answer, in seconds.
+        config: address of the robot, and the timeout of the connection.
+        request: the request.
+        timeout: timeout of the answer, in seconds.
 
     Returns:
         The answer; None if nothing answers HTTP.

@@ -56,8 +56,8 @@ async def examine(config: LinkConfig, max_skew: float = TOLERANCE) -> AsyncItera
     """Check one robot; yield the result of each of `CHECKS` as soon as it is known.
 
     Args:
-        config: Address and timeouts of the robot.
-        max_skew: Maximum difference of the clocks, in seconds.
+        config: address and timeouts of the robot.
+        max_skew: maximum difference of the clocks, in seconds.
     """
     names = iter(CHECKS)
     try:
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Check one robot and print a line for each check.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0 if no check failed, 1 if a check failed.

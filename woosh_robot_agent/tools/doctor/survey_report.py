@@ -37,10 +37,10 @@ class HttpResult(NamedTuple):
     """The answer to a query over HTTP.
 
     Attributes:
-        status: Status of the response.
+        status: status of the response.
         ok: True if the query was accepted, False if it was refused; None if the body is no answer.
-        text: Text of the answer.
-        delay: Time from request to response, in seconds.
+        text: text of the answer.
+        delay: time from request to response, in seconds.
     """
 
     status: int
@@ -62,12 +62,12 @@ def results(
     """Return the results of a survey as JSON.
 
     Args:
-        seen: The observations.
-        http: Answers over HTTP, by query; None for a query that was not answered.
-        seconds: Duration, in seconds.
+        seen: the observations.
+        http: answers over HTTP, by query; None for a query that was not answered.
+        seconds: duration, in seconds.
         complete: False if the survey was stopped early.
-        lost: Number of lost connections.
-        address: Address of the robot.
+        lost: number of lost connections.
+        address: address of the robot.
         with_names: True to keep names and numbers that could identify the robot or its site.
     """
     redactor = None if with_names else Redactor(seen.names)
@@ -233,7 +233,7 @@ def markdown(found: Mapping[str, Any]) -> str:
     """Return the report for people.
 
     Args:
-        found: The results, as `results` returns them.
+        found: the results, as `results` returns them.
     """
     robot = found["robot"]
     early = "" if found["complete"] else ", stopped early"

@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """List, download, upload, rename or delete the maps of one robot.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status.

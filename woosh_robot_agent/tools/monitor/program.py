@@ -32,8 +32,8 @@ class Source(Protocol):
     """Source of the state of one robot. Used in one asyncio event loop.
 
     Attributes:
-        name: Name of the source, shown as title.
-        view: State of the robot as received so far.
+        name: name of the source, shown as title.
+        view: state of the robot as received so far.
     """
 
     name: str
@@ -58,11 +58,11 @@ class LinkSource:
     It requests RobotInfo on each connection and never commands the robot.
 
     Args:
-        config: Address and timeouts of the chassis.
+        config: address and timeouts of the chassis.
 
     Attributes:
-        name: Address of the chassis.
-        view: State of the robot as received so far.
+        name: address of the chassis.
+        view: state of the robot as received so far.
     """
 
     def __init__(self, config: LinkConfig) -> None:
@@ -104,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Show the state of one robot until `q`, SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; with `--once`, 1 if the printed state is not up to date.

@@ -49,9 +49,9 @@ class _RetriedCall:
 
     Args:
         client: rclpy's client of the service.
-        request: The request.
-        timeout: Time after which a call without a response is repeated, in seconds.
-        on_response: Called with the response.
+        request: the request.
+        timeout: time after which a call without a response is repeated, in seconds.
+        on_response: called with the response.
     """
 
     def __init__(
@@ -94,18 +94,18 @@ class RosSource:
     `start` was called.
 
     Args:
-        namespace: Namespace of the agent; overridden by `--ros-args -r __ns:=`.
-        ros_args: Command-line arguments for rclpy.
+        namespace: namespace of the agent; overridden by `--ros-args -r __ns:=`.
+        ros_args: command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
-        discovery_period: Time between two searches for the agent, in seconds.
-        patience: Time for which to wait for the topic `connected` of an agent, in seconds.
+        discovery_period: time between two searches for the agent, in seconds.
+        patience: time for which to wait for the topic `connected` of an agent, in seconds.
 
     Attributes:
-        name: Namespace of the agent.
-        view: State of the robot as received so far.
+        name: namespace of the agent.
+        view: state of the robot as received so far.
 
     Raises:
-        Exception: The namespace or the arguments are invalid; the type is rclpy's.
+        Exception: the namespace or the arguments are invalid; the type is rclpy's.
     """
 
     def __init__(

@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0, or 1 if the program could not listen, the recording ended early,
@@ -155,7 +155,7 @@ class PassiveClient:
     It discards everything that it receives, because the proxy records the frames.
 
     Args:
-        config: Address of the proxy.
+        config: address of the proxy.
         with_large: True to subscribe also to large pushes: laser scans and growing maps.
     """
 

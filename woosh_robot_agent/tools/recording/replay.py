@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Replay a recording until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0, or 1 if the file cannot be read or a port is in use.

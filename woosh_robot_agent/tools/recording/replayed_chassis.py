@@ -36,9 +36,9 @@ def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | 
     A frame that needs no change, or cannot be read, is returned unchanged.
 
     Args:
-        frame: The recorded frame.
-        codec: Encoding of the receiver.
-        sn: Serial number of the receiver's request; None for a push.
+        frame: the recorded frame.
+        codec: encoding of the receiver.
+        sn: serial number of the receiver's request; None for a push.
     """
     recorded = server_codec(frame)
     if recorded is not codec:
@@ -88,19 +88,19 @@ class ReplayedChassis:
     has subscribed. So a client misses nothing if it connects later than the recorded client did.
 
     Args:
-        playback: The recording.
-        host: Address to listen on.
-        port: Port of the WebSocket transport; 0 for any free port.
-        tcp_port: Port of the TCP transport; 0 for any free port.
-        speed: Speed of the playback as a factor.
+        playback: the recording.
+        host: address to listen on.
+        port: port of the WebSocket transport; 0 for any free port.
+        tcp_port: port of the TCP transport; 0 for any free port.
+        speed: speed of the playback as a factor.
         loop: True to drop all clients and start again when the recording ends.
         wait_for_commands: True to pause also at each recorded command until a client sends a
             command of its type.
 
     Attributes:
-        port: Port of the WebSocket transport, after the start.
-        tcp_port: Port of the TCP transport, after the start.
-        rounds: Number of times that the recording was played to its end.
+        port: port of the WebSocket transport, after the start.
+        tcp_port: port of the TCP transport, after the start.
+        rounds: number of times that the recording was played to its end.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class ReplayedChassis:
         """Listen for clients and start the playback.
 
         Raises:
-            OSError: A port is in use.
+            OSError: a port is in use.
         """
         await self._listen()
         self._player = asyncio.get_running_loop().create_task(self._play())
@@ -185,8 +185,8 @@ class ReplayedChassis:
         """Carry out one step.
 
         Args:
-            step: The step.
-            commands: For a command: number of recorded commands of its type up to this step.
+            step: the step.
+            commands: for a command: number of recorded commands of its type up to this step.
         """
         if step.kind is StepKind.PUSH:
             self._push(step)
