@@ -19,9 +19,9 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[object]], align: str
     """Return a Markdown table.
 
     Args:
-        header: Titles of the columns.
-        rows: Cells of each row.
-        align: One letter per column, `l` or `r`; empty aligns all columns left.
+        header: titles of the columns.
+        rows: cells of each row.
+        align: one letter per column, `l` or `r`; empty aligns all columns left.
     """
     rules = ["---:" if letter == "r" else "---" for letter in align or "l" * len(header)]
     return "\n".join("| " + " | ".join(map(str, row)) + " |" for row in (header, rules, *rows))
@@ -35,10 +35,10 @@ class Figure:
     """One figure of robustness.
 
     Attributes:
-        part: Part of the benchmark.
-        name: What was measured.
-        value: The result, with its unit.
-        limit: Requirement on the value; empty if the figure is for information only.
+        part: part of the benchmark.
+        name: what was measured.
+        value: the result, with its unit.
+        limit: requirement on the value; empty if the figure is for information only.
         ok: False if the limit was exceeded.
         depends_on_machine: True if a busy or slow machine may exceed the limit. Only the benchmark
             judges such a figure, because it can be repeated; the tests do not.
@@ -116,9 +116,9 @@ class Target:
     """Target values of a figure of speed.
 
     Attributes:
-        required: Value that must be reached; None if there is none.
-        aim: Value that should be reached.
-        description: Description of the figure.
+        required: value that must be reached; None if there is none.
+        aim: value that should be reached.
+        description: description of the figure.
         higher_is_better: False if the figure should be at most these values.
     """
 
@@ -147,8 +147,8 @@ class Results:
     """Figures of speed of all repetitions.
 
     Attributes:
-        values: Values of each figure, one per repetition.
-        details: The values of agent and floor behind each of them, as text.
+        values: values of each figure, one per repetition.
+        details: the values of agent and floor behind each of them, as text.
     """
 
     values: dict[str, list[float]] = field(default_factory=dict)

@@ -60,10 +60,10 @@ class Load:
     """What the robots do in a measurement.
 
     Attributes:
-        nodes: Number of nodes of each order.
-        speed: Simulated seconds per real second.
-        seconds: Minimum duration, in seconds.
-        arguments: Further arguments of the connector.
+        nodes: number of nodes of each order.
+        speed: simulated seconds per real second.
+        seconds: minimum duration, in seconds.
+        arguments: further arguments of the connector.
     """
 
     nodes: int = 20
@@ -77,19 +77,19 @@ class VehicleCost:
     """Result of a measurement.
 
     Attributes:
-        robots: Number of robots.
-        latency: Time from a push of the robot until the state with it leaves the broker.
-        measured: Number of pushes behind `latency`.
-        unseen: Number of pushes of which no state was seen.
-        messages: Number of messages of the vehicles.
-        rate: Messages of the vehicles per second.
-        traffic: Bytes of these messages per second.
-        lost: Number of messages that are missing according to their header ids.
-        ended: Number of orders that were driven to their last node.
+        robots: number of robots.
+        latency: time from a push of the robot until the state with it leaves the broker.
+        measured: number of pushes behind `latency`.
+        unseen: number of pushes of which no state was seen.
+        messages: number of messages of the vehicles.
+        rate: messages of the vehicles per second.
+        traffic: bytes of these messages per second.
+        lost: number of messages that are missing according to their header ids.
+        ended: number of orders that were driven to their last node.
         cpu: CPU time of the connector, in percent of a core.
         broker_cpu: CPU time of the broker, in percent of a core.
         simulator_cpu: CPU time of the simulated robots, in percent of a core.
-        rss: Resident memory of the connector, in MiB.
+        rss: resident memory of the connector, in MiB.
         idle_cpu: CPU time of the connector while the robots stand, in percent of a core.
     """
 

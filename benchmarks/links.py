@@ -56,8 +56,8 @@ def compare(given: argparse.Namespace, measure_link: Callable[[int, Options], Co
     """Measure every kind of link in turn; return the medians of the repetitions, by column.
 
     Args:
-        given: Options of the command line.
-        measure_link: Measures one link. The column "" is that of the link.
+        given: options of the command line.
+        measure_link: measures one link. The column "" is that of the link.
     """
     found: dict[str, list[dict[str, float]]] = {}
     for repetition in range(repetitions(given)):

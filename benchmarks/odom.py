@@ -118,9 +118,9 @@ class Errors:
     """Differences from the true pose.
 
     Attributes:
-        stamps: Stamps of the messages, as Unix time in seconds.
-        position: Distance from the true position, in metres.
-        heading: Difference from the true heading, in radians.
+        stamps: stamps of the messages, as Unix time in seconds.
+        position: distance from the true position, in metres.
+        heading: difference from the true heading, in radians.
     """
 
     stamps: list[float] = field(default_factory=list)
@@ -140,11 +140,11 @@ class Drive:
     """The results of one drive.
 
     Attributes:
-        truth: The motion of the robot.
-        predicted: Stamps and poses of odom with prediction.
-        reported: Stamps and poses of odom without it: of the reports.
-        errors: Errors of each of them, and of the last report at the stamps of odom.
-        delays: Delays of the stamps of the reports, in seconds.
+        truth: the motion of the robot.
+        predicted: stamps and poses of odom with prediction.
+        reported: stamps and poses of odom without it: of the reports.
+        errors: errors of each of them, and of the last report at the stamps of odom.
+        delays: delays of the stamps of the reports, in seconds.
     """
 
     truth: Track

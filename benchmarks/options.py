@@ -30,8 +30,8 @@ class Options:
 
     Attributes:
         smoke: True if the benchmark is only checked to work, with meaningless figures.
-        transport: Transport of the link.
-        encoding: Encoding of the link.
+        transport: transport of the link.
+        encoding: encoding of the link.
     """
 
     smoke: bool = False
@@ -102,10 +102,10 @@ def report(
     """Print what was measured, and what exceeds its limit to stderr.
 
     Args:
-        given: Options of the command line.
-        found: The figures, as JSON has them.
-        table: Returns the figures as Markdown.
-        excess: Returns the limits that are exceeded, as text.
+        given: options of the command line.
+        found: the figures, as JSON has them.
+        table: returns the figures as Markdown.
+        excess: returns the limits that are exceeded, as text.
 
     Returns:
         The exit status: 1 if a limit was exceeded, otherwise 0.

@@ -41,10 +41,10 @@ class Resources:
     """Resources of a process at one moment.
 
     Attributes:
-        rss: Resident memory, shared libraries included, in bytes.
-        fds: Open file descriptors.
-        sockets: File descriptors that are sockets.
-        threads: Threads of the operating system.
+        rss: resident memory, shared libraries included, in bytes.
+        fds: open file descriptors.
+        sockets: file descriptors that are sockets.
+        threads: threads of the operating system.
     """
 
     rss: int
@@ -77,10 +77,10 @@ def start_module(name: str, *arguments: str, domain: int, **options: Any) -> sub
     """Start a module of this repository as a process.
 
     Args:
-        name: Full name of the module.
-        arguments: Its command line.
-        domain: Its ROS_DOMAIN_ID.
-        options: Further options of `subprocess.Popen`.
+        name: full name of the module.
+        arguments: its command line.
+        domain: its ROS_DOMAIN_ID.
+        options: further options of `subprocess.Popen`.
     """
     return subprocess.Popen(
         [sys.executable, "-m", name, *arguments],
@@ -95,8 +95,8 @@ class Program:
     """A module that runs as a process, takes commands on stdin and answers in JSON on stdout.
 
     Attributes:
-        started: Time of its start (time.monotonic), in seconds.
-        process: The process.
+        started: time of its start (time.monotonic), in seconds.
+        process: the process.
     """
 
     def __init__(self, *command: str, domain: int) -> None:
@@ -207,7 +207,7 @@ def running(*command: str, domain: int) -> Iterator[Program]:
     """Run a program while the block runs.
 
     Raises:
-        RuntimeError: The program ended by itself. The text holds the last part of its log.
+        RuntimeError: the program ended by itself. The text holds the last part of its log.
     """
     program = Program(*command, domain=domain)
     try:

@@ -67,9 +67,9 @@ class Event(NamedTuple):
     """An observed event of a task.
 
     Attributes:
-        time: Time, in seconds.
+        time: time, in seconds.
         kind: `answer`, `order`, `state` or `report`.
-        body: Body of the message.
+        body: body of the message.
     """
 
     time: float
@@ -218,12 +218,12 @@ def _figure(
     """Return a figure that passes if the median of `ours` is within what is told.
 
     Args:
-        part: Part of the comparison.
-        name: Name of the figure.
-        told: Value of the real robot, or a list of the smallest and the largest one.
-        ours: Values of the simulated chassis.
-        resolution: Difference that the figures of the real robot do not show, beside `TOLERANCE`.
-        remark: Text after the value of the real robot.
+        part: part of the comparison.
+        name: name of the figure.
+        told: value of the real robot, or a list of the smallest and the largest one.
+        ours: values of the simulated chassis.
+        resolution: difference that the figures of the real robot do not show, beside `TOLERANCE`.
+        remark: text after the value of the real robot.
     """
     least, most = told if isinstance(told, list) else (told, told)
     median = statistics.median(ours)

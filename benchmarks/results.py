@@ -45,11 +45,11 @@ def save(
     """Run a benchmark, and write the tables that it prints to a file.
 
     Args:
-        name: Name of the benchmark.
-        title: Title of the page.
-        options: Options of the benchmark.
-        run: Runs it; returns its exit status.
-        folder: Folder of the results.
+        name: name of the benchmark.
+        title: title of the page.
+        options: options of the benchmark.
+        run: runs it; returns its exit status.
+        folder: folder of the results.
 
     Returns:
         The exit status of the benchmark.

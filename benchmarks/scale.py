@@ -30,9 +30,9 @@ class Point:
     """Cost at one size.
 
     Attributes:
-        size: Number of robots, rate in Hz, or number of beams.
+        size: number of robots, rate in Hz, or number of beams.
         cpu: CPU of the agents: percent of one core or, for scans, milliseconds per call.
-        median: Median latency, in milliseconds.
+        median: median latency, in milliseconds.
         p99: 99th percentile of the latency, in milliseconds.
     """
 
@@ -100,9 +100,9 @@ class Sweep:
     """A size that is varied.
 
     Attributes:
-        size: Label of the size.
-        cpu: Label of the CPU figure.
-        measure: Returns the curves.
+        size: label of the size.
+        cpu: label of the CPU figure.
+        measure: returns the curves.
     """
 
     size: str

@@ -28,7 +28,7 @@ def profile_table() -> str:
     A comment describes the fields up to the next comment.
 
     Raises:
-        ValueError: A line of the file cannot be read, or a field has no comment.
+        ValueError: a line of the file cannot be read, or a field has no comment.
     """
     rows: list[tuple[str, list[str], list[str]]] = []  # comment, keys, values
     group = ""
@@ -106,7 +106,7 @@ def _keys(entry: type) -> Iterator[tuple[str, str]]:
     """Yield the keys of a dataclass and their descriptions.
 
     Raises:
-        ValueError: The docstring does not describe a key.
+        ValueError: the docstring does not describe a key.
     """
     described = dict(_ATTRIBUTE.findall(inspect.getdoc(entry) or ""))
     for field in dataclasses.fields(entry):
@@ -114,7 +114,8 @@ def _keys(entry: type) -> Iterator[tuple[str, str]]:
             continue
         if field.name not in described:
             raise ValueError(f"the docstring of {entry.__name__} does not describe {field.name}")
-        yield field.name, " ".join(described[field.name].split())
+        text = " ".join(described[field.name].split())
+        yield field.name, text[0].upper() + text[1:]
 
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

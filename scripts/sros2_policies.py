@@ -61,7 +61,7 @@ def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
     """Return the policy of the agent with all its parts enabled, for the enclave NAMESPACE/agent.
 
     Args:
-        namespace: Namespace of the agent; `/` for none.
+        namespace: namespace of the agent; `/` for none.
         sim_time: True if the agent runs with `use_sim_time` and so subscribes to /clock.
 
     Raises:
@@ -91,14 +91,14 @@ def client_policy(
     It does not allow the client to set the agent's parameters, because they select the robot.
 
     Args:
-        namespace: Namespace of the agent; `/` for none.
-        node: Full name of the client's node.
-        read_only: Allow topics and queries, but no commands and no actions.
-        only: Patterns of the endpoints to allow, e.g. `robot/Pose*`; by default all.
+        namespace: namespace of the agent; `/` for none.
+        node: full name of the client's node.
+        read_only: allow topics and queries, but no commands and no actions.
+        only: patterns of the endpoints to allow, e.g. `robot/Pose*`; by default all.
         sim_time: True if the client runs with `use_sim_time` and so subscribes to /clock.
 
     Raises:
-        ValueError: A name is not an absolute ROS name, a pattern matches no endpoint, or with
+        ValueError: a name is not an absolute ROS name, a pattern matches no endpoint, or with
             `read_only` the patterns match commands and actions only.
     """
     prefix = _prefix(namespace)
@@ -143,8 +143,8 @@ class _Profile:
 
         Args:
             kind: `topics`, `services` or `actions`.
-            operation: Operation of that kind, e.g. `publish`.
-            names: Full names of the topics, services or actions.
+            operation: operation of that kind, e.g. `publish`.
+            names: full names of the topics, services or actions.
         """
         group = Element(kind, {operation: "ALLOW"})
         for name in sorted(names):
@@ -185,7 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print a policy.
 
     Args:
-        arguments: Arguments of the program; by default those of the command line.
+        arguments: arguments of the program; by default those of the command line.
 
     Returns:
         The exit status.

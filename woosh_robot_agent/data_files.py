@@ -58,12 +58,12 @@ def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
     """Return the content of a YAML file.
 
     Args:
-        name: Name of the file, for errors.
-        data: Content of the file.
-        max_bytes: Maximum size of the file, in bytes.
+        name: name of the file, for errors.
+        data: content of the file.
+        max_bytes: maximum size of the file, in bytes.
 
     Raises:
-        DataFileError: The file is not YAML, too large or too deeply nested.
+        DataFileError: the file is not YAML, too large or too deeply nested.
     """
     _check_size(name, data, max_bytes)
     try:
@@ -86,12 +86,12 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
     """Return the content of a JSON file.
 
     Args:
-        name: Name of the file, for errors.
-        data: Content of the file.
-        max_bytes: Maximum size of the file, in bytes.
+        name: name of the file, for errors.
+        data: content of the file.
+        max_bytes: maximum size of the file, in bytes.
 
     Raises:
-        DataFileError: The file is not JSON, too large or too deeply nested.
+        DataFileError: the file is not JSON, too large or too deeply nested.
     """
     _check_size(name, data, max_bytes)
     try:
@@ -136,13 +136,13 @@ def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True)
     """Return plain data as an object of a type.
 
     Args:
-        kind: The type; the docstring of this module lists the possible types.
-        value: The data, as YAML or JSON loads them.
-        where: Name of the file, and the path of the value in it, for errors.
-        known_only: Refuse keys that no field has, instead of ignoring them.
+        kind: the type; the docstring of this module lists the possible types.
+        value: the data, as YAML or JSON loads them.
+        where: name of the file, and the path of the value in it, for errors.
+        known_only: refuse keys that no field has, instead of ignoring them.
 
     Raises:
-        DataFileError: The data do not fit the type.
+        DataFileError: the data do not fit the type.
     """
     return _Reader(known_only).read(kind, value, where)  # type: ignore[no-any-return]
 

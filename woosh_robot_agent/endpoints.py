@@ -149,7 +149,15 @@ def _query(
     extra: bool = False,
 ) -> Query:
     srv, usual_request = _types(name)
-    return Query(name, srv, request or usual_request, field, takes_arg, timeout, extra)
+    return Query(
+        name,
+        srv,
+        request or usual_request,
+        field=field,
+        takes_arg=takes_arg,
+        timeout=timeout,
+        extra=extra,
+    )
 
 
 def _command(
@@ -162,10 +170,20 @@ def _command(
     extra: bool = False,
 ) -> Command:
     srv, request = _types(name)
-    return Command(name, srv, request, answer, timeout, reads, two_types, extra)
+    return Command(
+        name,
+        srv,
+        request,
+        answer,
+        timeout=timeout,
+        reads=reads,
+        two_types=two_types,
+        extra=extra,
+    )
 
 
 def _setting(short: str, name: str = "") -> Command:
+    """Return a command that changes a setting; request and answer have the same type."""
     full_name = f"woosh.robot.setting.{short}"
     return Command(name or f"setting/{short}", f"woosh_robot_msgs/Set{short}", full_name, full_name)
 
@@ -176,17 +194,18 @@ def _topic(short: str, depth: int = 1, package: str = "woosh.robot") -> Topic:
 
 def _extra_topic(name: str, depth: int = 1, *, on_demand: bool = False) -> Topic:
     msg, push = _types(name)
-    return Topic(name, msg, push, depth, on_demand, extra=True)
+    return Topic(name, msg, push, depth, on_demand=on_demand, extra=True)
 
 
-def _call_action(short: str, member: str, *, extra: bool = False) -> Action:
+def _robot_action(short: str, member: str, *, extra: bool = False) -> Action:
+    """Return an action that is started by the field `member` of woosh.ros.CallAction."""
     return Action(
         f"ros/{short}",
         f"woosh_ros_msgs/{short}",
-        f"woosh.ros.action.{short}",
-        "woosh.ros.Feedback",
-        member,
-        extra,
+        arg=f"woosh.ros.action.{short}",
+        feedback="woosh.ros.Feedback",
+        member=member,
+        extra=extra,
     )
 
 
@@ -309,10 +328,10 @@ ACTIONS = (
         "woosh.robot.ExecTask",
         "woosh.robot.TaskProc",
     ),
-    _call_action("StepControl", "step_control"),
-    _call_action("LiftControl", "lift_control"),
-    _call_action("LiftControl3", "lift_control3"),
-    _call_action("MoveBase", "move_base"),
+    _robot_action("StepControl", "step_control"),
+    _robot_action("LiftControl", "lift_control"),
+    _robot_action("LiftControl3", "lift_control3"),
+    _robot_action("MoveBase", "move_base"),
     Action(
         "robot/ExecPreTask",
         "woosh_robot_msgs/ExecPreTask",
@@ -320,9 +339,9 @@ ACTIONS = (
         "woosh.robot.TaskProc",
         extra=True,
     ),
-    _call_action("ChargeControl", "charge_control", extra=True),
-    _call_action("LiftControl2", "lift_control2", extra=True),
-    _call_action("NavigationMode", "nav_mode", extra=True),
+    _robot_action("ChargeControl", "charge_control", extra=True),
+    _robot_action("LiftControl2", "lift_control2", extra=True),
+    _robot_action("NavigationMode", "nav_mode", extra=True),
 )
 
 

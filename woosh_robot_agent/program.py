@@ -17,7 +17,7 @@ class StopSignals:
 
     Attributes:
         received: True once a signal has arrived.
-        fd: File descriptor that becomes readable with each signal, also while the main thread is
+        fd: file descriptor that becomes readable with each signal, also while the main thread is
             in a call that does not return to Python.
     """
 
@@ -80,7 +80,7 @@ def too_few_descriptors(robots: int = 1) -> str:
     Beyond the limit, libraries fail with errors that do not tell why, or silently.
 
     Args:
-        robots: Number of robots that the agent connects to.
+        robots: number of robots that the agent connects to.
     """
     limit, needed = resource.getrlimit(resource.RLIMIT_NOFILE)[0], _DESCRIPTORS + robots - 1
     if limit >= needed or limit == resource.RLIM_INFINITY:

@@ -26,8 +26,8 @@ class BareSocket:
     """A connection to a chassis.
 
     Args:
-        url: Address of the chassis.
-        receive: Called with each frame of the chassis, in a thread of its own.
+        url: address of the chassis.
+        receive: called with each frame of the chassis, in a thread of its own.
     """
 
     def __init__(self, url: str, receive: Callable[[bytes], object]) -> None:

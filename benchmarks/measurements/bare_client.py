@@ -16,7 +16,7 @@ class BareClient:
     Create it before the agent: DDS discovers the participant that joins last the fastest.
 
     Attributes:
-        node: The node.
+        node: the node.
     """
 
     def __init__(self, domain: int) -> None:

@@ -53,9 +53,9 @@ class Caller(BareClient):
 
         Args:
             srv: ROS type of the service.
-            name: Name of the service.
-            request: Request of all calls; None sends a new empty one with each call.
-            first_timeout: Time after which a call without an answer is made again, in seconds.
+            name: name of the service.
+            request: request of all calls; None sends a new empty one with each call.
+            first_timeout: time after which a call without an answer is made again, in seconds.
         """
         if self._client is not None:
             self.node.destroy_client(self._client)
@@ -105,12 +105,12 @@ class Load:
     """Calls of a service that are in flight all the time.
 
     Args:
-        call: Makes a call; returns its future.
-        in_flight: Number of calls in flight.
-        count: Number of calls.
+        call: makes a call; returns its future.
+        in_flight: number of calls in flight.
+        count: number of calls.
 
     Attributes:
-        done: Number of answered calls.
+        done: number of answered calls.
     """
 
     def __init__(self, call: Callable[[], Any], in_flight: int, count: float) -> None:
@@ -149,7 +149,7 @@ class RoundTrips:
     """Cost of calls.
 
     Attributes:
-        times: Round-trip times.
+        times: round-trip times.
         cpu: CPU time of the called program per call, in microseconds.
     """
 
@@ -179,8 +179,8 @@ class CalledProgram(_Recorder):
     """A program whose service is called.
 
     Args:
-        program: The program.
-        caller: Calls it. Its service must be selected.
+        program: the program.
+        caller: calls it. Its service must be selected.
     """
 
     def __init__(self, program: Program, caller: Caller) -> None:

@@ -57,11 +57,11 @@ class Fleet:
     """A growing number of robots with their agents, and one chassis that plays all of them.
 
     Args:
-        options: Options of the measurement.
-        per_process: Number of robots in a process.
+        options: options of the measurement.
+        per_process: number of robots in a process.
 
     Attributes:
-        agents: Programs that run the agents.
+        agents: programs that run the agents.
     """
 
     def __init__(self, options: Options, *, per_process: int) -> None:

@@ -40,12 +40,12 @@ class GoalSender:
     """An action client that sends goals one after the other, and records their times.
 
     Args:
-        client: Node of the action client.
-        action: Type of the action.
-        name: Name of the action server.
-        chassis: Executes the goals.
-        make_goal: Makes a goal by which the chassis recognises a number.
-        first: Number of the first goal.
+        client: node of the action client.
+        action: type of the action.
+        name: name of the action server.
+        chassis: executes the goals.
+        make_goal: makes a goal by which the chassis recognises a number.
+        first: number of the first goal.
     """
 
     def __init__(

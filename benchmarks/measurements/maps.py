@@ -41,8 +41,8 @@ class Transfers:
     """Cost of all transfers of one program in one direction.
 
     Attributes:
-        trips: Round trips.
-        memory: Largest resident memory above that before the transfers, in sizes of the map.
+        trips: round trips.
+        memory: largest resident memory above that before the transfers, in sizes of the map.
     """
 
     trips: RoundTrips
@@ -53,12 +53,12 @@ class _Endpoint:
     """A program that serves map transfers.
 
     Args:
-        program: The program.
-        caller: Calls its services.
-        size: Size of the map, in bytes.
+        program: the program.
+        caller: calls its services.
+        size: size of the map, in bytes.
 
     Attributes:
-        program: The program.
+        program: the program.
     """
 
     def __init__(self, program: Program, caller: Caller, size: int) -> None:
@@ -98,9 +98,9 @@ class MapCost:
     """Cost of maps through one kind of link, and of the floor.
 
     Attributes:
-        agent, floor: Transfers by direction, `Download` or `Upload`.
-        idle_velocities: Latency of velocities without transfers, from publisher to chassis.
-        velocities: Latency of velocities during downloads.
+        agent, floor: transfers by direction, `Download` or `Upload`.
+        idle_velocities: latency of velocities without transfers, from publisher to chassis.
+        velocities: latency of velocities during downloads.
     """
 
     agent: dict[str, Transfers]

@@ -107,12 +107,12 @@ class Presence:
     """A program that is measured while it starts and while it is idle.
 
     Attributes:
-        command: Its module and arguments.
+        command: its module and arguments.
         connects: False if it has no link to wait for.
-        further_actions: Names of actions that it has beside those of the agent.
-        starts: Time of each start, in seconds.
+        further_actions: names of actions that it has beside those of the agent.
+        starts: time of each start, in seconds.
         cpu: CPU time while idle, in percent of a core.
-        rss: Resident memory while idle, in MiB.
+        rss: resident memory while idle, in MiB.
     """
 
     command: list[str]
@@ -156,8 +156,8 @@ class Watcher:
     """A client that runs before the agent and watches its start.
 
     Args:
-        domain: Its ROS_DOMAIN_ID.
-        further_actions: Names of actions to wait for, beside those of the agent.
+        domain: its ROS_DOMAIN_ID.
+        further_actions: names of actions to wait for, beside those of the agent.
     """
 
     def __init__(self, domain: int, further_actions: Sequence[str] = ()) -> None:

@@ -44,8 +44,8 @@ class PushRun:
     """A run of consecutive pushes.
 
     Attributes:
-        sent: Time of each push, by its number.
-        received: Arrival times by topic and number.
+        sent: time of each push, by its number.
+        received: arrival times by topic and number.
         cpu: CPU time of all publishers, in seconds.
         chassis_cpu: CPU time of the chassis, in seconds.
         subscriber_cpu: CPU time of all subscribers, in seconds.
@@ -135,10 +135,10 @@ class PushPath:
         """Push, and wait until the last push has arrived or no more pushes arrive.
 
         Args:
-            rate: Rate of the pushes, in Hz.
-            count: Number of the pushes.
-            poll: Polling period of the subscribers, in seconds; with 0 they take each push at once.
-            quiet: Time without an arrival after which the rest counts as lost, beyond the period
+            rate: rate of the pushes, in Hz.
+            count: number of the pushes.
+            poll: polling period of the subscribers, in seconds; with 0 they take each push at once.
+            quiet: time without an arrival after which the rest counts as lost, beyond the period
                 of the pushes, in seconds.
         """
         first, self._next = self._next, self._next + count
@@ -174,9 +174,9 @@ def push_path(
 
     Args:
         domain: ROS_DOMAIN_ID.
-        options: Options of the measurement.
-        floor: Use the floor instead of the agent.
-        odom: Let the agent publish odom, as it does by default.
+        options: options of the measurement.
+        floor: use the floor instead of the agent.
+        odom: let the agent publish odom, as it does by default.
     """
     transport = "websocket" if floor else options.transport
     with (

@@ -39,10 +39,10 @@ class VelocityPath:
     """The path of velocities: a publisher, the program that forwards them, and a chassis.
 
     Args:
-        publisher: Publishes the velocities.
-        topic: Topic of the program.
-        program: The agent or the floor.
-        chassis: Receives them.
+        publisher: publishes the velocities.
+        topic: topic of the program.
+        program: the agent or the floor.
+        chassis: receives them.
     """
 
     def __init__(self, publisher: Program, topic: str, program: Program, chassis: Program) -> None:
@@ -63,9 +63,9 @@ class VelocityPath:
         newer one has.
 
         Args:
-            rate: Rate of the velocities, in Hz.
-            count: Number of the velocities.
-            meanwhile: Called again and again while they are published.
+            rate: rate of the velocities, in Hz.
+            count: number of the velocities.
+            meanwhile: called again and again while they are published.
         """
         self._arrivals()
         cpu = self._program.cpu

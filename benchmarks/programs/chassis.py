@@ -138,11 +138,11 @@ class BenchChassis:
     """Answers every request with a constant message of the request's type.
 
     Attributes:
-        beams: Number of beams of a scan.
-        delay: Time from a request to its answer, in seconds.
-        goals: Time of arrival and time of the last report of each task and each MoveBase, by the id
+        beams: number of beams of a scan.
+        delay: time from a request to its answer, in seconds.
+        goals: time of arrival and time of the last report of each task and each MoveBase, by the id
             of the task or the x of the pose.
-        velocities: Linear velocity and time of arrival of each velocity command.
+        velocities: linear velocity and time of arrival of each velocity command.
     """
 
     def __init__(self, beams: int, map_size: int) -> None:

@@ -73,10 +73,10 @@ def filled(rng: random.Random, cls: type[Message], depth: int = 0, odd: float = 
     """Return a message with some fields set, half of them to limits of their ranges.
 
     Args:
-        rng: Source of randomness.
-        cls: Class of the message.
-        depth: Depth of the message in an outer one.
-        odd: Share of the floating-point numbers that are not finite.
+        rng: source of randomness.
+        cls: class of the message.
+        depth: depth of the message in an outer one.
+        odd: share of the floating-point numbers that are not finite.
     """
     message = cls()
     fields = list(cls.DESCRIPTOR.fields)

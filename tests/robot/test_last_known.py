@@ -18,7 +18,7 @@ class Pushed:
     """Last known values fed with pushed bodies; collects the reports of bad bodies."""
 
     def __init__(self) -> None:
-        self.known = LastKnown(None)
+        self.known = LastKnown()
         self.bad: list[FrameError] = []
 
     def push(self, name: str, **value: Any) -> None:

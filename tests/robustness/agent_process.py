@@ -51,7 +51,7 @@ class DebugAgentProcess(AgentProcess):
         """Return the result of the agent's `Agent.debug`.
 
         Args:
-            objects: Also count Python objects by type, which keeps the agent busy for a moment.
+            objects: also count Python objects by type, which keeps the agent busy for a moment.
         """
         assert self.process.stdin is not None
         self.process.stdin.write("objects\n" if objects else "state\n")
@@ -79,8 +79,8 @@ class DebugAgentProcess(AgentProcess):
         """Wait until the resident memory is within `limit`, or the timeout is over; return it.
 
         Args:
-            limit: Memory in bytes.
-            timeout: Timeout in seconds.
+            limit: memory in bytes.
+            timeout: timeout in seconds.
         """
         deadline = time.monotonic() + timeout
         while (now := self.rss) > limit and time.monotonic() < deadline:

@@ -56,11 +56,11 @@ class Size:
     """Size of the floods.
 
     Attributes:
-        seconds: Duration of each flood, in seconds.
-        calls: Rate of the calls, in Hz.
-        pushes: Rate of the pushes, in Hz.
-        frame: Size of the big frames, in MiB, below the agent's max_frame_size of 64 MiB.
-        slow: Time after which the slow chassis answers, in seconds.
+        seconds: duration of each flood, in seconds.
+        calls: rate of the calls, in Hz.
+        pushes: rate of the pushes, in Hz.
+        frame: size of the big frames, in MiB, below the agent's max_frame_size of 64 MiB.
+        slow: time after which the slow chassis answers, in seconds.
     """
 
     seconds: float = 10.0
@@ -77,8 +77,8 @@ class Bench:
     """An agent that is flooded, its chassis, and a bystander: another client that calls the agent.
 
     Attributes:
-        figures: Results so far.
-        idle: Idle memory, in bytes; 0 as long as it is unknown.
+        figures: results so far.
+        idle: idle memory, in bytes; 0 as long as it is unknown.
     """
 
     def __init__(self, domain: int, simulator: SimulatorThread, agent: DebugAgentProcess) -> None:
@@ -288,8 +288,8 @@ class _Bystander:
     """Another client of a flooded agent, whose calls must not be lost.
 
     Args:
-        client: The ROS client that it uses.
-        simulator: The chassis of the agent.
+        client: the ROS client that it uses.
+        simulator: the chassis of the agent.
     """
 
     def __init__(self, client: Client, simulator: SimulatorThread) -> None:
@@ -303,8 +303,8 @@ class _Bystander:
         """Query and stop the robot every 0.1 s, and check that nothing is lost.
 
         Args:
-            part: Part of the benchmark to which the figures belong.
-            until: Ends the calls when it returns True.
+            part: part of the benchmark to which the figures belong.
+            until: ends the calls when it returns True.
         """
         asked: list[tuple[str, Any]] = []
         waits: dict[Any, float] = {}
@@ -380,9 +380,9 @@ def _push_mixed(chassis: Any, sent: dict[str, int], count: int) -> None:
     """Push states and status codes, four states for each code.
 
     Args:
-        chassis: The simulator, in its own thread.
-        sent: Numbers of `poses` and `codes` pushed so far, updated by each push.
-        count: Number of further pushes.
+        chassis: the simulator, in its own thread.
+        sent: numbers of `poses` and `codes` pushed so far, updated by each push.
+        count: number of further pushes.
     """
     for _ in range(count):
         kind = "codes" if sent["codes"] * 4 < sent["poses"] else "poses"
@@ -417,8 +417,8 @@ def run(size: Size, *, measure_memory: bool = True) -> list[Figure]:
     """Run all floods on one agent, one after the other, and return the results.
 
     Args:
-        size: Size of the floods.
-        measure_memory: Compare the memory with that after a warm-up.
+        size: size of the floods.
+        measure_memory: compare the memory with that after a warm-up.
     """
     config = quick_config(port=0, tcp_port=0, seed=1, max_outbox=1_000_000)
     with (

@@ -43,13 +43,13 @@ class Result:
     """Results for one target.
 
     Attributes:
-        name: Name of the target.
-        inputs: Number of inputs.
-        kinds: Number of accepted inputs, and of refused ones by kind.
-        crashes: Report of each crash, with the command that repeats it.
-        seconds: Duration, including the generation of the inputs, in seconds.
-        slowest: Longest time that a batch took per input, in seconds.
-        memory: Growth of the process, in MB.
+        name: name of the target.
+        inputs: number of inputs.
+        kinds: number of accepted inputs, and of refused ones by kind.
+        crashes: report of each crash, with the command that repeats it.
+        seconds: duration, including the generation of the inputs, in seconds.
+        slowest: longest time that a batch took per input, in seconds.
+        memory: growth of the process, in MB.
     """
 
     name: str
@@ -65,10 +65,10 @@ def fuzz(key: str, count: int, seed: int, first: int = 0) -> Result:
     """Feed inputs to one target.
 
     Args:
-        key: Key of the target in `TARGETS`.
-        count: Number of inputs.
-        seed: Seed of the inputs.
-        first: Number of the first input.
+        key: key of the target in `TARGETS`.
+        count: number of inputs.
+        seed: seed of the inputs.
+        first: number of the first input.
     """
     target = TARGETS[key]()
     result = Result(target.name)

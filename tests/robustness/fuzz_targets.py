@@ -53,9 +53,9 @@ class Target(ABC):
     """One target.
 
     Attributes:
-        name: Name in tables, and part of the seed.
-        batch: Number of inputs in a batch.
-        share: Share of all inputs that this target gets.
+        name: name in tables, and part of the seed.
+        batch: number of inputs in a batch.
+        share: share of all inputs that this target gets.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Target(ABC):
             Number of accepted inputs, and of refused ones by kind.
 
         Raises:
-            Exception: The target behaved incorrectly.
+            Exception: the target behaved incorrectly.
         """
 
     def close(self) -> None:  # noqa: B027

@@ -67,9 +67,9 @@ class Footprint:
     """Resources of the process at rest. Growth from one scenario to the next is a leak.
 
     Attributes:
-        tasks: Number of asyncio tasks in the link thread.
-        threads: Number of threads.
-        files: Number of open files.
+        tasks: number of asyncio tasks in the link thread.
+        threads: number of threads.
+        files: number of open files.
     """
 
     tasks: int
@@ -89,14 +89,14 @@ class Rig:
     """A chassis, an agent and a client.
 
     Args:
-        kind: Transport and encoding of the agent; one of `KINDS`.
-        parameters: Further parameters of the agent, by default `SHORT_TIMEOUTS`.
+        kind: transport and encoding of the agent; one of `KINDS`.
+        parameters: further parameters of the agent, by default `SHORT_TIMEOUTS`.
 
     Attributes:
-        simulator: The chassis.
-        agent: The agent.
-        duplicates: Answers to calls that were answered already.
-        sent_twists: Number of velocity commands that the agent has handed to its sockets.
+        simulator: the chassis.
+        agent: the agent.
+        duplicates: answers to calls that were answered already.
+        sent_twists: number of velocity commands that the agent has handed to its sockets.
     """
 
     def __init__(self, kind: dict[str, str], parameters: dict[str, Any] | None = None) -> None:
@@ -152,7 +152,7 @@ class Rig:
         """Return the debug state of the agent.
 
         Raises:
-            BrokenPromiseError: The link thread does not answer.
+            BrokenPromiseError: the link thread does not answer.
         """
         try:
             return self.agent.agent.debug(NEVER)
@@ -179,7 +179,7 @@ class Rig:
         """Compare the footprint with that of the first call.
 
         Raises:
-            BrokenPromiseError: It has grown, and does not shrink again in time.
+            BrokenPromiseError: it has grown, and does not shrink again in time.
         """
         if self._footprint is None:
             self._footprint = self.footprint()

@@ -110,10 +110,10 @@ class PlannedFault:
     """One fault.
 
     Attributes:
-        name: Name of the fault.
-        arguments: Its arguments.
-        at: Time of its beginning, in seconds of real time since the start of the scenario.
-        until: Time of its end.
+        name: name of the fault.
+        arguments: its arguments.
+        at: time of its beginning, in seconds of real time since the start of the scenario.
+        until: time of its end.
     """
 
     name: str
@@ -127,10 +127,10 @@ class Plan:
     """The scenario of a seed.
 
     Attributes:
-        seed: The seed.
-        kind: Settings of the agent.
-        faults: One fault or two.
-        requests: Times of the user's requests, and their names as methods of `Traffic`.
+        seed: the seed.
+        kind: settings of the agent.
+        faults: one fault or two.
+        requests: times of the user's requests, and their names as methods of `Traffic`.
     """
 
     seed: int
@@ -144,14 +144,14 @@ class Outcome:
     """Result of a scenario.
 
     Attributes:
-        seed: Seed of the scenario.
-        faults: Names of its faults.
-        calls: Number of calls.
-        answered_once: Number of calls that got exactly one answer.
-        goals: Number of goals.
-        goals_ended: Number of goals that ended.
-        recovery: Time from the end of the faults to the first command that succeeded, in seconds.
-        violations: Broken promises.
+        seed: seed of the scenario.
+        faults: names of its faults.
+        calls: number of calls.
+        answered_once: number of calls that got exactly one answer.
+        goals: number of goals.
+        goals_ended: number of goals that ended.
+        recovery: time from the end of the faults to the first command that succeeded, in seconds.
+        violations: broken promises.
     """
 
     seed: int
@@ -202,9 +202,9 @@ def run(rig: Rig, scenario: Plan, back_within: float = BACK_WITHIN) -> Outcome:
     """Run a scenario and check the agent's promises.
 
     Args:
-        rig: A rig with the settings of the scenario.
-        scenario: The scenario.
-        back_within: Time within which the agent must be back in service, in seconds.
+        rig: a rig with the settings of the scenario.
+        scenario: the scenario.
+        back_within: time within which the agent must be back in service, in seconds.
     """
     outcome = Outcome(scenario.seed, tuple(fault.name for fault in scenario.faults))
     traffic = rig.traffic()
@@ -303,9 +303,9 @@ def _replays(rig: Rig, traffic: Traffic, first_text: str) -> list[str]:
     """Return a violation for each command that the chassis received more often than allowed.
 
     Args:
-        rig: The rig.
-        traffic: The traffic of the scenario.
-        first_text: Text that the robot was told to say at the start of the scenario.
+        rig: the rig.
+        traffic: the traffic of the scenario.
+        first_text: text that the robot was told to say at the start of the scenario.
     """
     got: Counter[Mark] = Counter()
     for each in reversed(rig.simulator.received):

@@ -81,14 +81,14 @@ class Length:
     """Length of a soak.
 
     Attributes:
-        seconds: Duration of the traffic, in seconds of real time.
-        fault_every: Time from one fault to the next, in seconds.
-        reference_after: Time after which the reference is taken that the end is compared with, and
+        seconds: duration of the traffic, in seconds of real time.
+        fault_every: time from one fault to the next, in seconds.
+        reference_after: time after which the reference is taken that the end is compared with, and
             between two samples at rest, in seconds.
-        sample_every: Time between two samples under load, in seconds.
-        samples_at_rest: Number of samples at rest, one per second, of which the median counts.
-        rest_timeout: Time that the agent gets to come to rest, in seconds.
-        max_growth: Highest memory at the end, as a multiple of the reference.
+        sample_every: time between two samples under load, in seconds.
+        samples_at_rest: number of samples at rest, one per second, of which the median counts.
+        rest_timeout: time that the agent gets to come to rest, in seconds.
+        max_growth: highest memory at the end, as a multiple of the reference.
     """
 
     seconds: float = 3600.0
@@ -105,9 +105,9 @@ class Sample:
     """Resources of the agent at one moment.
 
     Attributes:
-        time: Time since the start, in seconds.
-        rss: Resident memory, in bytes.
-        held: Number of everything else that must not grow, as `DebugAgentProcess.held` returns it.
+        time: time since the start, in seconds.
+        rss: resident memory, in bytes.
+        held: number of everything else that must not grow, as `DebugAgentProcess.held` returns it.
     """
 
     time: float
@@ -119,12 +119,12 @@ class Soak:
     """One run.
 
     Attributes:
-        samples: Samples under load.
-        rests: Samples at rest. The first one is the reference.
-        calls: Number of calls that were answered.
-        goals: Number of goals that ended.
-        messages: Number of messages on each topic.
-        faults: Number of injections of each fault.
+        samples: samples under load.
+        rests: samples at rest. The first one is the reference.
+        calls: number of calls that were answered.
+        goals: number of goals that ended.
+        messages: number of messages on each topic.
+        faults: number of injections of each fault.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class Soak:
         """Wait until the agent is at rest and return a sample.
 
         Args:
-            limits: Numbers that the agent must be back within before the timeout.
+            limits: numbers that the agent must be back within before the timeout.
         """
         timeout = self._length.rest_timeout
         self._simulator.clear_faults()

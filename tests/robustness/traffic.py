@@ -74,8 +74,8 @@ class Call:
     """One call of a service.
 
     Attributes:
-        name: Service and mark, for messages.
-        future: Future of the answer.
+        name: service and mark, for messages.
+        future: future of the answer.
     """
 
     name: str
@@ -87,12 +87,12 @@ class TrackedGoal:
     """One goal. Only the client's executor changes it, because rclpy's clients are not thread-safe.
 
     Attributes:
-        name: Action and mark, for messages.
-        cancel_mark: Mark of its cancel at the chassis.
-        cancels: Number of times that its client asked to cancel it.
-        handle: The client's goal handle, once the server has answered.
-        result: Future of the result, once the goal is accepted.
-        error: Why the goal failed within ROS; empty if it did not.
+        name: action and mark, for messages.
+        cancel_mark: mark of its cancel at the chassis.
+        cancels: number of times that its client asked to cancel it.
+        handle: the client's goal handle, once the server has answered.
+        result: future of the result, once the goal is accepted.
+        error: why the goal failed within ROS; empty if it did not.
     """
 
     name: str
@@ -125,7 +125,7 @@ class DuplicateAnswers:
     """Records answers to calls that were answered already, which rclpy drops silently.
 
     Attributes:
-        found: Service and sequence number of each duplicate.
+        found: service and sequence number of each duplicate.
     """
 
     def __init__(self) -> None:
@@ -153,14 +153,14 @@ class Traffic:
     """The traffic of one scenario.
 
     Args:
-        client: Client of the agent.
-        duplicates: Watches the services that are called.
-        marks: Numbers for the marks, each used once per chassis.
+        client: client of the agent.
+        duplicates: watches the services that are called.
+        marks: numbers for the marks, each used once per chassis.
 
     Attributes:
-        calls: All calls of services.
-        goals: All goals.
-        allowed: Number of times that each command may reach the chassis, by mark.
+        calls: all calls of services.
+        goals: all goals.
+        allowed: number of times that each command may reach the chassis, by mark.
     """
 
     def __init__(self, client: Client, duplicates: DuplicateAnswers, marks: Iterator[int]) -> None:

@@ -33,9 +33,9 @@ class Report(NamedTuple):
     """A TaskProc about a task.
 
     Attributes:
-        time: Time since the answer to the request, in seconds.
-        triple: Names of task state, action type and action state.
-        body: The whole report.
+        time: time since the answer to the request, in seconds.
+        triple: names of task state, action type and action state.
+        body: the whole report.
     """
 
     time: float
@@ -78,8 +78,8 @@ class RealTask(NamedTuple):
     """A task as its client saw it.
 
     Attributes:
-        reports: The reports about the task.
-        others: The other frames until some seconds after its end, their times since the answer.
+        reports: the reports about the task.
+        others: the other frames until some seconds after its end, their times since the answer.
     """
 
     reports: list[Report]
@@ -114,10 +114,10 @@ def watch(
     """Make a request that starts a task, wait for the end of the task and return what was seen.
 
     Args:
-        chassis: The chassis.
-        request: Makes the request, and returns its serial number.
-        number: Id of the task.
-        meanwhile: Is called after the request.
+        chassis: the chassis.
+        request: makes the request, and returns its serial number.
+        number: id of the task.
+        meanwhile: is called after the request.
     """
     start = len(chassis.frames)
     sn = request()

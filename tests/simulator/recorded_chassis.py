@@ -23,11 +23,11 @@ class Frame(NamedTuple):
     """A frame of the chassis.
 
     Attributes:
-        time: Simulated time at which it was sent, in seconds since any moment.
-        sn: Serial number of an answer, 0 for a push.
-        type: Full name of the body.
-        body: The body.
-        ok: The request was accepted; None for a push.
+        time: simulated time at which it was sent, in seconds since any moment.
+        sn: serial number of an answer, 0 for a push.
+        type: full name of the body.
+        body: the body.
+        ok: the request was accepted; None for a push.
     """
 
     time: float
@@ -41,7 +41,7 @@ class RecordedChassis(Protocol):
     """A simulated chassis with one client, which is subscribed to everything but scans.
 
     Attributes:
-        frames: All frames for the client, oldest first.
+        frames: all frames for the client, oldest first.
     """
 
     frames: list[Frame]
@@ -62,10 +62,10 @@ def wait_frame(
     """Let simulated time pass until the first frame that is `wanted`, and return it.
 
     Args:
-        chassis: The chassis.
-        wanted: Is true for the frame.
-        after: Number of first frames that do not count.
-        limit: Maximum simulated time, in seconds.
+        chassis: the chassis.
+        wanted: is true for the frame.
+        after: number of first frames that do not count.
+        limit: maximum simulated time, in seconds.
     """
     for _ in range(round(limit / TIME_STEP)):
         found = next((frame for frame in chassis.frames[after:] if wanted(frame)), None)
@@ -87,11 +87,11 @@ class SteppedChassis(Client):
     """A chassis that is stepped by hand: exact times, without sockets and without waiting.
 
     Args:
-        options: Options of `SimulatorConfig`.
+        options: options of `SimulatorConfig`.
 
     Attributes:
-        chassis: The model of the robot.
-        frames: All frames for the client, oldest first.
+        chassis: the model of the robot.
+        frames: all frames for the client, oldest first.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -131,10 +131,10 @@ class ConnectedChassis:
     """A chassis that runs by itself, with its client at the other end of a WebSocket.
 
     Args:
-        simulator: The running chassis.
+        simulator: the running chassis.
 
     Attributes:
-        frames: All frames for the client so far, oldest first.
+        frames: all frames for the client so far, oldest first.
     """
 
     def __init__(self, simulator: SimulatorThread) -> None:

@@ -389,3 +389,20 @@ def test_zero_twist_pauses_a_moving_action(simulator: SimulatorThread, client: J
         states[one["action"]] = one["state"]
     client.ask(CALL, {"stepControl": {"action": 3}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("target", "code"),
+    [
+        ({"x": -4.8, "y": -6.0}, "130101000011"),  # too close to a wall to stand there
+        ({"x": 500.0, "y": 0.0}, "130101000021"),  # outside the map
+    ],
+)
+def test_move_base_to_a_pose_that_cannot_be_reached_reports_a_status_code(
+    client: JsonClient, target: dict[str, float], code: str
+) -> None:
+    client.ask(CALL, {"moveBase": {"action": 1, "poses": [target], "targetPose": target}})
+    end = feedback_until_end(client)[-1]
+    assert end["state"] == FAILURE
+    assert end["code"] == code
+    assert "no free path" in end["msg"]

@@ -10,11 +10,11 @@ import pytest
 from tests.simulator.sim_wire import JsonClient
 from tests.simulator.test_sim_program import running
 from woosh_robot_agent import simulator as package
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, status_codes
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.profile import load_profile
-from woosh_robot_agent.simulator.status_codes import CODES
 
+CODES = [each for each in vars(status_codes).values() if isinstance(each, status_codes.Code)]
 FACTS = Path(__file__).parents[1] / "facts/status_codes.yaml"
 _LINE = re.compile(r'^(\d{12}): "(.+)"$', re.M)
 TABLE = {int(code): text for code, text in _LINE.findall(FACTS.read_text("utf-8"))}

@@ -109,8 +109,8 @@ class Cable:
     """A connection to the robot that transports a limited number of bytes to it, then stalls.
 
     Attributes:
-        port: Port for the client.
-        used_up: Set when the bytes are used up.
+        port: port for the client.
+        used_up: set when the bytes are used up.
     """
 
     def __init__(self, port: int, limit: int) -> None:

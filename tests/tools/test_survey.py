@@ -94,12 +94,12 @@ class Surveyed:
     """A surveyed robot.
 
     Attributes:
-        results: The content of `survey.json`.
-        report: The content of `survey.md`.
-        folder: The folder with both.
-        recording: A recording of everything that passed.
-        odd: The profile of the robot.
-        requests: What the robot has received.
+        results: the content of `survey.json`.
+        report: the content of `survey.md`.
+        folder: the folder with both.
+        recording: a recording of everything that passed.
+        odd: the profile of the robot.
+        requests: what the robot has received.
     """
 
     results: Json

@@ -15,7 +15,7 @@ class Authority:
     """A certificate authority with its files in a folder.
 
     Attributes:
-        certificate: Its own certificate.
+        certificate: its own certificate.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from woosh_robot_agent.convert.mapping import ARRAY_CODES, Source, class_of, item_type
+from woosh_robot_agent.convert.mapping import ARRAY_CODES, FunctionSource, class_of, item_type
 
 _HEADER = bytes((0, sys.byteorder == "little", 0, 0))
 """Encapsulation header: plain CDR in the byte order of this computer."""
@@ -66,7 +66,7 @@ def packer(codes: str) -> Callable[[int], struct.Struct]:
 @cache
 def _writer(ros_class: Any) -> _Write:
     """Return the function that appends a message of a class to a buffer."""
-    source = Source("write(b, m)")
+    source = FunctionSource("write(b, m)")
     run: list[tuple[str, str]] = []
     """Format character and expression of the numbers that are packed together."""
 

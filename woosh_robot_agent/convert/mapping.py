@@ -1,4 +1,4 @@
-"""How ROS and protobuf types correspond, and the compilation of the functions that convert them."""
+"""Correspondence of ROS and protobuf types, and generation of the functions that convert them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class BadFieldError(FieldError):
     """A ROS message holds a value that must not be sent to the robot."""
 
 
-class Source:
-    """Source of one function.
+class FunctionSource:
+    """Source code of one generated function, built line by line.
 
     Args:
         head: name and arguments of the function, e.g. `fill(p, r)`.

@@ -14,7 +14,7 @@ from google.protobuf.descriptor import FieldDescriptor
 
 from woosh_robot_agent.convert.mapping import (
     BadFieldError,
-    Source,
+    FunctionSource,
     class_of,
     item_type,
     message_class,
@@ -29,7 +29,7 @@ _FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 @cache
 def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
     """Return a function `fill(p, r)` that copies a ROS message `r` into a protobuf message `p`."""
-    source = Source("fill(p, r)")
+    source = FunctionSource("fill(p, r)")
     source.bind_as("BadField", BadFieldError)
     source.bind_as("check_text", _check_text)
     source.bind_as("isfinite", math.isfinite)
@@ -58,7 +58,7 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
 
 
 def _set_proto(
-    source: Source,
+    source: FunctionSource,
     origin: str,
     name: str,
     ros_type: str,

@@ -19,7 +19,7 @@ from google.protobuf.descriptor import FieldDescriptor
 
 from woosh_robot_agent.convert.mapping import (
     ARRAY_CODES,
-    Source,
+    FunctionSource,
     class_of,
     extra_slots,
     item_type,
@@ -134,7 +134,7 @@ class NewMessage:
         ros_class: class of the message.
     """
 
-    def __init__(self, source: Source, variable: str, ros_class: Any) -> None:
+    def __init__(self, source: FunctionSource, variable: str, ros_class: Any) -> None:
         self.source = source
         self._variable = variable
         extra = extra_slots(ros_class)
@@ -162,77 +162,77 @@ class Origin(ABC):
     Its methods write the source that reads values from the function's argument `d`.
     """
 
-    def begin(self, source: Source) -> None:  # noqa: B027 - empty by default
+    def begin(self, source: FunctionSource) -> None:  # noqa: B027 - empty by default
         """Write source for the beginning of the function."""
 
     @abstractmethod
-    def fetch(self, source: Source, field: Any) -> bool:
+    def fetch(self, source: FunctionSource, field: Any) -> bool:
         """Write source that assigns a field to `v`; return True if `v` can be None (absent)."""
 
     @abstractmethod
-    def scalar(self, source: Source, field: Any) -> str:
+    def scalar(self, source: FunctionSource, field: Any) -> str:
         """Return the expression for the number, text or enum value in `v`."""
 
     @abstractmethod
-    def scalars(self, source: Source, field: Any) -> str:
+    def scalars(self, source: FunctionSource, field: Any) -> str:
         """Return the expression for an iterable of numbers, texts or enum values in `v`."""
 
     @abstractmethod
-    def numbers(self, source: Source, field: Any, code: str) -> str:
+    def numbers(self, source: FunctionSource, field: Any, code: str) -> str:
         """Return the expression for an array of typecode `code` of the list or bytes in `v`."""
 
     @abstractmethod
-    def messages(self, source: Source) -> str:
+    def messages(self, source: FunctionSource) -> str:
         """Return the expression for the iterable of messages in `v`."""
 
 
 class _Proto(Origin):
     """A protobuf message."""
 
-    def fetch(self, source: Source, field: Any) -> bool:
+    def fetch(self, source: FunctionSource, field: Any) -> bool:
         has_presence = field.containing_oneof is not None or field.message_type is not None
         optional = has_presence and not is_repeated(field)
         presence = f" if d.HasField('{field.name}') else None" if optional else ""
         source.add(f"v = d.{field.name}{presence}")
         return optional
 
-    def scalar(self, source: Source, field: Any) -> str:
+    def scalar(self, source: FunctionSource, field: Any) -> str:
         return "v"
 
-    def scalars(self, source: Source, field: Any) -> str:
+    def scalars(self, source: FunctionSource, field: Any) -> str:
         return "v[:]"
 
-    def numbers(self, source: Source, field: Any, code: str) -> str:
+    def numbers(self, source: FunctionSource, field: Any, code: str) -> str:
         return f"{source.bind(array)}('{code}', v[:])"
 
-    def messages(self, source: Source) -> str:
+    def messages(self, source: FunctionSource) -> str:
         return "v"
 
 
 class _Json(Origin):
     """A JSON object."""
 
-    def begin(self, source: Source) -> None:
+    def begin(self, source: FunctionSource) -> None:
         source.add("get = d.get")
 
-    def fetch(self, source: Source, field: Any) -> bool:
+    def fetch(self, source: FunctionSource, field: Any) -> bool:
         first, *others = json_names(field)
         source.add(f"v = get({first!r})")
         for name in others:
             source.add(f"if v is None: v = get({name!r})")
         return True
 
-    def scalar(self, source: Source, field: Any) -> str:
+    def scalar(self, source: FunctionSource, field: Any) -> str:
         usual, read = scalar(field)
         return f"v if {usual} else {source.bind(read)}(v)"
 
-    def scalars(self, source: Source, field: Any) -> str:
+    def scalars(self, source: FunctionSource, field: Any) -> str:
         return f"[{self.scalar(source, field)} for v in {source.bind(list_of(blank_of(field)))}(v)]"
 
-    def numbers(self, source: Source, field: Any, code: str) -> str:
+    def numbers(self, source: FunctionSource, field: Any, code: str) -> str:
         return f"{source.bind(array_reader(field, code))}(v)"
 
-    def messages(self, source: Source) -> str:
+    def messages(self, source: FunctionSource) -> str:
         return f"{source.bind(list_of({}))}(v)"
 
 
@@ -247,7 +247,7 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
     Raises:
         TypeError: the classes do not mirror each other.
     """
-    source = Source("make(d)")
+    source = FunctionSource("make(d)")
     origin.begin(source)
     made = NewMessage(source, "r", ros_class)
     bits = presence_bits(ros_class, proto_class)
@@ -306,7 +306,7 @@ _BLANKS = {"boolean": "False", "string": "''", "float": "0.0", "double": "0.0"}
 """Sources of the blank values by ROS type, if not 0."""
 
 
-def _list(source: Source, items: str, field: Any, origin: Origin) -> tuple[str, str]:
+def _list(source: FunctionSource, items: str, field: Any, origin: Origin) -> tuple[str, str]:
     """Return the expressions for an empty list and for the list in `v`."""
     if field.message_type is not None:
         make = source.bind(maker(class_of(items), message_class(field), origin))
@@ -322,7 +322,7 @@ def _list(source: Source, items: str, field: Any, origin: Origin) -> tuple[str, 
 
 @cache
 def _enum_maker(ros_class: Any) -> Make:
-    source = Source("make(v)")
+    source = FunctionSource("make(v)")
     made = NewMessage(source, "e", ros_class)
     made.set("value", "v")
     source.add("return e")

@@ -165,9 +165,13 @@ class LinkConfig:
     @property
     def address(self) -> str:
         """Address of the chassis as a URL, e.g. `ws://169.254.128.2:5480`."""
-        host = f"[{self.ip}]" if ":" in self.ip else self.ip
         scheme = "ws" if self.transport == "websocket" else "tcp"
-        return f"{scheme}://{host}:{self.effective_port}"
+        return f"{scheme}://{url_host(self.ip)}:{self.effective_port}"
+
+
+def url_host(host: str) -> str:
+    """Return an address or host name as a URL has it: an IPv6 address in brackets."""
+    return f"[{host}]" if ":" in host else host
 
 
 def _is_host(text: str) -> bool:

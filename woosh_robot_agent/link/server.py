@@ -111,11 +111,11 @@ class ConnectedClient:
     """A client that is connected to a server.
 
     Args:
-        transport: The open connection.
-        max_outbox: Maximum number of queued frames. A client that exceeds it is dropped.
+        transport: the open connection.
+        max_outbox: maximum number of queued frames. A client that exceeds it is dropped.
 
     Attributes:
-        topics: Subscribed topics, each with the codec of the subscription.
+        topics: subscribed topics, each with the codec of the subscription.
     """
 
     def __init__(self, transport: ServerTransport, max_outbox: int) -> None:
@@ -156,12 +156,13 @@ class ConnectedClient:
         self._outbox.clear()
         self._outbox_bytes = 0
 
-    async def write(self, running: asyncio.Event) -> None:
-        """Send queued frames until the connection ends, while `running` is set."""
+    async def write(self, running: asyncio.Event | None = None) -> None:
+        """Send queued frames until the connection ends. Pause while `running` is not set."""
         with contextlib.suppress(TransportClosedError):
             while self._open:
                 await self._filled.wait()
-                await running.wait()
+                if running is not None:
+                    await running.wait()
                 if not self._outbox:
                     self._filled.clear()
                     continue

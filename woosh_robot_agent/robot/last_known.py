@@ -43,7 +43,7 @@ class LastKnown:
         chassis: source of pushes and snapshots; None if all values come from calls of `remember`.
     """
 
-    def __init__(self, chassis: ChassisClient | None) -> None:
+    def __init__(self, chassis: ChassisClient | None = None) -> None:
         self._values: dict[str, Message] = {}
         """Decoded values; RobotInfo as it was received."""
         self._pushed: dict[str, Message] = {}

@@ -27,9 +27,9 @@ class Objection(NamedTuple):
     """One reason for which the robot rejects tasks.
 
     Attributes:
-        name: Identifier for programs, e.g. `emergency_stop`; unlike the texts, it never changes.
-        reason: What is wrong.
-        remedy: What to do about it.
+        name: identifier for programs, e.g. `emergency_stop`; unlike the texts, it never changes.
+        reason: what is wrong.
+        remedy: what to do about it.
     """
 
     name: str
@@ -153,7 +153,7 @@ def rejections(info: RobotInfo) -> list[Objection]:
     """Return every reason for which the robot rejects a new task now, e.g. its present task.
 
     Args:
-        info: State of the robot.
+        info: state of the robot.
     """
     doing = busy(info)
     found = [each for each in objections(info) if not (doing and each == NOT_TASKABLE)]
@@ -178,7 +178,7 @@ def objections(info: RobotInfo) -> list[Objection]:
     and no part tells why, the only reason is `not_taskable`.
 
     Args:
-        info: State of the robot.
+        info: state of the robot.
     """
     found = list(_certain(info))
     if is_taskable(info) is False:

@@ -39,8 +39,8 @@ def explained(code: int, text: str) -> str:
     """Return a status code with its text and its meaning, for a person to read.
 
     Args:
-        code: Number of the code.
-        text: Text that came with the code, in the robot's language; may be empty.
+        code: number of the code.
+        text: text that came with the code, in the robot's language; may be empty.
 
     Returns:
         The number, the text, and in brackets the meaning in English, unless the text contains it.

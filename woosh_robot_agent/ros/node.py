@@ -215,7 +215,7 @@ class Agent:
         except the link thread.
 
         Args:
-            timeout: Time that the link thread gets to answer, in seconds.
+            timeout: time that the link thread gets to answer, in seconds.
 
         Returns:
             `state`: The state of the link.
@@ -228,7 +228,7 @@ class Agent:
             `tasks`: Names of the asyncio tasks in the link thread.
 
         Raises:
-            TimeoutError: The link thread did not answer in time.
+            TimeoutError: the link thread did not answer in time.
         """
         return self.robot.thread.run(self._debug(), timeout)
 

@@ -16,7 +16,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a simulated chassis until SIGINT or SIGTERM; see `command_line.run`.
 
     Args:
-        arguments: Command-line arguments; None for the arguments of this process. Then further
+        arguments: command-line arguments; None for the arguments of this process. Then further
             signals are ignored at the end, because the process is about to end.
 
     Returns:

@@ -37,25 +37,25 @@ class Chassis(Robot):
     `take_events` returns them.
 
     Args:
-        config: The options.
+        config: the options.
 
     Raises:
-        DataFileError: The file of the profile or of a scene cannot be used.
+        DataFileError: the file of the profile or of a scene cannot be used.
 
     Attributes:
-        call_muted: Flag that SetMuteCall sets. It only shows in DeviceState.
-        program_muted: Flag that SetProgramMute sets. It only shows in DeviceState.
-        spoken: The last texts that the robot was told to say.
-        lights: Settings of the lights, by submodule.
-        remote_controller: Address of the radio remote controller, and the keys that are held down.
-        teleop: Remote control.
-        follower: Following of a leader.
-        tasks: The current task, and the ended ones.
-        actions: The current actions.
-        ownership: Starts and resumes jobs.
-        auto_tasks: Starts the tasks that the robot does by itself.
-        mapping: Makes maps.
-        deployment: Collects marks.
+        call_muted: flag that SetMuteCall sets. It only shows in DeviceState.
+        program_muted: flag that SetProgramMute sets. It only shows in DeviceState.
+        spoken: the last texts that the robot was told to say.
+        lights: settings of the lights, by submodule.
+        remote_controller: address of the radio remote controller, and the keys that are held down.
+        teleop: remote control.
+        follower: following of a leader.
+        tasks: the current task, and the ended ones.
+        actions: the current actions.
+        ownership: starts and resumes jobs.
+        auto_tasks: starts the tasks that the robot does by itself.
+        mapping: makes maps.
+        deployment: collects marks.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -144,7 +144,7 @@ class Chassis(Robot):
         """Set the pose of the robot in the map.
 
         Raises:
-            RefusedError: The pose is outside the map, or the robot would overlap a wall.
+            RefusedError: the pose is outside the map, or the robot would overlap a wall.
         """
         self.require_room(pose)
         self.base.place(pose)
@@ -181,7 +181,7 @@ class Chassis(Robot):
 
         Args:
             manual: True for manual, False for automatic.
-            accept: At manual, accept requests instead of refusing them. The motors stay off.
+            accept: at manual, accept requests instead of refusing them. The motors stay off.
         """
         self.readiness.key_manual = manual
         self.readiness.key_accepts = accept
@@ -191,8 +191,8 @@ class Chassis(Robot):
         """Hold down keys of a radio remote controller.
 
         Args:
-            keys: One bit for each key, 0 if all are released.
-            address: Address of the controller.
+            keys: one bit for each key, 0 if all are released.
+            address: address of the controller.
         """
         self.remote_controller = device_pb2.RfRemoteController(address=address, keys=keys)
 

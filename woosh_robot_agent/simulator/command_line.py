@@ -16,6 +16,7 @@ from typing import Any
 
 import woosh_robot_agent.link.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.data_files import DataFileError
+from woosh_robot_agent.link.config import url_host
 from woosh_robot_agent.link.reports import log_to_stderr
 from woosh_robot_agent.program import StopSignals
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -54,8 +55,8 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     Another signal ends it at once. Signals within `_REPEAT_TIME` of the first one are ignored.
 
     Args:
-        arguments: Command-line arguments; None for the arguments of this process.
-        signals: Tells when to stop.
+        arguments: command-line arguments; None for the arguments of this process.
+        signals: tells when to stop.
 
     Returns:
         The exit status: 0, or 1 if the chassis could not start.
@@ -88,10 +89,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
         )
     try:
         asyncio.run(_serve(config, signals, options.dashboard))
-    except DataFileError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except _DashboardError as error:
+    except (DataFileError, _DashboardError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except BrokenPipeError:  # nobody reads the output any more
@@ -163,7 +161,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
         if signals.received:
             return
         async with simulator:
-            host = f"[{config.host}]" if ":" in config.host else config.host
+            host = url_host(config.host)
             async with AsyncExitStack() as stack:
                 if dashboard_port is not None:
                     page = _dashboard(simulator, dashboard_port)

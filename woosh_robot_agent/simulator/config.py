@@ -18,9 +18,9 @@ class Step:
     """One fault and the time at which it begins.
 
     Attributes:
-        at: Simulated time since the start, in seconds.
-        name: Name of the fault.
-        arguments: All arguments of the fault, by name.
+        at: simulated time since the start, in seconds.
+        name: name of the fault.
+        arguments: all arguments of the fault, by name.
     """
 
     at: float
@@ -33,7 +33,7 @@ class Scenario:
     """A schedule of faults.
 
     Attributes:
-        steps: The faults, in any order. Faults with equal times begin in the order given here.
+        steps: the faults, in any order. Faults with equal times begin in the order given here.
     """
 
     steps: tuple[Step, ...] = ()

@@ -29,9 +29,9 @@ class Distribution(NamedTuple):
     """A distribution of times, in seconds. In a file it is a list: [median, usual, longest].
 
     Attributes:
-        median: Median.
+        median: median.
         usual: 90 % quantile.
-        longest: Maximum.
+        longest: maximum.
     """
 
     median: float
@@ -52,8 +52,8 @@ class Interval(NamedTuple):
     """Uniformly distributed times, in seconds. In a file it is a list: [least, most].
 
     Attributes:
-        least: Minimum.
-        most: Maximum.
+        least: minimum.
+        most: maximum.
     """
 
     least: float
@@ -245,10 +245,10 @@ def load_profile(source: str | Path | Profile) -> Profile:
     """Return a profile.
 
     Args:
-        source: Name of a shipped profile, path of a file, or a loaded profile.
+        source: name of a shipped profile, path of a file, or a loaded profile.
 
     Raises:
-        DataFileError: There is no such profile, or its file cannot be used.
+        DataFileError: there is no such profile, or its file cannot be used.
     """
     if isinstance(source, Profile):
         return source

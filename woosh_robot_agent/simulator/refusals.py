@@ -33,10 +33,10 @@ class Refusal:
     """A situation in which the robot refuses a request.
 
     Attributes:
-        explanation: What is wrong, then after a colon what to do: a template for `str.format`.
-        words: Text of the real robot's answer.
-        code: Status code that follows the answer of the real robot; None if there is none.
-        harmless: The request has no effect, but harms nothing. If the profile explains refusals,
+        explanation: what is wrong, then after a colon what to do: a template for `str.format`.
+        words: text of the real robot's answer.
+        code: status code that follows the answer of the real robot; None if there is none.
+        harmless: the request has no effect, but harms nothing. If the profile explains refusals,
             the answer is `ok`, with the explanation; otherwise the request is refused.
     """
 
@@ -55,12 +55,12 @@ class RefusedError(Exception):
     """The robot refuses a request. The text is the explanation.
 
     Args:
-        refusal: The situation; or just an explanation, for a situation without special words and
+        refusal: the situation; or just an explanation, for a situation without special words and
             status code.
-        values: Values for the template of the explanation.
+        values: values for the template of the explanation.
 
     Attributes:
-        refusal: The situation.
+        refusal: the situation.
     """
 
     def __init__(self, refusal: Refusal | str, **values: object) -> None:

@@ -33,39 +33,39 @@ class Robot(Timeline):
     """The robot and its surroundings. Behaviours act on this object.
 
     Args:
-        config: The options.
+        config: the options.
 
     Raises:
-        DataFileError: The file of the profile or of a scene cannot be used.
+        DataFileError: the file of the profile or of a scene cannot be used.
 
     Attributes:
-        profile: Behaviour of this robot model.
+        profile: behaviour of this robot model.
         omnidirectional: True if the base can move sideways.
-        chance: Random number generator for everything that varies, e.g. answer times.
-        answer_delay: Time until the current request is answered, in seconds. The handler of the
+        chance: random number generator for everything that varies, e.g. answer times.
+        answer_delay: time until the current request is answered, in seconds. The handler of the
             request may change it.
         state_first: True if the changes that the current request causes are pushed before its
             answer.
-        scenes: Known scenes, by name.
-        scene: Current scene.
-        map: Current map.
-        obstacles: Obstacles that are not in the map.
-        base: The driven base.
-        laser: The laser.
-        battery: The battery.
-        jack: The lift of LiftControl, which carries goods.
-        column: The lift of LiftControl2 and LiftControl3.
-        wifi: The Wi-Fi.
-        readiness: Modes and conditions.
+        scenes: known scenes, by name.
+        scene: current scene.
+        map: current map.
+        obstacles: obstacles that are not in the map.
+        base: the driven base.
+        laser: the laser.
+        battery: the battery.
+        jack: the lift of LiftControl, which carries goods.
+        column: the lift of LiftControl2 and LiftControl3.
+        wifi: the Wi-Fi.
+        readiness: modes and conditions.
         occupied: True if a client has reserved the robot.
-        scan_time: Simulated time of the last scan of the laser, in seconds.
-        scan_pose: Pose of the robot at the last scan.
-        pushed_scan_time: Simulated time of the last scan that is pushed, in seconds.
-        footprint: The `woosh.robot.FootPrint` in use.
-        footprints: Outlines of the robot by `woosh.robot.FootPrint`.
-        setting: Settings, as reported to clients.
-        statistics: Records of what the robot did.
-        codes: Status codes.
+        scan_time: simulated time of the last scan of the laser, in seconds.
+        scan_pose: pose of the robot at the last scan.
+        pushed_scan_time: simulated time of the last scan that is pushed, in seconds.
+        footprint: the `woosh.robot.FootPrint` in use.
+        footprints: outlines of the robot by `woosh.robot.FootPrint`.
+        setting: settings, as reported to clients.
+        statistics: records of what the robot did.
+        codes: status codes.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -166,7 +166,7 @@ class Robot(Timeline):
         """Check that the robot can stand at a pose of the map.
 
         Raises:
-            RefusedError: The pose is outside the map, or the robot would overlap a wall.
+            RefusedError: the pose is outside the map, or the robot would overlap a wall.
         """
         if not self.map.contains(pose.x, pose.y):
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
@@ -186,9 +186,9 @@ class Robot(Timeline):
         """Store a new scene, or replace a scene.
 
         Args:
-            old: The scene to replace, None for a new scene.
-            new: The scene to store. It may have another name than the old scene.
-            map_name: If `old` is the current scene: name of the current map in `new`; empty if it
+            old: the scene to replace, None for a new scene.
+            new: the scene to store. It may have another name than the old scene.
+            map_name: if `old` is the current scene: name of the current map in `new`; empty if it
                 has not changed.
         """
         if old is self.scene:

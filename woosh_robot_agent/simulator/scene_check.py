@@ -27,8 +27,8 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
     """Return the errors in a scene, a line for each error.
 
     Args:
-        path: Folder or file of the scene, as for `load_scene`.
-        profile: The robot that is to drive there.
+        path: folder or file of the scene, as for `load_scene`.
+        profile: the robot that is to drive there.
     """
     try:
         is_of_robot = (path / SCENE_INDEX).is_file()

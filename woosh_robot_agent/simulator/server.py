@@ -28,17 +28,17 @@ class Snapshot:
     """The state of the robot at one moment.
 
     Attributes:
-        elapsed: Simulated time since the start, in seconds.
-        pose: Pose in the map's frame, in metres and radians.
-        velocity: Velocity, in m/s and rad/s.
-        odometer: Total distance driven, in metres.
-        jack: Height of the lift of LiftControl, in metres.
-        column: Height of the lift of LiftControl2 and LiftControl3, in metres.
+        elapsed: simulated time since the start, in seconds.
+        pose: pose in the map's frame, in metres and radians.
+        velocity: velocity, in m/s and rad/s.
+        odometer: total distance driven, in metres.
+        jack: height of the lift of LiftControl, in metres.
+        column: height of the lift of LiftControl2 and LiftControl3, in metres.
         following: True if the robot follows a leader.
-        spoken: The last texts that the robot was told to say.
-        lights: Settings of the lights, by submodule.
-        remote_keys: Keys of the radio remote controller that are held down, one bit each.
-        info: All states as reported to clients.
+        spoken: the last texts that the robot was told to say.
+        lights: settings of the lights, by submodule.
+        remote_keys: keys of the radio remote controller that are held down, one bit each.
+        info: all states as reported to clients.
     """
 
     elapsed: float
@@ -86,7 +86,7 @@ class SimulatedChassis(Server):
         """Start listening and start the simulated clock.
 
         Raises:
-            OSError: A port is in use.
+            OSError: a port is in use.
         """
         await self.listen()
         self._injector.advance(0.0)
@@ -114,14 +114,14 @@ class SimulatedChassis(Server):
         The fault `off` closes the ports in the background: `settle` waits for that.
 
         Args:
-            name: Name of the fault.
-            arguments: Arguments of the fault, and `for_`.
+            name: name of the fault.
+            arguments: arguments of the fault, and `for_`.
 
         Returns:
             The injected fault, which can be cleared.
 
         Raises:
-            FaultError: There is no such fault, or an argument is invalid.
+            FaultError: there is no such fault, or an argument is invalid.
         """
         return self._injector.inject(name, **arguments)
 
@@ -188,7 +188,7 @@ class SimulatedChassis(Server):
             The last of these messages.
 
         Raises:
-            asyncio.TimeoutError: They have not arrived within `timeout` seconds.
+            asyncio.TimeoutError: they have not arrived within `timeout` seconds.
         """
         await asyncio.wait_for(self._exchange.arrived(type_name, count), timeout)
         return self.last(type_name)

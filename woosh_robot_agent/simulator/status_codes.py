@@ -24,8 +24,8 @@ class Code(NamedTuple):
     """A status code.
 
     Attributes:
-        number: Number of the code, as in the table of `woosh_robot_agent.robot.status_codes`.
-        chinese: Text in Chinese.
+        number: number of the code, as in the table of `woosh_robot_agent.robot.status_codes`.
+        chinese: text in Chinese.
     """
 
     number: int
@@ -58,6 +58,8 @@ BATTERY_LOW = Code(110401000111, "电源板电压过低")
 OBSTACLE_IN_THE_WAY = Code(130104000011, "前方有障碍物")
 
 # Failed jobs
+GOAL_OCCUPIED = Code(130101000011, "无可用路径，目标点被占用")
+GOAL_UNREACHABLE = Code(130101000021, "无可用路径，目标点不可达")
 NAVIGATION_FAILED = Code(140304000012, "导航失败")
 CHARGING_FAILED = Code(140501000012, "充电控制失败")
 LIFT_FAILED = Code(140502000032, "举升控制失败")
@@ -85,9 +87,6 @@ UPDATE_PARAMETERS = Code(140701000021, "更新地图参数错误")
 SAVING_LOST = Code(140703000031, "机器人定位丢失，地图保存失败")
 RESUMING_FORBIDDEN = Code(140801000281, "当前状态不允许继续")
 NOT_WAITING = Code(140801000291, "不是等待任务，无法结束等待")
-
-CODES = tuple(value for value in list(vars().values()) if isinstance(value, Code))
-"""All status codes."""
 
 CONTROL_MODES = {
     util_robot_pb2.kAuto: CONTROL_AUTOMATIC,

@@ -109,7 +109,7 @@ class SimulatorThread:
         """Start the thread, and return when clients can connect.
 
         Raises:
-            OSError: A port is in use.
+            OSError: a port is in use.
         """
         self._thread.start()
         self._ready.result(_CALL_TIMEOUT)

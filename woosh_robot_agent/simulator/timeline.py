@@ -30,17 +30,17 @@ class Timeline:
     """The clock of the robot, the scheduled calls, and the emitted messages.
 
     Args:
-        robot_id: Number of the robot, which all its messages have.
+        robot_id: number of the robot, which all its messages have.
         start_time: Unix time at which the simulated clock starts, in seconds.
-        clock_offset: Time by which the clock of the robot is ahead of real time, in seconds.
+        clock_offset: time by which the clock of the robot is ahead of real time, in seconds.
 
     Attributes:
-        robot_id: Number of the robot.
-        clock_offset: Time by which the clock of the robot is ahead of real time, in seconds.
-        elapsed: Simulated time since the start, in seconds.
-        stepped: The time up to which the motion is computed, in seconds.
-        on_schedule: Called with the time of each call that is scheduled.
-        on_change: Called after each scheduled call.
+        robot_id: number of the robot.
+        clock_offset: time by which the clock of the robot is ahead of real time, in seconds.
+        elapsed: simulated time since the start, in seconds.
+        stepped: the time up to which the motion is computed, in seconds.
+        on_schedule: called with the time of each call that is scheduled.
+        on_change: called after each scheduled call.
     """
 
     def __init__(self, robot_id: int, start_time: float, clock_offset: float) -> None:

@@ -48,7 +48,7 @@ def own_domain() -> Iterator[int]:
     Meanwhile it is set in the environment, so `rclpy.init()` and child processes use this domain.
 
     Raises:
-        RuntimeError: All domains for tests are in use.
+        RuntimeError: all domains for tests are in use.
     """
     start = (os.getpid() * 17 + next(_counter)) % _DOMAINS
     for offset in range(_DOMAINS):
@@ -105,7 +105,7 @@ class Spinner:
     An exception of a callback ends the spinning; `stop` raises it again.
 
     Args:
-        executor: The executor; its nodes are added by the caller.
+        executor: the executor; its nodes are added by the caller.
     """
 
     def __init__(self, executor: Any) -> None:
@@ -138,7 +138,7 @@ def spinning(*nodes: Any) -> Iterator[None]:
     """Spin nodes in a thread; at the end, raise the exception of a callback, if any.
 
     Args:
-        nodes: Nodes of one context.
+        nodes: nodes of one context.
     """
     executor = SingleThreadedExecutor(context=nodes[0].context)
     for node in nodes:
@@ -162,7 +162,7 @@ class RunningAgent(Protocol):
 
     Attributes:
         domain: ROS_DOMAIN_ID of the agent.
-        namespace: Namespace of the agent.
+        namespace: namespace of the agent.
     """
 
     domain: int
@@ -172,10 +172,10 @@ class RunningAgent(Protocol):
         """Wait until the agent has connected to its chassis.
 
         Args:
-            times: Number of connections since the start of the agent.
+            times: number of connections since the start of the agent.
 
         Raises:
-            AssertionError: The agent did not connect within 60 s.
+            AssertionError: the agent did not connect within 60 s.
         """
 
     def close(self) -> None:
@@ -194,18 +194,18 @@ class AgentInProcess:
 
     Args:
         domain: ROS_DOMAIN_ID of the agent.
-        namespace: Namespace of the agent.
-        parameters: Parameters of the agent, and fields of `LinkConfig`, e.g. `backoff_min`.
+        namespace: namespace of the agent.
+        parameters: parameters of the agent, and fields of `LinkConfig`, e.g. `backoff_min`.
 
     Attributes:
-        agent: The `woosh_robot_agent.ros.node.Agent`.
+        agent: the `woosh_robot_agent.ros.node.Agent`.
         domain: ROS_DOMAIN_ID of the agent.
-        namespace: Namespace of the agent.
+        namespace: namespace of the agent.
         context: rclpy's context of the agent.
-        executor: Executor of the agent.
+        executor: executor of the agent.
 
     Raises:
-        ValueError: A parameter is invalid.
+        ValueError: a parameter is invalid.
     """
 
     def __init__(self, domain: int, namespace: str = NAMESPACE, **parameters: Any) -> None:
@@ -251,15 +251,15 @@ class AgentProcess:
 
     Args:
         domain: ROS_DOMAIN_ID of the agent.
-        namespace: Namespace of the agent.
-        arguments: Further ROS arguments, e.g. `-p`, `poll_timeout:=3000`.
-        parameters: Parameters of the agent.
+        namespace: namespace of the agent.
+        arguments: further ROS arguments, e.g. `-p`, `poll_timeout:=3000`.
+        parameters: parameters of the agent.
 
     Attributes:
         domain: ROS_DOMAIN_ID of the agent.
-        namespace: Namespace of the agent.
-        process: The process.
-        lines: Lines that the agent has logged.
+        namespace: namespace of the agent.
+        process: the process.
+        lines: lines that the agent has logged.
     """
 
     module = "woosh_robot_agent.agent"
@@ -296,11 +296,11 @@ class AgentProcess:
         """Wait until the agent has logged `text`.
 
         Args:
-            text: Part of a log message.
-            times: Number of occurrences since the start of the agent.
+            text: part of a log message.
+            times: number of occurrences since the start of the agent.
 
         Raises:
-            AssertionError: The text was not logged within 60 s, or the agent has ended.
+            AssertionError: the text was not logged within 60 s, or the agent has ended.
         """
 
         def is_logged() -> bool:
@@ -353,16 +353,16 @@ def running_agent(
     """Run the real agent, connected to `chassis`.
 
     Args:
-        chassis: The chassis to connect to.
-        process: Run the agent in its own process, as on a robot. By default it runs in this
+        chassis: the chassis to connect to.
+        process: run the agent in its own process, as on a robot. By default it runs in this
             process, which starts faster and can be debugged.
         domain: ROS_DOMAIN_ID of the agent; by default a new one from `own_domain`.
-        namespace: Namespace of the agent.
-        parameters: Parameters of the agent; by default, `ip` and `port` lead to `chassis`.
+        namespace: namespace of the agent.
+        parameters: parameters of the agent; by default, `ip` and `port` lead to `chassis`.
 
     Raises:
-        AssertionError: The agent did not connect within 60 s.
-        ValueError: A parameter is invalid.
+        AssertionError: the agent did not connect within 60 s.
+        ValueError: a parameter is invalid.
     """
     tcp = parameters.get("transport") == "tcp"
     link: dict[str, Any] = {"ip": "127.0.0.1", "port": chassis.tcp_port if tcp else chassis.port}

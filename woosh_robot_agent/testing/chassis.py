@@ -21,15 +21,15 @@ def wait_until(condition: Callable[[], T], what: str = "", timeout: float = TIME
     """Wait until a condition is true, by calling it every few milliseconds.
 
     Args:
-        condition: Function to call until it returns a true value.
-        what: Description of the condition, for the error message.
-        timeout: Maximum time to wait, in seconds.
+        condition: function to call until it returns a true value.
+        what: description of the condition, for the error message.
+        timeout: maximum time to wait, in seconds.
 
     Returns:
         The value that the condition returned.
 
     Raises:
-        AssertionError: The condition did not become true within `timeout`.
+        AssertionError: the condition did not become true within `timeout`.
     """
     deadline = time.monotonic() + timeout
     while not (value := condition()):
@@ -44,7 +44,7 @@ def running_chassis(**options: Any) -> Iterator[SimulatorThread]:
     """Run a simulated chassis on free ports of this machine.
 
     Args:
-        options: Options of `SimulatorConfig`. The defaults here are `speed=10.0`, `seed=1`, and
+        options: options of `SimulatorConfig`. The defaults here are `speed=10.0`, `seed=1`, and
             `profile="instant"`, whose answers have no delay.
     """
     defaults = {"port": 0, "tcp_port": 0, "speed": 10.0, "seed": 1, "profile": "instant"}

@@ -28,8 +28,8 @@ def start(name: str, arguments: Sequence[str] | None = None) -> int:
     """Run a program; return its exit status.
 
     Args:
-        name: Name of the program.
-        arguments: Arguments of the program; by default from the command line.
+        name: name of the program.
+        arguments: arguments of the program; by default from the command line.
     """
 
     def main() -> int:

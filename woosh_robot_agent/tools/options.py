@@ -11,7 +11,17 @@ import sys
 from typing import Any, NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS
+from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS, url_host
+
+
+def tool_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
+    """Return a parser without options, whose help keeps the line breaks of `epilog`."""
+    return argparse.ArgumentParser(
+        prog=prog,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
 
 
 def stop_event() -> asyncio.Event:
@@ -39,7 +49,7 @@ def add_link_options(
     """Add `--ip` and the other options of the link to a parser.
 
     Args:
-        parser: The parser.
+        parser: the parser.
         ip_required: True if `--ip` must be given.
         again: True for a subparser whose main parser has the options too. They may come before or
             after the command, so the subparser has no defaults and no help for them.
@@ -95,9 +105,9 @@ def link_config(
     """Return the configuration of the link; an invalid option ends the program.
 
     Args:
-        parser: The parser of the options.
-        options: The options.
-        address: Address of the robot; by default `options.ip`.
+        parser: the parser of the options.
+        options: the options.
+        address: address of the robot; by default `options.ip`.
     """
     ip, port = options.ip if address is None else address
     try:
@@ -117,8 +127,8 @@ def link_config(
 
 def link_arguments(config: LinkConfig) -> str:
     """Return the options with which another tool reaches the same robot, for a hint."""
-    host = f"[{config.ip}]:{config.port}" if ":" in config.ip else f"{config.ip}:{config.port}"
-    arguments = f"--ip {host if config.port else config.ip}"
+    address = f"{url_host(config.ip)}:{config.port}" if config.port else config.ip
+    arguments = f"--ip {address}"
     for name in ("transport", "encoding", "robot_id"):
         value = getattr(config, name)
         if value != getattr(LinkConfig, name):
@@ -145,7 +155,7 @@ def host_and_port(text: str) -> tuple[str, int]:
     """Parse `HOST:PORT`, `[IPV6]:PORT` or `PORT`, which means this machine only.
 
     Raises:
-        argparse.ArgumentTypeError: The text has another form.
+        argparse.ArgumentTypeError: the text has another form.
     """
     host, _, port = text.rpartition(":")
     if not port.isdecimal() or not int(port) < 2**16:
@@ -165,8 +175,8 @@ def warn_if_not_local(host: str, consequence: str) -> None:
     """Print a warning to stderr if other machines can reach `host`.
 
     Args:
-        host: Address to listen on.
-        consequence: What everybody who can connect is able to do.
+        host: address to listen on.
+        consequence: what everybody who can connect is able to do.
     """
     if not is_local(host):
         print(f"warning: everybody who can reach {host} {consequence}", file=sys.stderr)

@@ -29,15 +29,15 @@ class RobotView:
     Attributes:
         is_empty: True until the first message.
         has_robot_info: True once a RobotInfo, which holds the whole state, has been received.
-        codes: Status codes, the newest last.
-        actions: Last feedback of each action of `woosh.ros`, by the action's name.
-        values: Last value of each message type.
+        codes: status codes, the newest last.
+        actions: last feedback of each action of `woosh.ros`, by the action's name.
+        values: last value of each message type.
     """
 
     def __init__(self) -> None:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
         self.actions: dict[str, Feedback] = {}
-        self.values = LastKnown(None)
+        self.values = LastKnown()  # filled by `update`
         # An empty RobotInfo, because its parts can arrive before it.
         self.values.remember(RobotInfo())
         self.is_empty = True
@@ -99,8 +99,8 @@ class LinkReport:
 
     Attributes:
         good: True if the program shows up-to-date values.
-        text: State of the link in words.
-        detail: Counters, times or advice; may be empty.
+        text: state of the link in words.
+        detail: counters, times or advice; may be empty.
     """
 
     good: bool

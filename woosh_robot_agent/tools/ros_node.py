@@ -21,16 +21,16 @@ class NodeThread:
     """A ROS node with a context of its own, whose callbacks run in a thread of its own.
 
     Args:
-        name: Name of the node.
-        namespace: Namespace of the node, unless the arguments set another namespace.
-        args: Command-line arguments for rclpy.
+        name: name of the node.
+        namespace: namespace of the node, unless the arguments set another namespace.
+        args: command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
 
     Attributes:
-        node: The node.
+        node: the node.
 
     Raises:
-        Exception: The namespace or the arguments are invalid; the type is rclpy's.
+        Exception: the namespace or the arguments are invalid; the type is rclpy's.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class NodeThread:
         """Start the thread.
 
         Args:
-            on_error: Called in the thread with the exception of a callback, which ends the thread.
+            on_error: called in the thread with the exception of a callback, which ends the thread.
         """
 
         def spin() -> None:

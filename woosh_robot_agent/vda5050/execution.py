@@ -157,8 +157,8 @@ class Execution:
         if self.order.driving or self.order.acting:
             return False
         own = self.tasks.id
-        if other := self.drive.other:
-            return other != own
+        if foreign_id := self.drive.foreign_id:
+            return foreign_id != own
         return bool(self.link.gate.reported_owner) and not own and not self.calls.busy
 
     @property
@@ -202,7 +202,7 @@ class Execution:
             )
         if self.order.busy and self._is_driven_otherwise:
             info = self.robot.info
-            kind = info.task_proc.type if info is not None and self.drive.other else None
+            kind = info.task_proc.type if info is not None and self.drive.foreign_id else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
             errors.append(warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint))
         elif self.order.busy and self._goes_on_charging:

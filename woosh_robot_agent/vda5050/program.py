@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -158,7 +157,7 @@ _VEHICLE_NAME = contextvars.ContextVar("vehicle_name", default="")
 
 
 class Connector:
-    """Several vehicles at one broker. Used in one asyncio event loop.
+    """Connects several robots to one broker, each as a vehicle. Use it in one asyncio event loop.
 
     Each vehicle has its own connections, so that a lost robot affects only its own vehicle.
 
@@ -189,7 +188,7 @@ class Connector:
         """
         made = Dashboard(self._links, DashboardConfig(port=port))
         for robot, (vehicle, _) in zip(made.robots, self._vehicles, strict=True):
-            robot.order = partial(getattr, vehicle, "summary")
+            robot.order = vehicle.summary
         return made
 
     async def close(self) -> None:
@@ -219,7 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the connector until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; 1 if the page cannot be served.

@@ -153,9 +153,8 @@ class Vehicle:
                 )
             )
 
-    @property
     def summary(self) -> dict[str, Any] | None:
-        """The order and the errors, for the dashboard; None before the robot's first report."""
+        """Return the order and the errors for the dashboard; None before the first report."""
         state = self._state()
         if state is None:
             return None

@@ -97,8 +97,8 @@ class ScriptedRobot(Robot):
         """Start a task that the chassis accepts, and that it executes from now on.
 
         Args:
-            task_id: Id of the task.
-            first: The first reports on the task. The client has them when this function returns.
+            task_id: id of the task.
+            first: the first reports on the task. The client has them when this function returns.
         """
         chassis = self.chassis
         asked = chassis.count(EXEC_TASK)

@@ -260,12 +260,9 @@ def test_what_the_program_explains_is_in_the_language_of_the_page(
         robot.call(lambda simulator: simulator.clear_faults())
         robot.call(lambda simulator: setattr(simulator, "speed", 0.05))
 
-        def runs() -> bool:
-            press(driver, "#marks li:nth-child(2) button")
-            press(driver, "#go")
-            return bool(script(driver, "store.robot.value.task?.running"))
-
-        eventually(runs, "a task")
+        press(driver, "#marks li:nth-child(2) button")
+        press(driver, "#go")
+        eventually(lambda: script(driver, "store.robot.value.task?.running"), "a task")
         eventually(lambda: script(driver, "store.path.value.length > 1"), "its path")
         eventually(lambda: is_held_and("正在执行" in text(driver, "#answer")), "the refusal")
         check_chinese(driver, "stick refused")

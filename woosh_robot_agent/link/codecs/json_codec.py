@@ -18,40 +18,31 @@ from google.protobuf import json_format
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.codecs.json_text import (
-    LONG_FRAME,
-    LONG_MESSAGE,
-    cut_out,
-    insert,
-    parse,
-    parse_in_pieces,
-    put_back,
-    read_base64,
-    take_out,
-    write,
-    write_base64,
-)
+from woosh_robot_agent.link.codecs import json_text
 from woosh_robot_agent.link.frames import Envelope, FieldError, FrameError, M, clip_type_name
 
 BAD_VALUE = (ValueError, TypeError, OverflowError)
 """Exceptions that a setter or a converter raises for a value that does not fit."""
 
-_LONGEST_VALUE = 60
-_LONGEST_REASON = 100
-_REPR = reprlib.Repr()  # plain repr() takes seconds for a map, and fails on deep nesting
+_MAX_VALUE = 60
+"""Maximum length of a value in an error text, in characters."""
+_MAX_REASON = 100
+"""Maximum length of the reason in an error text, in characters."""
+# Plain repr() takes seconds for the bytes of a robot's map, and fails on deep nesting.
+_REPR = reprlib.Repr()
 _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = 40
 
 
-def misfit(path: str, value: object, error: Exception) -> FieldError:
+def bad_value_error(path: str, value: object, error: Exception) -> FieldError:
     """Return the FieldError for a `value` at `path` that a setter refused with `error`."""
-    why = _cut(str(error), _LONGEST_REASON)  # `float()` repeats a value of many MiB in its text
+    why = _cut(str(error), _MAX_REASON)  # `float()` repeats a value of many MiB in its text
     return FieldError(path, f"{brief_repr(value)} does not fit ({why})")
 
 
 def brief_repr(value: object) -> str:
     """Return the start of a value's representation, for an error text."""
-    return _cut(_REPR.repr(value), _LONGEST_VALUE)
+    return _cut(_REPR.repr(value), _MAX_VALUE)
 
 
 def _cut(text: str, limit: int) -> str:
@@ -170,7 +161,7 @@ def _read_string(value: Any) -> str:
 def _read_bytes(value: Any) -> bytes:
     if not isinstance(value, str):
         raise TypeError("not base64 text")
-    return read_base64(value)
+    return json_text.read_base64(value)
 
 
 Setter = Callable[[Any, Any], None]
@@ -213,7 +204,7 @@ def _decoder(cls: MessageClass) -> Setter:
             except FieldError as error:
                 raise error.below(name) from None
             except BAD_VALUE as error:
-                raise misfit(name, value, error) from None
+                raise bad_value_error(name, value, error) from None
 
     return decode
 
@@ -261,7 +252,7 @@ def _list_setter(field: Field) -> Setter:
             except FieldError as error:
                 raise error.below(f"[{index}]") from None
             except BAD_VALUE as error:
-                raise misfit(f"[{index}]", value, error) from None
+                raise bad_value_error(f"[{index}]", value, error) from None
 
     return set_list
 
@@ -293,7 +284,7 @@ def _message_filler(field: Field) -> Setter:
             try:
                 json_format.ParseDict(value, message, ignore_unknown_fields=True)
             except Exception as error:  # its exceptions differ from release to release
-                raise misfit("", value, error) from None
+                raise bad_value_error("", value, error) from None
 
         return fill_well_known
 
@@ -388,7 +379,7 @@ def _scalar_encoder(field: Field) -> Callable[[Any], Any]:
     if field.type in _INT64:
         return str
     if field.type == FieldDescriptor.TYPE_BYTES:
-        return write_base64
+        return json_text.write_base64
     if field.type == FieldDescriptor.TYPE_FLOAT:
         return _shortest_float32
     if field.type == FieldDescriptor.TYPE_DOUBLE:
@@ -452,10 +443,10 @@ class JsonCodec:
             frame["sn"] = sn
         if timestamp is not None:
             frame["timestamp"] = timestamp
-        long = body is not None and body.ByteSize() >= LONG_MESSAGE
-        texts = take_out(frame) if long else []
-        text = write(frame)
-        return insert(text, texts) if texts else text
+        long = body is not None and body.ByteSize() >= json_text.LONG_MESSAGE
+        texts = json_text.take_out(frame) if long else []
+        text = json_text.write(frame)
+        return json_text.insert(text, texts) if texts else text
 
     def parse(self, data: str | bytes) -> Any:
         """Return the value of a JSON text.
@@ -464,17 +455,18 @@ class JsonCodec:
             FrameError: the text is not JSON, or has too many objects, lists and names.
         """
         try:
-            if len(data) <= LONG_FRAME:  # it has no long texts and few parts
-                return parse(data)
-            data, texts = cut_out(data)
+            if len(data) <= json_text.LONG_FRAME:  # parsing it hardly blocks the loop
+                return json_text.parse(data)
+            # Decoding a long base64 text is faster than parsing it.
+            data, texts = json_text.cut_out(data)
             _check_parts(data)
-            value = parse_in_pieces(data)
+            value = json_text.parse_in_pieces(data)
         except UnicodeDecodeError as error:
             raise FrameError("utf-8", f"not UTF-8: {error}") from None
         except (ValueError, RecursionError) as error:
             raise FrameError("json", f"not JSON: {error}") from None
         if texts and isinstance(value, dict | list):
-            put_back(value, texts)
+            json_text.put_back(value, texts)
         return value
 
     def decode(self, data: str | bytes) -> Envelope:

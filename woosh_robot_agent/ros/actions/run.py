@@ -282,7 +282,7 @@ class GoalRun:
                 self._link_changed(ready)
             case CancelRequested():
                 self._cancellation.pending = True
-                if self.phase.accepted:
+                if self.phase.accepted:  # otherwise it is sent once the goal is accepted
                     self._cancellation.send_soon()
             case Replaced():
                 return self._aborted(REPLACED)

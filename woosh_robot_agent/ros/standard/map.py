@@ -10,6 +10,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from nav_msgs.msg import OccupancyGrid
 
@@ -115,6 +116,15 @@ _RETRY_DELAY = 10.0
 """Delay before a failed request is retried, in seconds."""
 
 
+class MapVersion(NamedTuple):
+    """A version of a map in a scene."""
+
+    scene: str
+    map_id: int
+    name: str
+    version: int
+
+
 class Map(Part):
     """Publishes map and keepout_mask on demand, and when the scene, map or version changes.
 
@@ -128,9 +138,9 @@ class Map(Part):
         self._subscribers = context.subscribers()
         self._publisher = context.publisher("map", self._subscribers)
         self._keepout_publisher = context.publisher("keepout_mask", self._subscribers)
-        self._wanted: tuple[str, int, str, int] | None = None
-        """Scene, map id, map name and version that the robot uses; None if unknown."""
-        self._published: tuple[str, int, str, int] | None = None
+        self._wanted: MapVersion | None = None
+        """The map that the robot uses; None if unknown."""
+        self._published: MapVersion | None = None
         """The scene's map that was published last; None if it has to be published again."""
         self._not_before = -math.inf
         """Loop time before which the map is not requested again."""
@@ -146,6 +156,7 @@ class Map(Part):
         await self._subscribers.repeat(lambda: _CHECK_RATE, self._check)
 
     async def _check(self, now: float) -> None:
+        """Request or publish the map if needed. Called only while there are subscribers."""
         self._growing.subscribe()
         if self._context.robot.chassis.state is not LinkState.READY:
             return
@@ -155,12 +166,13 @@ class Map(Part):
             await self._update()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        self._log.clear()  # not after each map: good and bad maps may alternate
+        # Not after each map, because good and bad maps may alternate.
+        self._log.clear()
         if info.HasField("scene"):
             self._scene(info.scene)
 
     def _scene(self, scene: Scene) -> None:
-        self._wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
+        self._wanted = MapVersion(scene.scene_name, scene.map_id, scene.map_name, scene.version)
         self._not_before = -math.inf
 
     def _map_finished(self) -> None:
@@ -196,9 +208,10 @@ class Map(Part):
         if wanted is None:
             return
         now = asyncio.get_running_loop().time()
-        scene_name, map_id, map_name, _ = wanted
         try:
-            area = await scene_map(self._context.robot.chassis, scene_name, map_id, map_name)
+            area = await scene_map(
+                self._context.robot.chassis, wanted.scene, wanted.map_id, wanted.name
+            )
         except (LinkError, MapError) as error:
             self._log.warn("map", f"no map: {error}")
             self._not_before = now + _RETRY_DELAY

@@ -40,7 +40,7 @@ class PartContext:
 
     Attributes:
         robot: the objects shared with the services and actions. The parts run in its link thread.
-        watch: observers of the robot.
+        watch: observers of what the robot does and who drives it.
         second_agent: search for a second agent.
         settings: returns the current parameter values.
     """
@@ -64,8 +64,8 @@ class PartContext:
 
         Args:
             name: name of the topic.
-            subscribers: notices the subscribers of this publisher too, so that work can stop while
-                there are none.
+            subscribers: creates the publisher, and counts its subscribers too, so that work can
+                stop while there are none.
         """
         endpoint = BY_NAME[name]
         profile = (latched if endpoint.kind is Kind.LATCHED else reliable)(endpoint.depth)
@@ -74,7 +74,7 @@ class PartContext:
         return create_publisher(self.robot.node, class_of(endpoint.type), name, profile)
 
     def subscribers(self) -> Subscribers:
-        """Return an object that notices the subscribers of the publishers that it makes."""
+        """Return a new `Subscribers`, which creates publishers and counts their subscribers."""
         return Subscribers(self.robot.node, self.robot.thread)
 
     def subscribe(

@@ -21,12 +21,12 @@ class _Run:
     """A current action.
 
     Attributes:
-        name: Name of the action.
-        job: Job of the action.
+        name: name of the action.
+        job: job of the action.
         paused: True if the action is paused.
         started: True if the start of the action has been reported.
         impeded: True if an obstacle blocks the action at the moment.
-        reported: Simulated time of the last report, in seconds.
+        reported_at: simulated time of the last report, in seconds.
     """
 
     name: str
@@ -34,14 +34,14 @@ class _Run:
     paused: bool = False
     started: bool = False
     impeded: bool = False
-    reported: float = 0.0
+    reported_at: float = 0.0
 
 
 class Actions:
     """The current actions. `Ownership` decides which of them may run.
 
     Attributes:
-        last: The last feedback of each action since the start, by name.
+        last: the last feedback of each action since the start, by name.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -57,13 +57,13 @@ class Actions:
 
     @property
     def navigation(self) -> Navigate | None:
-        """The navigation of an action, also while it is paused."""
+        """The navigation that an action executes or has paused; None if there is none."""
         jobs = (run.job for run in self._runs.values())
         return next((job for job in jobs if isinstance(job, Navigate)), None)
 
     @property
-    def running(self) -> bool:
-        """True if there is an action, paused ones included."""
+    def any_active(self) -> bool:
+        """True if an action is executed or paused."""
         return bool(self._runs)
 
     def owner(self, device: Device) -> str:
@@ -77,9 +77,9 @@ class Actions:
         """Return the job of an action, or None if the action is not paused.
 
         Raises:
-            RefusedError: There is no such action.
+            RefusedError: there is no such action.
         """
-        run = self._running(name)
+        run = self._find(name)
         return run.job if run.paused else None
 
     def start(self, name: str, job: Job) -> None:
@@ -93,17 +93,17 @@ class Actions:
         """Cancel an action.
 
         Raises:
-            RefusedError: There is no such action.
+            RefusedError: there is no such action.
         """
-        self._end(self._running(name), ros_pack_pb2.kRosCancel, "cancelled")
+        self._end(self._find(name), ros_pack_pb2.kRosCancel, "cancelled")
 
     def pause(self, name: str) -> None:
         """Pause an action.
 
         Raises:
-            RefusedError: There is no such action.
+            RefusedError: there is no such action.
         """
-        self._pause(self._running(name), "paused")
+        self._pause(self._find(name), "paused")
 
     def pause_on(self, device: Device, reason: str) -> None:
         """Pause the action that runs on `device`, if there is one."""
@@ -115,11 +115,11 @@ class Actions:
         """Resume a paused action.
 
         Raises:
-            RefusedError: There is no such action.
+            RefusedError: there is no such action.
         """
-        run = self._running(name)
+        run = self._find(name)
         run.paused = False
-        run.job.suspend(self._robot)
+        run.job.suspend(self._robot)  # also resets the timeouts of the job
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
 
     def clear(self, device: Device, reason: str) -> None:
@@ -144,17 +144,17 @@ class Actions:
                 continue
             progress = run.job.tick(self._robot, dt)
             if progress.failure:
-                self._end(run, ros_pack_pb2.kRosFailure, progress.failure)
+                self._end(run, ros_pack_pb2.kRosFailure, progress.failure, progress.code)
             elif progress.done:
                 self._end(run, ros_pack_pb2.kRosSuccess, progress.text)
             elif progress.impeded and not run.impeded:
                 run.impeded = True
                 self._report(run, ros_pack_pb2.kRosErrMsg, progress.text)
-            elif self._robot.elapsed - run.reported >= REPORT_PERIOD - ROUNDING:
+            elif self._robot.elapsed - run.reported_at >= REPORT_PERIOD - ROUNDING:
                 self._report(run, ros_pack_pb2.kRosExecuting, progress.text)
             run.impeded = progress.impeded
 
-    def _running(self, name: str) -> _Run:
+    def _find(self, name: str) -> _Run:
         run = self._runs.get(name)
         if run is None:
             raise RefusedError(f"{short_name(name)} is not running: execute it first")
@@ -167,14 +167,14 @@ class Actions:
             run.job.suspend(self._robot)
             self._report(run, ros_pack_pb2.kRosPause, reason)
 
-    def _end(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
+    def _end(self, run: _Run, state: ros_pack_pb2.State, msg: str, code: int = 0) -> None:
         del self._runs[run.name]
         run.job.suspend(self._robot)
-        self._report(run, state, msg)
+        self._report(run, state, msg, code)
 
-    def _report(self, run: _Run, state: ros_pack_pb2.State, msg: str) -> None:
-        run.reported = self._robot.elapsed
-        feedback = ros_pack_pb2.Feedback(action=run.name, state=state, msg=msg)
+    def _report(self, run: _Run, state: ros_pack_pb2.State, msg: str, code: int = 0) -> None:
+        run.reported_at = self._robot.elapsed
+        feedback = ros_pack_pb2.Feedback(action=run.name, state=state, code=code, msg=msg)
         self.last[run.name] = feedback
         self._robot.emit(ros_pack_pb2.Feedbacks(fbs=[feedback]))
 

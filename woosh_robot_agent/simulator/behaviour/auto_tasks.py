@@ -31,12 +31,12 @@ def task_actions(robot: Robot, kind: util_task_pb2.Type, number: int) -> tuple[A
     """Return the actions of a task, by the table of the scene.
 
     Args:
-        robot: The robot.
-        kind: Type of the task. A task without a type is a pick task.
-        number: Number of the task among the tasks of its type.
+        robot: the robot.
+        kind: type of the task. A task without a type is a pick task.
+        number: number of the task among the tasks of its type.
 
     Raises:
-        RefusedError: The table has no actions for this task.
+        RefusedError: the table has no actions for this task.
     """
     kind, groups = kind or util_task_pb2.kPick, robot.scene.action_groups
     actions = groups.actions(kind, number)
@@ -60,10 +60,10 @@ def task_jobs(
     Without a mark there is no dock: the actions of docking are left out.
 
     Args:
-        robot: The robot.
-        actions: The actions of the task.
-        direction: Direction of a task that carries goods.
-        target: The target mark of the task, or the job that drives to another target.
+        robot: the robot.
+        actions: the actions of the task.
+        direction: direction of a task that carries goods.
+        target: the target mark of the task, or the job that drives to another target.
     """
     enters = any(each.action == util_action_pb2.kSecondposEnter for each in actions)
     docks = enters and isinstance(target, Mark)
@@ -129,11 +129,11 @@ class AutoTasks:
     sent a command. Any command of a client takes precedence over an automatic task.
 
     Args:
-        robot: The robot.
-        tasks: The tasks of the robot.
-        ownership: Starts the automatic tasks.
-        charge_after: Idle time before a robot with a low battery drives to a charger, in seconds.
-        park_after: Idle time before a robot drives to a parking place, in seconds.
+        robot: the robot.
+        tasks: the tasks of the robot.
+        ownership: starts the automatic tasks.
+        charge_after: idle time before a robot with a low battery drives to a charger, in seconds.
+        park_after: idle time before a robot drives to a parking place, in seconds.
     """
 
     def __init__(

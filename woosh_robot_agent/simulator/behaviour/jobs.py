@@ -35,9 +35,9 @@ def is_clear(robot: Robot, direction: float, distance: float) -> bool:
     """Return True if the base can go on without coming too close to an obstacle.
 
     Args:
-        robot: The robot.
-        direction: Direction of the motion from straight ahead, in radians.
-        distance: Length of the motion, in metres. Obstacles further away are ignored.
+        robot: the robot.
+        direction: direction of the motion from straight ahead, in radians.
+        distance: length of the motion, in metres. Obstacles further away are ignored.
     """
     obstacles = robot.obstacles.walls
     if not obstacles:
@@ -65,8 +65,9 @@ class Progress:
 
     Attributes:
         done: True if the job has ended, successfully or not.
-        failure: Reason of the failure; empty if the job did not fail.
-        text: Description of the progress, for reports.
+        failure: reason of the failure; empty if the job did not fail.
+        code: status code of the failure; 0 without one.
+        text: description of the progress, for reports.
         impeded: True if an obstacle blocks the job at the moment; `text` describes the obstacle.
     """
 
@@ -74,14 +75,15 @@ class Progress:
     failure: str = ""
     text: str = ""
     impeded: bool = False
+    code: int = 0
 
 
 class Job(ABC):
     """Something that the robot does over time, e.g. drive to a mark: a step of a task or action.
 
     Attributes:
-        device: Device that the job owns while it runs.
-        kind: The `woosh.action.Type` in reports about the job.
+        device: device that the job owns while it runs.
+        kind: the `woosh.action.Type` in reports about the job.
     """
 
     device: Device = Device.NONE
@@ -95,16 +97,16 @@ class Job(ABC):
         """Prepare for a pause: the next tick may come later and at another place, or never."""
 
 
-def failed(reason: str) -> Progress:
+def failed(reason: str, code: int = 0) -> Progress:
     """Return the progress of a job that failed."""
-    return Progress(done=True, failure=reason)
+    return Progress(done=True, failure=reason, code=code)
 
 
 class Done(Job):
     """Ends at once, because everything was done before it started.
 
     Args:
-        text: Text of the job's report.
+        text: text of the job's report.
     """
 
     def __init__(self, text: str) -> None:
@@ -118,8 +120,8 @@ class Wait(Job):
     """Waits for a time, or until `end` is called.
 
     Args:
-        seconds: The time, in seconds. It may be infinite.
-        number: Number of the wait in its task; 0 to count the waits of the task.
+        seconds: the time, in seconds. It may be infinite.
+        number: number of the wait in its task; 0 to count the waits of the task.
     """
 
     kind = util_action_pb2.kWait
@@ -155,9 +157,9 @@ class Shift:
     """A straight move without turning.
 
     Attributes:
-        direction: Direction from straight ahead, counter-clockwise, in radians.
-        distance: Distance in metres, negative for the opposite direction.
-        speed: Speed, in m/s.
+        direction: direction from straight ahead, counter-clockwise, in radians.
+        distance: distance in metres, negative for the opposite direction.
+        speed: speed, in m/s.
     """
 
     direction: float
@@ -185,8 +187,8 @@ class Turn:
     """A turn on the spot.
 
     Attributes:
-        angle: Angle in radians, negative for clockwise. It may exceed a full turn.
-        speed: Turn rate, in rad/s.
+        angle: angle in radians, negative for clockwise. It may exceed a full turn.
+        speed: turn rate, in rad/s.
     """
 
     angle: float
@@ -209,10 +211,10 @@ class Steps(Job):
     """Makes steps one after the other.
 
     Args:
-        steps: At least one step.
+        steps: at least one step.
         avoid: True to stop before an obstacle and wait some seconds for it to go away. False to
             drive until the base touches the obstacle, and fail at once.
-        kind: The `woosh.action.Type` in reports.
+        kind: the `woosh.action.Type` in reports.
     """
 
     device = Device.WHEELS
@@ -279,9 +281,9 @@ class MoveLift(Job):
     """Moves a lift to one height after the other.
 
     Args:
-        lift: The lift.
-        heights: Heights, in metres.
-        speed: Speed in m/s, of either sign; 0 for the default of the lift.
+        lift: the lift.
+        heights: heights, in metres.
+        speed: speed in m/s, of either sign; 0 for the default of the lift.
     """
 
     kind = util_action_pb2.kCarry
@@ -376,9 +378,9 @@ def dock(robot: Robot, distance: float, kind: util_action_pb2.Type) -> Job:
     """Return the job that drives into a dock or out of it.
 
     Args:
-        robot: The robot.
-        distance: Distance straight ahead, in metres.
-        kind: The `woosh.action.Type` in reports.
+        robot: the robot.
+        distance: distance straight ahead, in metres.
+        kind: the `woosh.action.Type` in reports.
     """
     return Steps(
         [Shift(0.0, distance, robot.profile.charging.docking_speed)], avoid=True, kind=kind

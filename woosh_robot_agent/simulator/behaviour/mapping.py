@@ -59,11 +59,11 @@ class Mapping:
     current map. After saving or cancelling, the robot has to be initialised.
 
     Args:
-        robot: The robot.
+        robot: the robot.
 
     Attributes:
-        draft: The new map without its cells; None if there is none or a map is being updated.
-        picture_time: Simulated time at which the last picture of the map was due, in seconds.
+        draft: the new map without its cells; None if there is none or a map is being updated.
+        picture_time: simulated time at which the last picture of the map was due, in seconds.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -97,7 +97,7 @@ class Mapping:
         """Check that no map is being made.
 
         Raises:
-            RefusedError: A map is being made; `refusal` is the situation.
+            RefusedError: a map is being made; `refusal` is the situation.
         """
         if self._phase is not Phase.NONE:
             raise RefusedError(refusal, map=self._map_name, phase=self._phase.value)
@@ -106,7 +106,7 @@ class Mapping:
         """Check that the mapping is not being started or ended.
 
         Raises:
-            RefusedError: The mapping is being started or ended.
+            RefusedError: the mapping is being started or ended.
         """
         if self._phase not in (Phase.NONE, Phase.RUNNING):
             self.require_none(refusals.MAPPING_CHANGES)
@@ -115,11 +115,11 @@ class Mapping:
         """Begin to make a new map; return the duration of the start, in seconds.
 
         Args:
-            scene_name: Name of a new or an existing scene.
-            map_name: Name of the map.
+            scene_name: name of a new or an existing scene.
+            map_name: name of the map.
 
         Raises:
-            RefusedError: The robot cannot start now, or cannot make this map.
+            RefusedError: the robot cannot start now, or cannot make this map.
         """
         self._require_startable(scene_name, map_name)
         self._require_new(scene_name, map_name)
@@ -129,11 +129,11 @@ class Mapping:
         """Begin to continue the current map; return the duration of the start, in seconds.
 
         Args:
-            scene_name: Name of the current scene.
-            map_name: Name of the current map.
+            scene_name: name of the current scene.
+            map_name: name of the current map.
 
         Raises:
-            RefusedError: The robot cannot start now, or this is not the current map.
+            RefusedError: the robot cannot start now, or this is not the current map.
         """
         self._require_startable(scene_name, map_name)
         scenes, scene = self._robot.scenes, self._robot.scenes.get(scene_name)
@@ -157,7 +157,7 @@ class Mapping:
         """Begin to save the map; return the duration, in seconds.
 
         Raises:
-            RefusedError: The robot cannot save now. The mapping goes on.
+            RefusedError: the robot cannot save now. The mapping goes on.
         """
         self._require_running()
         self._require_modes(refusals.SAVE_OUTSIDE_DEPLOYMENT)
@@ -178,7 +178,7 @@ class Mapping:
         """Begin to discard the map; return the duration, in seconds.
 
         Raises:
-            RefusedError: No map is being made.
+            RefusedError: no map is being made.
         """
         self._require_running()
         robot = self._robot
@@ -341,9 +341,9 @@ class CollectedPoint(NamedTuple):
     """A collected point.
 
     Attributes:
-        kind: Kind of the point.
-        id: Identifier, unique among the points of this kind in the map.
-        pose: Pose, in the map's frame.
+        kind: kind of the point.
+        id: identifier, unique among the points of this kind in the map.
+        pose: pose, in the map's frame.
     """
 
     kind: PointKind
@@ -358,8 +358,8 @@ class Deployment:
     leaves deployment mode or the map.
 
     Args:
-        robot: The robot.
-        mapping: Makes new maps.
+        robot: the robot.
+        mapping: makes new maps.
     """
 
     def __init__(self, robot: Robot, mapping: Mapping) -> None:
@@ -372,11 +372,11 @@ class Deployment:
         """Add a point to the map and return it.
 
         Args:
-            kind: Kind of the point.
-            pose: Pose of the point; None for the pose of the robot.
+            kind: kind of the point.
+            pose: pose of the point; None for the pose of the robot.
 
         Raises:
-            RefusedError: The pose is outside the map.
+            RefusedError: the pose is outside the map.
         """
         area, others = self._area, copy_of(self._area.other_marks)
         if pose is None:
@@ -429,7 +429,7 @@ class Deployment:
         """Return the reflectors of the map. The robot finds all of them at their poses.
 
         Raises:
-            RefusedError: The map has no reflectors.
+            RefusedError: the map has no reflectors.
         """
         found = [
             CollectedPoint(
@@ -449,7 +449,7 @@ class Deployment:
         """Check that the robot can collect points.
 
         Raises:
-            RefusedError: The robot cannot collect points.
+            RefusedError: the robot cannot collect points.
         """
         readiness = self._robot.readiness
         if readiness.work != util_robot_pb2.kDeployMode:

@@ -25,8 +25,11 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.status_codes import (
     DRIVING_STRAIGHT,
+    GOAL_OCCUPIED,
+    GOAL_UNREACHABLE,
     NEW_NAVIGATION,
     OBSTACLE_AVOIDED,
+    Code,
 )
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall, outer_radius, wrap
 from woosh_robot_agent.simulator.world.planner import (
@@ -38,7 +41,15 @@ from woosh_robot_agent.simulator.world.planner import (
 
 
 class NoRouteError(Exception):
-    """There is no route. The text is the reason, then after a colon what to do."""
+    """There is no route. The text is the reason, then after a colon what to do.
+
+    Attributes:
+        code: status code of the reason.
+    """
+
+    def __init__(self, text: str, code: Code) -> None:
+        super().__init__(text)
+        self.code = code
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +57,8 @@ class Route:
     """A planned route.
 
     Attributes:
-        legs: For each stop, the leg that leads to it: its corners, the stop last.
-        poses: The start, each corner with the direction in which the robot arrives there, and the
+        legs: for each stop, the leg that leads to it: its corners, the stop last.
+        poses: the start, each corner with the direction in which the robot arrives there, and the
             last stop.
     """
 
@@ -71,14 +82,14 @@ def plan_route(
     """Plan a route for the robot with its footprint in use.
 
     Args:
-        robot: The robot.
-        start: Pose at which the route starts.
-        stops: Poses to pass, the goal last.
-        strict: Connect the poses by straight lines.
-        obstacles: Walls to avoid in addition to the walls of the map.
+        robot: the robot.
+        start: pose at which the route starts.
+        stops: poses to pass, the goal last.
+        strict: connect the poses by straight lines.
+        obstacles: walls to avoid in addition to the walls of the map.
 
     Raises:
-        NoRouteError: There is no route, or the search takes too long.
+        NoRouteError: there is no route, or the search takes too long.
     """
     routes = planner(robot.map, outer_radius(robot.outline) + PATH_MARGIN)
     budget = SearchBudget()
@@ -92,13 +103,20 @@ def plan_route(
         except SearchBudgetError:
             raise NoRouteError(
                 f"the way to {goal} is too long or too winding to plan: choose a nearer goal, "
-                "or add poses on the way, each in sight of the next"
+                "or add poses on the way, each in sight of the next",
+                GOAL_UNREACHABLE,
             ) from None
         if leg is None:
             grid = robot.map.grid
             if grid and grid.kept_out(*goal.point):
-                raise NoRouteError(f"{goal} is in a keep-out area: choose a goal outside of it")
-            raise NoRouteError(f"no free path to {goal}: choose a goal on free floor")
+                raise NoRouteError(
+                    f"{goal} is in a keep-out area: choose a goal outside of it", GOAL_OCCUPIED
+                )
+            is_occupied = robot.map.contains(*goal.point) and not robot.can_stand(goal)
+            raise NoRouteError(
+                f"no free path to {goal}: choose a goal on free floor",
+                GOAL_OCCUPIED if is_occupied else GOAL_UNREACHABLE,
+            )
         for corner in leg:
             poses.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
             here = corner
@@ -150,9 +168,9 @@ class _Run(NamedTuple):
     """The part of a path that the base drives without stopping.
 
     Attributes:
-        length: Length from the base on, in metres.
-        aim: The point that the base steers to.
-        next: Corner after the next corner; None if the base stops at the next corner.
+        length: length from the base on, in metres.
+        aim: the point that the base steers to.
+        next: corner after the next corner; None if the base stops at the next corner.
     """
 
     length: float
@@ -173,15 +191,15 @@ class Navigate(Job):
     round the obstacle, waits or gives up.
 
     Args:
-        goal: Goal, in the map's frame.
-        via: Poses to pass on the way.
-        strict: Drive straight from one pose to the next. Otherwise plan paths between them.
-        one_by_one: Turn to the heading of each pose of `via` too, unless the next pose is closer
+        goal: goal, in the map's frame.
+        via: poses to pass on the way.
+        strict: drive straight from one pose to the next. Otherwise plan paths between them.
+        one_by_one: turn to the heading of each pose of `via` too, unless the next pose is closer
             than 0.3 m, so that both are points of a path.
 
     Attributes:
-        goal: Goal, in the map's frame.
-        path: Planned path, empty before it is planned.
+        goal: goal, in the map's frame.
+        path: planned path, empty before it is planned.
     """
 
     device = Device.WHEELS
@@ -229,7 +247,7 @@ class Navigate(Job):
         """Take another way to the same goal.
 
         Raises:
-            RefusedError: There is no such way.
+            RefusedError: there is no such way.
         """
         before = self._stops, self._strict
         self._stops, self._strict = deque([*via, self.goal]), strict
@@ -259,7 +277,7 @@ class Navigate(Job):
             try:
                 self._plan(robot)
             except NoRouteError as error:
-                return failed(str(error))
+                return failed(str(error), error.code.number)
         if not self._announced:
             self._announced = True
             robot.codes.report(NEW_NAVIGATION, self.kind)
@@ -293,11 +311,11 @@ class Navigate(Job):
         """Plan the path.
 
         Args:
-            robot: The robot.
-            obstacles: Walls to avoid in addition to the walls of the map.
+            robot: the robot.
+            obstacles: walls to avoid in addition to the walls of the map.
 
         Raises:
-            NoRouteError: There is no path.
+            NoRouteError: there is no path.
         """
         route = plan_route(
             robot, robot.base.pose, self._stops, strict=self._strict, obstacles=obstacles

@@ -63,14 +63,6 @@ class Follower:
     def __init__(self) -> None:
         self.active = False
 
-    def start(self) -> None:
-        """Start following."""
-        self.active = True
-
-    def stop(self) -> None:
-        """Stop following. The base slows down."""
-        self.active = False
-
     def tick(self, robot: Robot, dt: float) -> None:
         """Drive for `dt` seconds."""
         leader = _leader(robot) if self.active else None
@@ -107,7 +99,7 @@ class Teleop:
     """Drives the base by the last velocity command until the command times out.
 
     Args:
-        start_delay: Time from the first command to the first motion, in seconds.
+        start_delay: time from the first command to the first motion, in seconds.
     """
 
     def __init__(self, start_delay: float) -> None:
@@ -150,11 +142,11 @@ class Ownership:
     """Starts, resumes and ends jobs so that at most one job owns each device.
 
     Args:
-        robot: The robot.
-        tasks: The tasks of the robot.
-        actions: The actions of the robot.
-        follower: Following of a leader.
-        teleop: Remote control.
+        robot: the robot.
+        tasks: the tasks of the robot.
+        actions: the actions of the robot.
+        follower: following of a leader.
+        teleop: remote control.
     """
 
     def __init__(
@@ -184,7 +176,7 @@ class Ownership:
     @property
     def busy(self) -> bool:
         """True if there is a task or an action, paused ones included, or the robot follows."""
-        return self._tasks.active or self._actions.running or self._follower.active
+        return self._tasks.active or self._actions.any_active or self._follower.active
 
     def tick(self, dt: float) -> None:
         """Let tasks and actions work for `dt` seconds."""
@@ -196,7 +188,7 @@ class Ownership:
         """Start one task or the tasks of a set, in place of everything that drives or charges.
 
         Raises:
-            RefusedError: The robot is not ready, or the running task has precedence.
+            RefusedError: the robot is not ready, or the running task has precedence.
         """
         self._robot.readiness.require_ready()
         if self._has_precedence(orders[0]):
@@ -209,7 +201,7 @@ class Ownership:
         """Resume a paused task, or end the wait of a waiting task.
 
         Raises:
-            RefusedError: There is no task, the robot is not ready, or an action is using the device
+            RefusedError: there is no task, the robot is not ready, or an action is using the device
                 that the task needs (wheels, jack, ...).
         """
         self._tasks.require_active(refusals.NO_TASK_TO_RESUME)
@@ -221,7 +213,7 @@ class Ownership:
         """Resume a paused task, or retry a failed one from the job that failed.
 
         Raises:
-            RefusedError: There is no task to recover, the robot is not ready, or an action is using
+            RefusedError: there is no task to recover, the robot is not ready, or an action is using
                 the device that the task needs.
         """
         if self._tasks.recoverable:
@@ -234,12 +226,12 @@ class Ownership:
         """Run `job` as the action `name`, in place of an action on the same device.
 
         Args:
-            name: Full name of the action.
-            job: The job.
-            ends: Another device; an action on it ends too.
+            name: full name of the action.
+            job: the job.
+            ends: another device; an action on it ends too.
 
         Raises:
-            RefusedError: A task owns one of the devices, or steps run already.
+            RefusedError: a task owns one of the devices, or steps run already.
         """
         if self._robot.profile.refusals.while_busy and short_name(name) == _STEP_CONTROL:
             self._require_no_steps()
@@ -254,7 +246,7 @@ class Ownership:
         """Resume a paused action.
 
         Raises:
-            RefusedError: There is no such action, or another job owns its device.
+            RefusedError: there is no such action, or another job owns its device.
         """
         job = self._actions.paused_job(name)
         if job is None:
@@ -267,7 +259,7 @@ class Ownership:
         """Drive by remote control.
 
         Raises:
-            RefusedError: A task or an action of a client drives.
+            RefusedError: a task or an action of a client drives.
         """
         self._take_wheels("remote control", refusals.TWIST_WHILE_DRIVING)
         self._teleop.command(velocity)
@@ -276,11 +268,11 @@ class Ownership:
         """Follow a leader.
 
         Raises:
-            RefusedError: A task or an action of a client drives.
+            RefusedError: a task or an action of a client drives.
         """
         self._take_wheels("following", refusals.FOLLOW_WHILE_DRIVING)
         self._teleop.release()
-        self._follower.start()
+        self._follower.active = True
 
     def stop_wheels(self, reason: str) -> None:
         """Stop at once. A task or action that drives is paused."""
@@ -302,7 +294,7 @@ class Ownership:
 
         A task that the robot started by itself is cancelled, and one of a client is paused.
         """
-        self._follower.stop()
+        self._follower.active = False
         self._actions.abort(reason)
         self._tasks.cancel_automatic(reason)
         if self._tasks.active:
@@ -312,7 +304,7 @@ class Ownership:
         self._tasks.cancel_automatic(f"replaced by {user}")
         if self.driver:
             raise RefusedError(refusal, driver=self.driver)
-        self._follower.stop()
+        self._follower.active = False
 
     def _has_precedence(self, order: TaskOrder) -> bool:
         """Return True if the running task has precedence over a new task."""
@@ -352,5 +344,5 @@ class Ownership:
             raise RefusedError(refusals.ACTION_RUNNING, action=owner)
 
     def _end_manual_driving(self) -> None:
-        self._follower.stop()
+        self._follower.active = False
         self._teleop.release()

@@ -24,10 +24,10 @@ class TaskReports:
     """Pushes the reports about tasks, and keeps the last report.
 
     Args:
-        robot: Pushes the reports.
+        robot: pushes the reports.
 
     Attributes:
-        last: The last report, even if it is withheld.
+        last: the last report, even if it is withheld.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -55,10 +55,10 @@ class TaskReports:
         """Push a report about a task.
 
         Args:
-            task: The task.
-            state: State of the task in the report.
-            action: The task's action in the report, None for none.
-            msg: Text of the report, if the profile has texts.
+            task: the task.
+            state: state of the task in the report.
+            action: the task's action in the report, None for none.
+            msg: text of the report, if the profile has texts.
         """
         if self._withheld and state != self.last.state:
             self._robot.emit(self.last)
@@ -123,10 +123,10 @@ class TaskOrder:
     """An order to perform a task.
 
     Attributes:
-        id: The `robot_task_id` in reports.
-        type: Type of the task.
-        dest: Number of the target mark, empty if the target is not a mark.
-        jobs: Returns the jobs of the task, in order, when it starts.
+        id: the `robot_task_id` in reports.
+        type: type of the task.
+        dest: number of the target mark, empty if the target is not a mark.
+        jobs: returns the jobs of the task, in order, when it starts.
         automatic: True if the robot has started the task by itself.
         own_id: True if the robot has chosen the id.
     """
@@ -146,9 +146,9 @@ class Tasks:
     what has happened.
 
     Attributes:
-        proc: The current or last task. Its state may be ahead of the reports.
-        state: State that the task gives the robot, `kStateUndefined` without a task.
-        history: The last 50 ended tasks, oldest first.
+        proc: the current or last task. Its state may be ahead of the reports.
+        state: state that the task gives the robot, `kStateUndefined` without a task.
+        history: the last 50 ended tasks, oldest first.
         impeded: True if an obstacle blocks the task at the moment.
     """
 
@@ -252,12 +252,12 @@ class Tasks:
         """Pause the task.
 
         Args:
-            reason: Text of the report.
-            state: State of the action in the report.
+            reason: text of the report.
+            state: state of the action in the report.
             ordered: True if a client has ordered the pause; then the report comes later.
 
         Raises:
-            RefusedError: There is no task.
+            RefusedError: there is no task.
         """
         self.require_active(refusals.NO_TASK_TO_PAUSE)
         if self.paused or self._canceling:
@@ -288,7 +288,7 @@ class Tasks:
         """End the current wait of the task.
 
         Raises:
-            RefusedError: The task is not waiting.
+            RefusedError: the task is not waiting.
         """
         if self.paused or not isinstance(self.job, Wait):
             raise RefusedError(refusals.NOT_WAITING)
@@ -298,11 +298,11 @@ class Tasks:
         """Cancel the task and the rest of its set. Between two tasks of a set, cancel the rest.
 
         Args:
-            reason: Text of the report.
+            reason: text of the report.
             ordered: True if a client has ordered the cancel; then the report comes later.
 
         Raises:
-            RefusedError: There is no task.
+            RefusedError: there is no task.
         """
         if self.between_tasks:
             self._rest_of_set.clear()
@@ -331,10 +331,10 @@ class Tasks:
         """Check that there is a task.
 
         Args:
-            refusal: The refusal to raise.
+            refusal: the refusal to raise.
 
         Raises:
-            RefusedError: There is no task.
+            RefusedError: there is no task.
         """
         if not self.active:
             raise RefusedError(refusal)
@@ -343,7 +343,7 @@ class Tasks:
         """Work on the task for `dt` seconds.
 
         Args:
-            dt: Duration, in seconds.
+            dt: duration, in seconds.
             device_free: True if no action owns the device of the current job; if False, the job
                 waits.
         """
@@ -356,7 +356,7 @@ class Tasks:
         """Start the next task of the set.
 
         Args:
-            at_once: Show the new state of the robot at once, instead of with the answer to the
+            at_once: show the new state of the robot at once, instead of with the answer to the
                 current request.
         """
         if not self._rest_of_set:
@@ -517,9 +517,9 @@ class Tasks:
         """Push a report about the task.
 
         Args:
-            state: State of the task in the report.
-            action_state: State of the current job in the report; None to leave out the job.
-            msg: Text of the report.
+            state: state of the task in the report.
+            action_state: state of the current job in the report; None to leave out the job.
+            msg: text of the report.
         """
         action = None
         if action_state is not None:

@@ -23,9 +23,9 @@ class Velocity:
     """A velocity in the frame of the base.
 
     Attributes:
-        forward: Forward speed, in m/s.
-        left: Sideways speed of an omnidirectional base, in m/s.
-        turn: Turn rate, counter-clockwise, in rad/s.
+        forward: forward speed, in m/s.
+        left: sideways speed of an omnidirectional base, in m/s.
+        turn: turn rate, counter-clockwise, in rad/s.
     """
 
     forward: float = 0.0
@@ -51,19 +51,19 @@ class Base:
     """The driven base.
 
     Args:
-        pose: Pose at the start.
-        odometer: Total distance driven so far, in metres.
-        rolls_for: Time constant of the exponential slowdown after remote control, in seconds; 0
+        pose: pose at the start.
+        odometer: total distance driven so far, in metres.
+        rolls_for: time constant of the exponential slowdown after remote control, in seconds; 0
             to slow down at a constant rate.
-        stops_below: Speed at which the exponential slowdown ends, in m/s or rad/s.
-        max_speed: Maximum speed, in m/s.
-        max_turn_rate: Maximum turn rate, in rad/s.
+        stops_below: speed at which the exponential slowdown ends, in m/s or rad/s.
+        max_speed: maximum speed, in m/s.
+        max_turn_rate: maximum turn rate, in rad/s.
 
     Attributes:
-        pose: Pose in the map's frame, with a heading in (-pi, pi].
-        odometry: Pose by wheel odometry, which never jumps. Its heading is not wrapped.
-        velocity: Current velocity.
-        odometer: Total distance driven, in metres.
+        pose: pose in the map's frame, with a heading in (-pi, pi].
+        odometry: pose by wheel odometry, which never jumps. Its heading is not wrapped.
+        velocity: current velocity.
+        odometer: total distance driven, in metres.
         blocked: True if a collision stopped the base in the last step.
     """
 
@@ -98,8 +98,8 @@ class Base:
         """Accelerate towards `velocity` in the next step. Without this call the base slows down.
 
         Args:
-            velocity: Wanted velocity.
-            rolls_on: Slow down exponentially afterwards, as after remote control, instead of at a
+            velocity: wanted velocity.
+            rolls_on: slow down exponentially afterwards, as after remote control, instead of at a
                 constant rate.
         """
         self._wanted = velocity.limited(self.max_speed, self.max_turn_rate)
@@ -127,8 +127,8 @@ class Base:
         because the base or the obstacle was placed there, can move out of it.
 
         Args:
-            dt: Duration of the step, in seconds.
-            gap: Returns the gap in metres between the base at a pose and its surroundings.
+            dt: duration of the step, in seconds.
+            gap: returns the gap in metres between the base at a pose and its surroundings.
         """
         wanted = self._wanted if self._wanted != STANDSTILL else self._rolling(dt)
         self.velocity = _accelerated(self.velocity, wanted, dt)
@@ -166,10 +166,10 @@ def approach(distance: float, fastest: float, acceleration: float, dt: float) ->
     """Return the speed for the next step that still permits a stop after exactly `distance`.
 
     Args:
-        distance: Remaining distance or angle. The speed has its sign.
-        fastest: Maximum speed.
-        acceleration: Maximum deceleration.
-        dt: Duration of the step, in seconds.
+        distance: remaining distance or angle. The speed has its sign.
+        fastest: maximum speed.
+        acceleration: maximum deceleration.
+        dt: duration of the step, in seconds.
     """
     far = abs(distance)
     if far <= acceleration * dt * dt:

@@ -28,14 +28,14 @@ class Battery:
     """A battery that drains with time and distance, and can be charged.
 
     Args:
-        level: Charge at the start, in percent.
-        profile: Drain and charge rates, and constants that are reported but not simulated, e.g.
+        level: charge at the start, in percent.
+        profile: drain and charge rates, and constants that are reported but not simulated, e.g.
             `health`.
 
     Attributes:
-        level: Charge, in percent.
-        profile: As above.
-        charging: State of charging.
+        level: charge, in percent.
+        profile: as above.
+        charging: state of charging.
     """
 
     def __init__(self, level: float, profile: BatteryProfile) -> None:
@@ -66,11 +66,11 @@ class Lift:
     """A vertical axis.
 
     Attributes:
-        name: Name for texts.
-        device: Device that a job owns while it moves the lift.
-        travel: Maximum height, in metres; the minimum is 0.
-        default_speed: Speed if a request gives none, in m/s.
-        height: Current height, in metres.
+        name: name for texts.
+        device: device that a job owns while it moves the lift.
+        travel: maximum height, in metres; the minimum is 0.
+        default_speed: speed if a request gives none, in m/s.
+        height: current height, in metres.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Lift:
         """Return `height` if the lift can reach it.
 
         Raises:
-            RefusedError: The height is out of range.
+            RefusedError: the height is out of range.
         """
         if not 0.0 <= height <= self.travel + 1e-6:
             raise RefusedError(f"{self.name}: {height:.3f} m is not within 0 to {self.travel:g} m")
@@ -105,7 +105,7 @@ class WiFi:
     Attributes:
         name: SSID of the connected network; empty without a connection.
         hotspot: True if the robot is a hotspot instead of a client.
-        list_json: Networks found by the last scan, as JSON; empty before the first scan.
+        list_json: networks found by the last scan, as JSON; empty before the first scan.
     """
 
     def __init__(self) -> None:
@@ -166,7 +166,7 @@ class WiFi:
         """Remove the network with this SSID from the known networks.
 
         Raises:
-            RefusedError: The network is not known.
+            RefusedError: the network is not known.
         """
         ssid = content.decode(errors="replace")
         if ssid not in self._known:
@@ -192,11 +192,11 @@ class Readiness:
     """The modes and conditions that decide whether the robot may move by itself.
 
     Attributes:
-        ctrl: Control mode that clients requested.
+        ctrl: control mode that clients requested.
         key_manual: True if the key switch is at manual, which overrides `ctrl` and switches the
             motors off.
         key_accepts: True if requests are accepted although the key switch is at manual.
-        work: Work mode.
+        work: work mode.
         initialised: True if a client has told the robot its pose since it was switched on.
         located: True if the robot knows its pose.
         emergency_stop: True if the emergency stop button is pressed.
@@ -239,7 +239,7 @@ class Readiness:
         """Check that the robot accepts tasks and actions.
 
         Raises:
-            RefusedError: The robot does not accept them.
+            RefusedError: the robot does not accept them.
         """
         if self.obstruction:
             raise RefusedError(self.obstruction)
@@ -248,7 +248,7 @@ class Readiness:
         """Check that the robot knows its pose.
 
         Raises:
-            RefusedError: The robot does not know its pose.
+            RefusedError: the robot does not know its pose.
         """
         if not self.initialised:
             raise RefusedError(refusals.NOT_INITIALISED)

@@ -38,15 +38,15 @@ class Statistics:
     jump.
 
     Args:
-        timeline: The clock of the robot.
-        odometer: Total distance driven so far, in metres.
-        period: Time after which the record of the day is pushed again although the robot has not
+        timeline: the clock of the robot.
+        odometer: total distance driven so far, in metres.
+        period: time after which the record of the day is pushed again although the robot has not
             driven, in seconds; None for never.
 
     Attributes:
-        days: Records of the days, oldest first. `update` brings the present day up to date.
-        tasks: Records of the tasks, oldest first.
-        statuses: Records of the problems, oldest first.
+        days: records of the days, oldest first. `update` brings the present day up to date.
+        tasks: records of the tasks, oldest first.
+        statuses: records of the problems, oldest first.
     """
 
     def __init__(self, timeline: Timeline, odometer: float, period: float | None) -> None:
@@ -68,7 +68,7 @@ class Statistics:
         """Push the record of the day if it is due, and open a new record at midnight.
 
         Args:
-            odometer: Total distance driven, in metres.
+            odometer: total distance driven, in metres.
         """
         driven = int(odometer) != self._mileage
         self._mileage = int(odometer)
@@ -94,8 +94,8 @@ class Statistics:
         """Open the record of a task.
 
         Args:
-            task_id: The `robot_task_id` of the task.
-            dest: Number of the target mark, empty if the target is not a mark.
+            task_id: the `robot_task_id` of the task.
+            dest: number of the target mark, empty if the target is not a mark.
         """
         self._task_start = self._timeline.elapsed
         record = count_pb2.Task(task_id=task_id, dest=dest, state=count_pb2.Task.kExecuting)
@@ -173,12 +173,12 @@ class Codes:
     """The log of status codes.
 
     Args:
-        language: Language of the texts.
-        publish: Adds time, state and task to a new code, and sends it to the clients.
-        statistics: Records the problems: warnings, faults, and all codes passed to `watch`.
+        language: language of the texts.
+        publish: adds time, state and task to a new code, and sends it to the clients.
+        statistics: records the problems: warnings, faults, and all codes passed to `watch`.
 
     Attributes:
-        recent: The last 50 codes, oldest first.
+        recent: the last 50 codes, oldest first.
     """
 
     def __init__(
@@ -207,9 +207,9 @@ class Codes:
         """Log a status code and send it to the clients.
 
         Args:
-            code: The code.
-            kind: Kind of the action that the code concerns.
-            detail: Further text, in English; it is left out in other languages.
+            code: the code.
+            kind: kind of the action that the code concerns.
+            detail: further text, in English; it is left out in other languages.
         """
         status = self._report(code, kind, detail)
         if code.level >= count_pb2.StatusCode.kWarn:

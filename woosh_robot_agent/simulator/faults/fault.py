@@ -51,13 +51,13 @@ class Argument:
     """An argument that a fault takes.
 
     Attributes:
-        name: Name of the argument.
-        default: Default value, which also gives the type; None for an optional number.
-        description: Meaning of the argument, for the documentation.
-        low: Minimum of a number.
-        high: Maximum of a number.
-        unit: Unit of a number.
-        choices: Valid texts; empty if all texts are valid.
+        name: name of the argument.
+        default: default value, which also gives the type; None for an optional number.
+        description: meaning of the argument, for the documentation.
+        low: minimum of a number.
+        high: maximum of a number.
+        unit: unit of a number.
+        choices: valid texts; empty if all texts are valid.
         is_message: True if the text must be empty or the full name of a protobuf message.
     """
 
@@ -89,7 +89,7 @@ class Argument:
         """Return `value` in the type of the argument.
 
         Raises:
-            FaultError: The value is invalid.
+            FaultError: the value is invalid.
         """
         if self.kind is str:
             if not isinstance(value, str) or (self.choices and value not in self.choices):
@@ -156,13 +156,13 @@ class Fault:
     """A kind of fault.
 
     Attributes:
-        name: Name of the fault.
-        description: Effect of the fault, for the documentation.
-        begin: Function that begins the fault.
-        own: Arguments, without `for`, which all lasting faults have.
+        name: name of the fault.
+        description: effect of the fault, for the documentation.
+        begin: function that begins the fault.
+        own: arguments, without `for`, which all lasting faults have.
         lasting: True if the fault lasts until it is cleared or expires; False if it is momentary.
         shared: True if simultaneous injections act as one fault, which ends with the last of them.
-        check: Raises FaultError for an invalid combination of arguments.
+        check: raises FaultError for an invalid combination of arguments.
     """
 
     name: str
@@ -184,11 +184,11 @@ class Fault:
         """Return the checked arguments, with all defaults filled in.
 
         Args:
-            arguments: The given arguments. A trailing underscore, as in `for_`, is ignored.
-            extra: Additional arguments that are allowed here, such as `at`.
+            arguments: the given arguments. A trailing underscore, as in `for_`, is ignored.
+            extra: additional arguments that are allowed here, such as `at`.
 
         Raises:
-            FaultError: An argument is unknown or invalid.
+            FaultError: an argument is unknown or invalid.
         """
         if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
             raise FaultError(_MOMENTARY(fault=self.name))
@@ -236,11 +236,11 @@ class Injection:
     """An injected fault.
 
     Attributes:
-        fault: Definition of the fault.
-        number: Number among the injections of this fault, from 1.
-        arguments: All arguments, defaults included, by name.
-        rng: Random number generator, derived from the seed of the simulator.
-        hits: Number of answers, frames or connections that the fault has affected.
+        fault: definition of the fault.
+        number: number among the injections of this fault, from 1.
+        arguments: all arguments, defaults included, by name.
+        rng: random number generator, derived from the seed of the simulator.
+        hits: number of answers, frames or connections that the fault has affected.
         active: True until the fault ends.
     """
 

@@ -39,7 +39,7 @@ def find(name: str) -> Fault:
     """Return the fault called `name`.
 
     Raises:
-        FaultError: There is no such fault.
+        FaultError: there is no such fault.
     """
     try:
         return FAULTS[name]
@@ -76,11 +76,11 @@ def make_step(name: str, **arguments: object) -> Step:
     """Return a step of a scenario, with all defaults filled in.
 
     Args:
-        name: Name of the fault.
-        arguments: Arguments of the fault, and `at`.
+        name: name of the fault.
+        arguments: arguments of the fault, and `at`.
 
     Raises:
-        FaultError: There is no such fault, or an argument is invalid.
+        FaultError: there is no such fault, or an argument is invalid.
     """
     resolved = find(name).resolve(arguments, extra=(_AT,))
     return Step(resolved.pop("at"), name, resolved)
@@ -92,7 +92,7 @@ def parse_fault(text: str) -> Step:
     Values with spaces are quoted as in a shell.
 
     Raises:
-        FaultError: There is no such fault, or an argument is invalid.
+        FaultError: there is no such fault, or an argument is invalid.
     """
     try:
         words = shlex.split(text)
@@ -116,8 +116,8 @@ def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario from a YAML file: a list of `{at: SECONDS, do: NAME, ...}`.
 
     Raises:
-        OSError: The file cannot be read.
-        FaultError: The file is not such a list. The text names the invalid entry and the reason.
+        OSError: the file cannot be read.
+        FaultError: the file is not such a list. The text names the invalid entry and the reason.
     """
     try:
         entries = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -152,12 +152,12 @@ class Injector:
     """The faults of one simulated chassis.
 
     Args:
-        server: The simulated chassis.
-        seed: Seed of the faults' random choices.
-        steps: Scheduled faults.
+        server: the simulated chassis.
+        seed: seed of the faults' random choices.
+        steps: scheduled faults.
 
     Attributes:
-        counts: Number of faults since the start, by name.
+        counts: number of faults since the start, by name.
     """
 
     def __init__(self, server: Server, seed: int, steps: Iterable[Step] = ()) -> None:
@@ -180,7 +180,7 @@ class Injector:
         """Begin a fault.
 
         Raises:
-            FaultError: There is no such fault, or an argument is invalid.
+            FaultError: there is no such fault, or an argument is invalid.
         """
         fault = find(name)
         number = self.counts[name] + 1

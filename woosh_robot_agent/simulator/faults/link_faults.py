@@ -346,7 +346,7 @@ def _invalid_utf8(injection: Injection, codec: Codec, data: str | bytes) -> Enco
         return bytes(raw)
 
     async def write(transport: ServerTransport) -> None:
-        # websockets refuses to send invalid UTF-8 as text.
+        # The server's library sends only valid UTF-8 as text.
         await transport.send_raw(transport.header(len(raw), text=True) + raw)
 
     return write

@@ -68,7 +68,7 @@ def _follow(chassis: Chassis, request: pack.Follow) -> Result:
         chassis.readiness.require_ready()
         chassis.ownership.follow()
     else:
-        chassis.follower.stop()
+        chassis.follower.active = False
     return None
 
 

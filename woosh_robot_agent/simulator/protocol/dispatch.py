@@ -30,11 +30,11 @@ class Answer:
     """The answer to a request.
 
     Attributes:
-        type: Full protobuf name of the body, or `error`.
-        body: Body, None for an empty body.
+        type: full protobuf name of the body, or `error`.
+        body: body, None for an empty body.
         ok: True if the request was executed.
-        msg: Text for people; the reason if the request was refused.
-        code: Status code that follows the answer, None if there is none.
+        msg: text for people; the reason if the request was refused.
+        code: status code that follows the answer, None if there is none.
     """
 
     type: str

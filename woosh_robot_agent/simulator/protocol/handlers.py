@@ -63,7 +63,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     """Convert messages to poses.
 
     Raises:
-        RefusedError: There are more than `MAX_POSES` messages.
+        RefusedError: there are more than `MAX_POSES` messages.
     """
     found = [pose(message) for message in messages]
     if len(found) > MAX_POSES:
@@ -75,7 +75,7 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
     """Return the scene called `name`, or the current scene if `name` is empty.
 
     Raises:
-        RefusedError: There is no such scene.
+        RefusedError: there is no such scene.
     """
     scene = chassis.scenes.get(name) if name else chassis.scene
     if scene is None:
@@ -91,7 +91,7 @@ def named_map(scene: Scene, name: str) -> Map:
     """Return the map called `name` of a scene, or its first map if `name` is empty.
 
     Raises:
-        RefusedError: There is no such map.
+        RefusedError: there is no such map.
     """
     area = scene.map(name)
     if area is None:
@@ -104,7 +104,7 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
     """Return the mark of the current map with this number.
 
     Raises:
-        RefusedError: There is no such mark.
+        RefusedError: there is no such mark.
     """
     mark = chassis.map.marks.get(number)
     if mark is None:
@@ -119,7 +119,7 @@ def task_mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
     """Return the mark of the current map that is the target of a task.
 
     Raises:
-        RefusedError: There is no such mark, or it does not suit the type of the task.
+        RefusedError: there is no such mark, or it does not suit the type of the task.
     """
     mark = named_mark(chassis, number)
     require_suitable(mark, kind)
@@ -130,7 +130,7 @@ def require_inside(mark: Mark, area: Map) -> None:
     """Check that a mark is on the mapped area of its map.
 
     Raises:
-        RefusedError: The mark is outside.
+        RefusedError: the mark is outside.
     """
     if not area.contains(*mark.pose.point):
         raise RefusedError(f"mark {mark.number} is outside map {area.name}: choose a pose inside")
@@ -140,7 +140,7 @@ def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
     """Check that a mark can be the target of a task of a type.
 
     Raises:
-        RefusedError: The mark does not suit this type of task.
+        RefusedError: the mark does not suit this type of task.
     """
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
         raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
@@ -150,7 +150,7 @@ def require_map_change(chassis: Chassis) -> None:
     """Check that no task or navigation would continue on another map.
 
     Raises:
-        RefusedError: A task, an action or a navigation runs or is paused.
+        RefusedError: a task, an action or a navigation runs or is paused.
     """
     # A paused task or navigation would continue to a target on the old map.
     if chassis.tasks.paused:
@@ -167,7 +167,7 @@ def usable_speed(speed: float, minimum: float) -> float:
     """Return the absolute value of a requested speed, where 0 stands for the default.
 
     Raises:
-        RefusedError: The speed is less than `minimum`.
+        RefusedError: the speed is less than `minimum`.
     """
     if 0.0 < abs(speed) < minimum:
         raise RefusedError(

@@ -155,7 +155,7 @@ def _require_idle(chassis: Chassis) -> None:
     """Check that the robot does nothing that a change of the current map would disturb.
 
     Raises:
-        RefusedError: A task, an action or a navigation runs or is paused, or a map is being made.
+        RefusedError: a task, an action or a navigation runs or is paused, or a map is being made.
     """
     require_map_change(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)

@@ -453,7 +453,7 @@ class StateWatch:
         """Return the periodic reports that are due and the states that have changed.
 
         Args:
-            while_moving: Include PoseSpeed, which changes with every step of a moving robot.
+            while_moving: include PoseSpeed, which changes with every step of a moving robot.
         """
         found = []
         for topic, last_due in self._due.items():

@@ -68,9 +68,9 @@ def updated_scene(
     stay as they are; otherwise a higher one.
 
     Args:
-        name: Name of the scene.
-        old: The scene before the upload, None if it is new.
-        upload: The uploaded files: files of a robot's folder, a `scene.yaml`, or maps of
+        name: name of the scene.
+        old: the scene before the upload, None if it is new.
+        upload: the uploaded files: files of a robot's folder, a `scene.yaml`, or maps of
             map_server.
         replace: True to drop the old files of the scene.
 
@@ -78,7 +78,7 @@ def updated_scene(
         The scene, or None if no file describes it.
 
     Raises:
-        RefusedError: A file is invalid.
+        RefusedError: a file is invalid.
     """
     new = merge_files({}, upload)
     files = merge_files(files_of(old).all if old and not replace else {}, upload)
@@ -104,13 +104,13 @@ def _described(
     """Return the scene that an upload describes, None if it describes no scene.
 
     Args:
-        name: Name of the scene.
-        old: The scene before the upload, None if it is new.
-        new: The uploaded files.
-        files: All files of the scene after the upload.
+        name: name of the scene.
+        old: the scene before the upload, None if it is new.
+        new: the uploaded files.
+        files: all files of the scene after the upload.
 
     Raises:
-        DataFileError: A file is invalid.
+        DataFileError: a file is invalid.
     """
     used: set[str] = set()
     read = _reader(new, used)
@@ -131,9 +131,9 @@ def _continued(area: Map, before: Map, *, whole: bool) -> Map:
     """Return an uploaded map with what it keeps of the map that it replaces.
 
     Args:
-        area: The map as its files describe it.
-        before: The map that it replaces.
-        whole: All files of the scene are uploaded.
+        area: the map as its files describe it.
+        before: the map that it replaces.
+        whole: all files of the scene are uploaded.
     """
     if not whole:
         area = dataclasses.replace(area, end=area.end or before.end)
@@ -160,7 +160,7 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
     """Check that each picture of an upload can be read, even if no map uses the picture.
 
     Raises:
-        RefusedError: A picture cannot be read.
+        RefusedError: a picture cannot be read.
     """
     for file in upload:
         if PurePosixPath(file.name).suffix.lower() in _PICTURES:
@@ -179,7 +179,7 @@ def merge_files(
     """Return the files of a scene, where the files of an upload replace or complete the old ones.
 
     Raises:
-        RefusedError: A file name is invalid, or the files are too many or too large.
+        RefusedError: a file name is invalid, or the files are too many or too large.
     """
     new: dict[str, bytes] = {}
     for file in upload:
@@ -274,12 +274,12 @@ def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = Non
     """Return the mark that a client has described.
 
     Args:
-        chassis: The robot, on whose current map the mark is.
-        storage: Data of the mark.
-        old: The mark that it replaces, None for a new mark.
+        chassis: the robot, on whose current map the mark is.
+        storage: data of the mark.
+        old: the mark that it replaces, None for a new mark.
 
     Raises:
-        RefusedError: The mark cannot be on this map.
+        RefusedError: the mark cannot be on this map.
     """
     area, number = chassis.map, storage.identity.no
     if not number:

@@ -65,7 +65,7 @@ def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
     over a path, and a path over a pose. A charge task without target leads to the nearest charger.
 
     Raises:
-        RefusedError: The task has no usable target.
+        RefusedError: the task has no usable target.
     """
     if request.mark_no:
         return task_mark(chassis, request.mark_no, request.type)
@@ -251,7 +251,7 @@ def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
     """Return a checked copy of a task set, with ids where they are missing.
 
     Raises:
-        RefusedError: A task of the set is invalid.
+        RefusedError: a task of the set is invalid.
     """
     task_set = WooshTaskSet()
     task_set.CopyFrom(given)
@@ -264,7 +264,7 @@ def _predefined(chassis: Chassis, number: int) -> RepeatTask:
     """Return the predefined task set with an id.
 
     Raises:
-        RefusedError: There is no such task set.
+        RefusedError: there is no such task set.
     """
     for repeat in chassis.scene.predefined.repeat_tasks:
         if repeat.task_set.base.id == number:
@@ -277,7 +277,7 @@ def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
     """Check the tasks of a set, and number them if none of them has an id.
 
     Raises:
-        RefusedError: There are no or too many tasks, an id is invalid or used twice, a mark is
+        RefusedError: there are no or too many tasks, an id is invalid or used twice, a mark is
             unknown or does not suit the type of its task, or the scene has no actions for a task.
     """
     tasks = task_set.tasks
@@ -308,7 +308,7 @@ def _checked_times(times: int) -> int:
     """Return a number of repetitions, where 0 stands for one.
 
     Raises:
-        RefusedError: The number is negative or too large.
+        RefusedError: the number is negative or too large.
     """
     if not 0 <= times <= _MAX_REPEATS:
         raise RefusedError(f"{times} repetitions are not within 0 to {_MAX_REPEATS}")

@@ -37,12 +37,12 @@ class Action:
     """An action of a task.
 
     Attributes:
-        action: The `woosh.action.Type`.
-        wait_id: Number of a wait, which TaskProc reports.
-        wait_time: Duration of a wait, in seconds.
-        stepctrl_type: Kind of a step: 0 is straight, 1 a turn.
-        stepctrl_value: Distance of a step in metres, or its angle in radians.
-        stepctrl_speed: Speed of a step, in m/s or rad/s; 0 for the default.
+        action: the `woosh.action.Type`.
+        wait_id: number of a wait, which TaskProc reports.
+        wait_time: duration of a wait, in seconds.
+        stepctrl_type: kind of a step: 0 is straight, 1 a turn.
+        stepctrl_value: distance of a step in metres, or its angle in radians.
+        stepctrl_speed: speed of a step, in m/s or rad/s; 0 for the default.
         stepctrl_avoid: True if a step stops before obstacles.
     """
 
@@ -60,9 +60,9 @@ class ActionGroup:
     """The actions of the tasks of one type and number.
 
     Attributes:
-        type: The `woosh.task.Type`.
-        no: The number, as `task_type_no` in ExecTask.
-        order: The actions.
+        type: the `woosh.task.Type`.
+        no: the number, as `task_type_no` in ExecTask.
+        order: the actions.
     """
 
     type: Annotated[int, _check_type]
@@ -80,8 +80,8 @@ class ActionGroups:
     """The table of a scene.
 
     Attributes:
-        data: Content of the file.
-        groups: Groups of the table.
+        data: content of the file.
+        groups: groups of the table.
     """
 
     data: bytes
@@ -101,11 +101,11 @@ def read_action_groups(name: str, data: bytes) -> ActionGroups:
     """Read a table.
 
     Args:
-        name: Name of the file, for errors.
-        data: Content of the file. Unknown keys are ignored.
+        name: name of the file, for errors.
+        data: content of the file. Unknown keys are ignored.
 
     Raises:
-        DataFileError: The file is not such a table.
+        DataFileError: the file is not such a table.
     """
     groups = structure(_File, load_json(name, data), name, known_only=False).task_type
     keys = [(each.type, each.no) for each in groups]

@@ -30,7 +30,7 @@ def load_scene(path: Path) -> Scene:
     """Read the scene in a folder or of one YAML file: a `scene.yaml` or a map of map_server.
 
     Raises:
-        DataFileError: A file cannot be used.
+        DataFileError: a file cannot be used.
     """
     if path.is_dir():
         if (path / SCENE_INDEX).is_file():
@@ -56,7 +56,7 @@ def robot_folder(folder: Path) -> dict[str, bytes]:
     among them.
 
     Raises:
-        DataFileError: A file cannot be read.
+        DataFileError: a file cannot be read.
     """
     maps = map_names(_content(folder / SCENE_INDEX))
     files: dict[str, bytes] = {}
@@ -74,13 +74,13 @@ def read_written(
     """Read a scene that a person has written. Return None if no file describes a scene or a map.
 
     Args:
-        name: Name of the scene.
-        names: Names of the files.
-        read: Returns the content of a file.
-        use_own_name: Prefer the name in `scene.yaml`, if it has one.
+        name: name of the scene.
+        names: names of the files.
+        read: returns the content of a file.
+        use_own_name: prefer the name in `scene.yaml`, if it has one.
 
     Raises:
-        DataFileError: A file cannot be used.
+        DataFileError: a file cannot be used.
     """
     if SCENE_FILE in names:
         return read_scene_yaml(name, read, use_own_name=use_own_name)
@@ -109,11 +109,11 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
     """Return the scenes that a robot knows, by name, and the one in which it starts.
 
     Args:
-        given: Folders or files of further scenes, as for `load_scene`. They replace shipped scenes
+        given: folders or files of further scenes, as for `load_scene`. They replace shipped scenes
             of the same name. The robot starts in the first of these scenes, if there are any.
 
     Raises:
-        DataFileError: A file cannot be used.
+        DataFileError: a file cannot be used.
     """
     shipped, own = [_loaded(path) for path in _SHIPPED], [_loaded(path) for path in given]
     return {scene.name: scene for scene in shipped + own}, (own or shipped)[0]

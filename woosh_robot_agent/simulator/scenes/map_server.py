@@ -64,12 +64,12 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
     """Return the grid that a YAML file of map_server describes.
 
     Args:
-        name: Name of the YAML file.
-        content: Content of the YAML file. Unknown keys are ignored, as by map_server.
-        read: Returns the content of the file with the given name, or raises `DataFileError`.
+        name: name of the YAML file.
+        content: content of the YAML file. Unknown keys are ignored, as by map_server.
+        read: returns the content of the file with the given name, or raises `DataFileError`.
 
     Raises:
-        DataFileError: The YAML file or the picture is invalid.
+        DataFileError: the YAML file or the picture is invalid.
     """
     description = structure(_Description, content, name, known_only=False)
     picture = str(PurePosixPath(name).parent / description.image)
@@ -83,12 +83,12 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
     """Return the cells of a grid that a picture marks as keep-out areas.
 
     Args:
-        name: Name of the picture.
-        data: The picture, in which keep-out areas are dark, as in the masks of nav2.
-        grid: The grid.
+        name: name of the picture.
+        data: the picture, in which keep-out areas are dark, as in the masks of nav2.
+        grid: the grid.
 
     Raises:
-        DataFileError: The picture cannot be read, or has another size than the grid.
+        DataFileError: the picture cannot be read, or has another size than the grid.
     """
     description = _Description(name, grid.resolution, _Origin(*grid.low, 0.0))
     cells = _cells(*_pixels(name, data), description)[::-1]
@@ -105,7 +105,7 @@ def check_picture(name: str, data: bytes) -> None:
     """Check that a picture can be read.
 
     Raises:
-        DataFileError: The picture cannot be read.
+        DataFileError: the picture cannot be read.
     """
     _pixels(name, data)
 

@@ -85,7 +85,7 @@ def check_map_name(name: str) -> None:
     """Check that a name can be the name of a map and of its folder.
 
     Raises:
-        ValueError: The name is a path, or not a plain file name.
+        ValueError: the name is a path, or not a plain file name.
     """
     if not is_plain(name):
         raise ValueError(f"{name!r} must be a name that is not a path")
@@ -112,17 +112,17 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
     """Read a scene from its files. The robot starts where it was last.
 
     Args:
-        name: Name of the scene.
-        files: All files of the scene, by path.
-        old: The scene before a change; None for a new scene. Maps whose pictures have not changed
+        name: name of the scene.
+        files: all files of the scene, by path.
+        old: the scene before a change; None for a new scene. Maps whose pictures have not changed
             keep their walls.
 
     Raises:
-        DataFileError: A file cannot be used.
+        DataFileError: a file cannot be used.
     """
     entries = _index(files[SCENE_INDEX]).maps
-    all_different([each.where for each in entries], "name", [each.name for each in entries])
-    all_different([each.where for each in entries], "id", [each.id for each in entries])
+    check_unique([each.where for each in entries], "name", [each.name for each in entries])
+    check_unique([each.where for each in entries], "id", [each.id for each in entries])
     scene = Scene(name, [], files={**files})
     scene.action_groups = read_groups(scene.files.pop(ACTION_GROUPS, b""))
     before = files_of(old).of_maps if old else {}
@@ -146,7 +146,7 @@ def map_names(index: bytes) -> list[str]:
     """Return the names of the maps in the index of a scene, which are also names of folders.
 
     Raises:
-        DataFileError: The index cannot be used.
+        DataFileError: the index cannot be used.
     """
     return [each.name for each in _index(index).maps]
 
@@ -159,7 +159,7 @@ def read_groups(data: bytes) -> ActionGroups:
     """Read the table of the tasks' actions; the default if the file is empty.
 
     Raises:
-        DataFileError: The file cannot be used.
+        DataFileError: the file cannot be used.
     """
     return read_action_groups(ACTION_GROUPS, data) if data.strip() else default_action_groups()
 
@@ -182,7 +182,7 @@ def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
     """Read the cells of the map called `name` from the files of its scene.
 
     Raises:
-        DataFileError: A file is missing, or cannot be used.
+        DataFileError: a file is missing, or cannot be used.
     """
     path = f"{name}/{MAP_FILE}"
 
@@ -202,12 +202,12 @@ def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepO
     """Read the keep-out cells of a map; None if there is no file of keep-out areas.
 
     Args:
-        name: Name of the map.
-        files: The files of the scene, by path.
-        grid: The cells of the map.
+        name: name of the map.
+        files: the files of the scene, by path.
+        grid: the cells of the map.
 
     Raises:
-        DataFileError: The file cannot be used.
+        DataFileError: the file cannot be used.
     """
     from woosh_robot_agent.simulator.scenes.map_server import read_keepout
 
@@ -235,7 +235,7 @@ def check_carried(name: str, files: Mapping[str, bytes]) -> None:
     """Check the files of a map that SceneData contains and the robot does not use.
 
     Raises:
-        DataFileError: A file cannot be read.
+        DataFileError: a file cannot be read.
     """
     for file, cls in ((NAV_AREA, field_pb2.FieldInfo), (PATH_INFO, path_pb2.PathInfo)):
         path = f"{name}/{file}"
@@ -246,7 +246,7 @@ def check_pixels(where: str, maps: Iterable[Map]) -> None:
     """Check the total size of the pictures of a scene; `where` is the place of the last map.
 
     Raises:
-        DataFileError: The pictures are too large.
+        DataFileError: the pictures are too large.
     """
     if sum(each.grid.cells.size for each in maps if each.grid) > _MAX_PIXELS:
         text = f"the pictures of the scene have more than {_MAX_PIXELS} pixels in total"
@@ -257,7 +257,7 @@ def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None
     """Check the size of a map; `where` is its place in the file.
 
     Raises:
-        DataFileError: The map is empty or too large.
+        DataFileError: the map is empty or too large.
     """
     for least, most in zip(low, high, strict=True):
         if not 0.0 < most - least <= _MAX_SIDE:
@@ -265,11 +265,16 @@ def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None
             raise DataFileError(f"{where}: {text}")
 
 
-def all_different(places: Sequence[str], key: str, values: Sequence[Hashable]) -> None:
-    """Check that no two entries, at these places in a file, have the same value of a key.
+def check_unique(places: Sequence[str], key: str, values: Sequence[Hashable]) -> None:
+    """Check that all values of a key are different.
+
+    Args:
+        places: place of each value in the file, for the error.
+        key: name of the key.
+        values: the values.
 
     Raises:
-        DataFileError: Two entries have the same value.
+        DataFileError: two entries have the same value.
     """
     seen = set()
     for where, value in zip(places, values, strict=True):
@@ -286,7 +291,7 @@ def read_task_info(name: str, data: bytes) -> woosh_task_pb2.TaskInfo:
     """Read a file with the tasks of a scene.
 
     Raises:
-        DataFileError: The file cannot be used.
+        DataFileError: the file cannot be used.
     """
     info = read_message(name, data, woosh_task_pb2.TaskInfo)
     counts = [len(info.repeat_tasks), len(info.call_tasks)]
@@ -301,7 +306,7 @@ def read_mark_info(name: str, data: bytes) -> mark_pb2.MarkInfo:
     """Read a file with the marks of a map.
 
     Raises:
-        DataFileError: The file cannot be used.
+        DataFileError: the file cannot be used.
     """
     info = read_message(name, data, mark_pb2.MarkInfo)
     if len(info.storages) > MAX_MARKS:
@@ -330,7 +335,7 @@ def read_message(name: str, data: bytes, cls: type[_M]) -> _M:
     """Read a file with a serialised message; an empty file is an empty message.
 
     Raises:
-        DataFileError: The file cannot be used.
+        DataFileError: the file cannot be used.
     """
     try:
         return cls.FromString(data)

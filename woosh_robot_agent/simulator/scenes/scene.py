@@ -39,15 +39,15 @@ class Scene:
     """The maps of a site and the tasks that are defined there.
 
     Attributes:
-        name: Name, unique among the scenes.
-        maps: At least one map. The first one is the default.
-        files: Files of the scene as they were read or uploaded, by path. A change of the scene
+        name: name, unique among the scenes.
+        maps: at least one map. The first one is the default.
+        files: files of the scene as they were read or uploaded, by path. A change of the scene
             removes outdated files, and `files_of` creates missing files.
-        start: Initial pose of the robot on `start_map`; None if the scene does not define one.
-        start_map: Name of the map on which the robot starts; empty for the first map.
-        predefined: Task sets that ExecPreTask can start.
-        calls: Task sets that call buttons start.
-        action_groups: The actions of which tasks consist.
+        start: initial pose of the robot on `start_map`; None if the scene does not define one.
+        start_map: name of the map on which the robot starts; empty for the first map.
+        predefined: task sets that ExecPreTask can start.
+        calls: task sets that call buttons start.
+        action_groups: the actions of which tasks consist.
     """
 
     name: str
@@ -255,8 +255,8 @@ class SceneFiles:
     """The files of a scene, by path.
 
     Attributes:
-        shared: Files that belong to no map.
-        of_maps: Files of each map, by the map's name.
+        shared: files that belong to no map.
+        of_maps: files of each map, by the map's name.
     """
 
     shared: dict[str, bytes]

@@ -23,10 +23,10 @@ from woosh_robot_agent.simulator.scenes.robot_files import (
     MAX_MARKS,
     MAX_TASKS,
     Read,
-    all_different,
     check_map_name,
     check_pixels,
     check_sides,
+    check_unique,
 )
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
@@ -66,8 +66,8 @@ class StartEntry:
     """The pose at which the robot starts.
 
     Attributes:
-        pose: Pose of the robot.
-        map: Name of the map; default: the first map.
+        pose: pose of the robot.
+        map: name of the map; default: the first map.
     """
 
     pose: _Pose
@@ -79,11 +79,11 @@ class MarkEntry:
     """A mark of a map.
 
     Attributes:
-        number: Number by which tasks name the mark.
-        pose: Pose of a robot that stands at the mark.
-        id: Id of the mark; default: its index in the list, from 1.
-        type: Kind of mark.
-        description: Description for people.
+        number: number by which tasks name the mark.
+        pose: pose of a robot that stands at the mark.
+        id: id of the mark; default: its index in the list, from 1.
+        type: kind of mark.
+        description: description for people.
     """
 
     number: str
@@ -99,14 +99,14 @@ class MapEntry:
     """A map, with an image, walls or both.
 
     Attributes:
-        name: Name of the map.
-        id: Id of the map; default: the first id from 1 that no map has.
-        floor: Name of the floor; default: 1F.
-        version: Version of the map; default: 1.
+        name: name of the map.
+        id: id of the map; default: the first id from 1 that no map has.
+        floor: name of the floor; default: 1F.
+        version: version of the map; default: 1.
         image: YAML file of a map of map_server, with its PNG or PGM beside it.
-        area: Two corners of the mapped area: [x1, y1, x2, y2]; default: around everything.
-        walls: Polylines: x and y of each corner.
-        marks: Marks of the map.
+        area: two corners of the mapped area: [x1, y1, x2, y2]; default: around everything.
+        walls: polylines: x and y of each corner.
+        marks: marks of the map.
     """
 
     name: Annotated[str, check_map_name]
@@ -129,10 +129,10 @@ class StepEntry:
     """A task of a task set.
 
     Attributes:
-        mark: Number of the target mark.
-        type: Kind of task.
-        direction: Direction of a task that carries goods.
-        wait: Time to wait after the task, in seconds; -1 until a client tells it to continue.
+        mark: number of the target mark.
+        type: kind of task.
+        direction: direction of a task that carries goods.
+        wait: time to wait after the task, in seconds; -1 until a client tells it to continue.
     """
 
     mark: str
@@ -148,7 +148,7 @@ class ButtonEntry:
 
     Attributes:
         mac: MAC address of the button.
-        key: Number of the key that is pressed.
+        key: number of the key that is pressed.
     """
 
     mac: str
@@ -160,11 +160,11 @@ class TaskSetEntry:
     """A task set.
 
     Attributes:
-        id: Id of the task set.
-        name: Name of the task set.
-        steps: Tasks of the set.
-        times: For predefined sets: number of repetitions.
-        button: For sets of call buttons: button that starts the set.
+        id: id of the task set.
+        name: name of the task set.
+        steps: tasks of the set.
+        times: for predefined sets: number of repetitions.
+        button: for sets of call buttons: button that starts the set.
     """
 
     id: _Positive
@@ -183,8 +183,8 @@ class TasksEntry:
     """The task sets of the scene.
 
     Attributes:
-        predefined: Task sets for ExecPreTask.
-        calls: Task sets for call buttons, with the same keys.
+        predefined: task sets for ExecPreTask.
+        calls: task sets for call buttons, with the same keys.
     """
 
     predefined: _TaskSets = ()
@@ -196,10 +196,10 @@ class SceneEntry:
     """The content of `scene.yaml`.
 
     Attributes:
-        maps: The maps, the default map first.
-        name: Name of the scene; default: the name of the folder.
-        start: Initial pose of the robot; default: any free place.
-        tasks: Task sets.
+        maps: the maps, the default map first.
+        name: name of the scene; default: the name of the folder.
+        start: initial pose of the robot; default: any free place.
+        tasks: task sets.
     """
 
     maps: Annotated[tuple[MapEntry, ...], Between(1, MAX_MAPS)]
@@ -212,12 +212,12 @@ def read_scene_yaml(name: str, read: Read, *, use_own_name: bool) -> Scene:
     """Read the scene that `scene.yaml` describes.
 
     Args:
-        name: Name of the scene.
-        read: Returns the content of a file.
-        use_own_name: Prefer the name in the file, if there is one.
+        name: name of the scene.
+        read: returns the content of a file.
+        use_own_name: prefer the name in the file, if there is one.
 
     Raises:
-        DataFileError: A file cannot be used.
+        DataFileError: a file cannot be used.
     """
     entry = structure(SceneEntry, load_yaml(SCENE_FILE, read(SCENE_FILE)), SCENE_FILE)
     return _scene(entry, (entry.name if use_own_name else "") or name, read)
@@ -227,7 +227,7 @@ def read_maps(names: Collection[str], read: Read) -> list[Map]:
     """Read the maps of map_server among some files.
 
     Raises:
-        DataFileError: A file cannot be used.
+        DataFileError: a file cannot be used.
     """
     maps: list[Map] = []
     for file in sorted(names):
@@ -254,8 +254,8 @@ def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
         maps.append(_map(each, free_ids, read))
         check_pixels(each.where, maps)
     places = [each.where for each in entry.maps]
-    all_different(places, "name", [each.name for each in maps])
-    all_different(places, "id", [each.id for each in maps])
+    check_unique(places, "name", [each.name for each in maps])
+    check_unique(places, "id", [each.id for each in maps])
     scene = Scene(name, maps)
     if entry.start:
         scene.start, scene.start_map = Pose(*entry.start.pose), entry.start.map
@@ -278,10 +278,10 @@ def _map(entry: MapEntry, free_ids: Iterator[int], read: Read, content: Any = No
     """Return the map that an entry describes.
 
     Args:
-        entry: The entry.
-        free_ids: Ids for maps without an id.
-        read: Returns the content of a file.
-        content: Content of the file `image`, None to read it.
+        entry: the entry.
+        free_ids: ids for maps without an id.
+        read: returns the content of a file.
+        content: content of the file `image`, None to read it.
     """
     walls = tuple(_walls(entry))
     if len(walls) > _MAX_WALLS:
@@ -343,8 +343,8 @@ def _marks(entry: MapEntry) -> dict[str, Mark]:
         for number, each in enumerate(entry.marks, start=1)
     ]
     places = [each.where for each in entry.marks]
-    all_different(places, "number", [mark.number for mark in marks])
-    all_different(places, "id", [mark.id for mark in marks])
+    check_unique(places, "number", [mark.number for mark in marks])
+    check_unique(places, "id", [mark.id for mark in marks])
     return {mark.number: mark for mark in marks}
 
 

@@ -30,11 +30,11 @@ class Connections:
     """Serves the connections of clients.
 
     Args:
-        exchange: Handles the frames of the clients.
-        config: The options; the limits are among them.
+        exchange: handles the frames of the clients.
+        config: the options; the limits are among them.
 
     Attributes:
-        calls: Answers HTTP requests.
+        calls: answers HTTP requests.
     """
 
     def __init__(self, exchange: Exchange, config: SimulatorConfig) -> None:
@@ -206,8 +206,8 @@ class Ports:
     """The WebSocket and HTTP port, and the TCP port. Closed ports are opened again as before.
 
     Args:
-        config: The address and the ports.
-        connections: Serves the connections.
+        config: the address and the ports.
+        connections: serves the connections.
 
     Attributes:
         port: WebSocket port, valid after `listen`.
@@ -232,7 +232,7 @@ class Ports:
         """Start listening.
 
         Raises:
-            OSError: A port is in use.
+            OSError: a port is in use.
         """
         async with self._changing:
             if not self._listeners:
@@ -242,7 +242,7 @@ class Ports:
         """Stop listening.
 
         Args:
-            reserve: Keep the ports reserved, so that no other program can take them.
+            reserve: keep the ports reserved, so that no other program can take them.
         """
         async with self._changing:
             await self._close(reserve)

@@ -40,16 +40,16 @@ class Outgoing:
     """A frame before it is encoded.
 
     Attributes:
-        type: Type of the body in the frame's envelope.
-        body: Body, None for an empty body.
-        sn: Serial number of the answered request; 0 for a push.
+        type: type of the body in the frame's envelope.
+        body: body, None for an empty body.
+        sn: serial number of the answered request; 0 for a push.
         ok: True if the request was executed, False if it was refused; None for a push.
-        msg: Text of an answer.
-        request: Type of the answered request; empty for a push.
-        delay: Real time to delay the frame, in seconds.
-        hold: Called with the client and a send function instead of sending the frame. The delay
+        msg: text of an answer.
+        request: type of the answered request; empty for a push.
+        delay: real time to delay the frame, in seconds.
+        hold: called with the client and a send function instead of sending the frame. The delay
             starts when the send function is called.
-        damage: Applied to the encoded frame.
+        damage: applied to the encoded frame.
     """
 
     type: str
@@ -87,10 +87,10 @@ class Hooks:
     """Functions by which faults and tests intervene; `added` adds one.
 
     Attributes:
-        admissions: Called for each new connection.
-        refusals: Called for each request before it is executed. The latest refusal counts.
-        faults: Interceptors of faults. All outgoing frames pass through these first.
-        interceptors: Interceptors of tests. All outgoing frames pass through these afterwards.
+        admissions: called for each new connection.
+        refusals: called for each request before it is executed. The latest refusal counts.
+        faults: interceptors of faults. All outgoing frames pass through these first.
+        interceptors: interceptors of tests. All outgoing frames pass through these afterwards.
     """
 
     def __init__(self) -> None:
@@ -141,12 +141,12 @@ class Client(ConnectedClient):
     """The simulator's end of one connection.
 
     Args:
-        transport: The open connection.
-        max_outbox: Maximum number of frames that wait. A client that exceeds it is dropped.
+        transport: the open connection.
+        max_outbox: maximum number of frames that wait. A client that exceeds it is dropped.
 
     Attributes:
         has_sent: True if the client has sent at least one frame.
-        waiting: Number of requests that wait to be executed or whose answers are held back.
+        waiting: number of requests that wait to be executed or whose answers are held back.
     """
 
     def __init__(self, transport: ServerTransport, max_outbox: int) -> None:
@@ -226,12 +226,12 @@ class Request:
     """A decoded request of a client, or its subscription.
 
     Attributes:
-        client: The client.
-        codec: Codec of the frame and of its answer.
-        type: Type of the body in the frame's envelope.
-        sn: Serial number; 0 if there is none.
-        message: Body, None if it could not be decoded.
-        refusal_reason: Reason to refuse the request without executing it; empty if there is none.
+        client: the client.
+        codec: codec of the frame and of its answer.
+        type: type of the body in the frame's envelope.
+        sn: serial number; 0 if there is none.
+        message: body, None if it could not be decoded.
+        refusal_reason: reason to refuse the request without executing it; empty if there is none.
     """
 
     client: Client
@@ -246,16 +246,16 @@ class Exchange:
     """The exchange of messages between the robot and its clients.
 
     Args:
-        chassis: Executes the requests.
-        max_waiting: Maximum number of requests of one client that wait to be executed or answered.
+        chassis: executes the requests.
+        max_waiting: maximum number of requests of one client that wait to be executed or answered.
 
     Attributes:
-        clients: Connected clients.
-        hooks: Hooks of faults and tests.
-        received: The last messages from clients, oldest first: at most 10,000 and 64 MiB.
-        counts: Number of messages from clients since the start, by type.
-        bad_frames: Number of frames that could not be decoded.
-        before_request: Called before each request is executed.
+        clients: connected clients.
+        hooks: hooks of faults and tests.
+        received: the last messages from clients, oldest first: at most 10,000 and 64 MiB.
+        counts: number of messages from clients since the start, by type.
+        bad_frames: number of frames that could not be decoded.
+        before_request: called before each request is executed.
         frozen: True if requests are queued instead of executed.
     """
 
@@ -343,7 +343,7 @@ class Exchange:
         """Push all events and changed states since the last call.
 
         Args:
-            while_moving: Include PoseSpeed, which changes with every step of a moving robot.
+            while_moving: include PoseSpeed, which changes with every step of a moving robot.
         """
         self._push_events()
         for message in self._watch.changed(while_moving=while_moving):

@@ -62,12 +62,12 @@ class HttpTransport:
     """The server's end of one HTTP call, whose only frame is the body of the response.
 
     Args:
-        connection: The connection.
-        status: Status of the response.
+        connection: the connection.
+        status: status of the response.
 
     Attributes:
-        peer: Address of the client.
-        response: Done when the response is known, or has been written by `send_raw`.
+        peer: address of the client.
+        response: done when the response is known, or has been written by `send_raw`.
     """
 
     def __init__(self, connection: HttpConnection, status: HTTPStatus) -> None:
@@ -127,10 +127,10 @@ class HttpCalls:
     """Answers HTTP requests, by the same handlers as requests over a WebSocket.
 
     Args:
-        exchange: Executes the requests.
-        config: The options; the limits are among them.
-        readable: Waits while nothing is read.
-        writable: Set while something may be sent.
+        exchange: executes the requests.
+        config: the options; the limits are among them.
+        readable: waits while nothing is read.
+        writable: set while something may be sent.
     """
 
     def __init__(

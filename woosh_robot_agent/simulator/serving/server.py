@@ -37,12 +37,12 @@ class Server:
     """A robot on a WebSocket and a TCP port, running in the current event loop.
 
     Args:
-        config: The options; None for the defaults.
+        config: the options; None for the defaults.
 
     Attributes:
-        config: The options.
-        chassis: The model of the robot.
-        speed: Simulated seconds per real second. It can be changed at any time.
+        config: the options.
+        chassis: the model of the robot.
+        speed: simulated seconds per real second. It can be changed at any time.
     """
 
     def __init__(self, config: SimulatorConfig | None = None) -> None:
@@ -82,7 +82,7 @@ class Server:
         """Start listening. A second call uses the same ports as the first one.
 
         Raises:
-            OSError: A port is in use.
+            OSError: a port is in use.
         """
         await self._ports.listen()
 
@@ -126,7 +126,7 @@ class Server:
 
         Args:
             manual: True for manual, False for automatic.
-            accept: At manual, accept requests instead of refusing them. The motors stay off.
+            accept: at manual, accept requests instead of refusing them. The motors stay off.
         """
         self.chassis.set_key_switch(manual, accept=accept)
         self.push_changes()
@@ -135,8 +135,8 @@ class Server:
         """Hold down keys of a radio remote controller, until the next call.
 
         Args:
-            keys: One bit for each key; 0 releases all keys.
-            address: Address of the controller.
+            keys: one bit for each key; 0 releases all keys.
+            address: address of the controller.
         """
         self.chassis.hold_remote_keys(keys, address)
         self.push_changes()

@@ -27,13 +27,13 @@ class Obstacles:
         """Add an obstacle, or move and resize the obstacle of the same name.
 
         Args:
-            name: Name by which the obstacle can be moved and removed.
-            x: Position of the centre, in metres.
-            y: Position of the centre, in metres.
-            radius: Radius, in metres.
+            name: name by which the obstacle can be moved and removed.
+            x: position of the centre, in metres.
+            y: position of the centre, in metres.
+            radius: radius, in metres.
 
         Raises:
-            ValueError: A number is not finite, or the radius is not positive.
+            ValueError: a number is not finite, or the radius is not positive.
         """
         if not (math.isfinite(x) and math.isfinite(y)):
             raise ValueError(f"obstacle {name}: position ({x}, {y}) is not finite")
@@ -47,7 +47,7 @@ class Obstacles:
         """Remove an obstacle.
 
         Raises:
-            KeyError: There is no obstacle of this name.
+            KeyError: there is no obstacle of this name.
         """
         del self._circles[name], self._walls[name]
         self._all = self._joined()

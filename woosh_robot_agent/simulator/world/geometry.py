@@ -120,7 +120,7 @@ def footprints(original: Outline) -> dict[int, Outline]:
     There are outlines of the robot as built, with goods on top, for docking, and a spare outline.
 
     Args:
-        original: Outline of the robot as built.
+        original: outline of the robot as built.
     """
     return {
         util_robot_pb2.kOriginal: original,
@@ -143,9 +143,9 @@ class Hull:
     """A convex outline, as the half planes of its sides.
 
     Attributes:
-        radius: Distance from the centre of the base to the outermost corner, in metres. Anything
+        radius: distance from the centre of the base to the outermost corner, in metres. Anything
             further away cannot touch the outline at any heading.
-        sides: For each side the unit normal (x, y) that points outwards, and the distance of the
+        sides: for each side the unit normal (x, y) that points outwards, and the distance of the
             side from the centre of the base in metres.
     """
 

@@ -35,11 +35,11 @@ class Grid:
     The laser sees only occupied cells. Planned paths avoid occupied, unknown and keep-out cells.
 
     Attributes:
-        cells: Values of type int8, in rows by increasing y, each by increasing x: 0 to 99 is free,
+        cells: values of type int8, in rows by increasing y, each by increasing x: 0 to 99 is free,
             100 occupied, -1 unknown.
-        resolution: Side of a cell, in metres.
-        low: Corner of the grid with the smallest x and y, in metres in the map's frame.
-        high: Opposite corner, in metres.
+        resolution: side of a cell, in metres.
+        low: corner of the grid with the smallest x and y, in metres in the map's frame.
+        high: opposite corner, in metres.
         keep_out: True for each keep-out cell, in the order of `cells`; None without such cells.
     """
 
@@ -97,7 +97,7 @@ class Grid:
         """Return the distance from each point to the nearest cell that is not free, in metres.
 
         Args:
-            points: Rows of x and y in metres, inside the grid.
+            points: rows of x and y in metres, inside the grid.
         """
         return self._interpolated(self._to_not_free, points)
 
@@ -112,11 +112,11 @@ class Grid:
         """Find the places of a lattice with less `room` than `radius`.
 
         Args:
-            first: Position of the first place of the lattice, in metres.
-            step: Distance between neighbouring places, in metres.
-            columns: Number of places in x.
-            rows: Number of places in y.
-            radius: Room that a place needs, in metres.
+            first: position of the first place of the lattice, in metres.
+            step: distance between neighbouring places, in metres.
+            columns: number of places in x.
+            rows: number of places in y.
+            radius: room that a place needs, in metres.
 
         Yields:
             Each row of the lattice, with a byte for each place: 1 if it lacks room, else 0.
@@ -164,11 +164,11 @@ class Grid:
         """Cast rays until they enter an occupied cell.
 
         Args:
-            origin: Start of the rays, in metres.
-            first: Direction of the first ray in the map's frame, in radians.
-            increment: Angle between two rays, in radians.
-            count: Number of rays.
-            max_range: Length at which a ray ends, in metres.
+            origin: start of the rays, in metres.
+            first: direction of the first ray in the map's frame, in radians.
+            increment: angle between two rays, in radians.
+            count: number of rays.
+            max_range: length at which a ray ends, in metres.
 
         Returns:
             The lengths of the rays in metres, infinite for a ray that hits nothing.

@@ -28,8 +28,8 @@ class Raster(NamedTuple):
 
     Attributes:
         cells: UNKNOWN or FREE to OCCUPIED, in rows by increasing y, each by increasing x.
-        resolution: Side of a cell, in metres.
-        low: Corner of the raster with the smallest x and y, in metres in the map's frame.
+        resolution: side of a cell, in metres.
+        low: corner of the raster with the smallest x and y, in metres in the map's frame.
     """
 
     cells: Cells
@@ -65,10 +65,10 @@ class GrowingGrid:
     """An occupancy grid that grows with the scans of a laser.
 
     Args:
-        base: Map to continue, None for a new map.
+        base: map to continue, None for a new map.
 
     Attributes:
-        resolution: Side of a cell, in metres.
+        resolution: side of a cell, in metres.
         full: True if a scan was left out because the grid would have become too large.
     """
 
@@ -94,10 +94,10 @@ class GrowingGrid:
         """Add a scan. Rays without an echo say nothing.
 
         Args:
-            laser: Pose of the laser.
-            first: Angle of the first ray from straight ahead, in radians.
-            increment: Angle between two rays, in radians.
-            ranges: Lengths of the rays in metres, infinite for a ray without an echo.
+            laser: pose of the laser.
+            first: angle of the first ray from straight ahead, in radians.
+            increment: angle between two rays, in radians.
+            ranges: lengths of the rays in metres, infinite for a ray without an echo.
         """
         lengths = np.array(ranges)
         echoes = np.isfinite(lengths)

@@ -23,14 +23,14 @@ class Laser:
     """A laser on the base.
 
     Attributes:
-        forward: Distance in front of the centre of the base, in metres.
-        angle_min: Angle of the first ray from straight ahead, in radians.
-        angle_max: Angle of the last ray, in radians.
-        increment: Angle between two rays, in radians.
-        range_min: Minimum range, in metres.
-        range_max: Maximum range, in metres. A ray that hits nothing within it measures infinity.
-        scan_time: Time between two scans, in seconds.
-        noise: Standard deviation of a range, in metres.
+        forward: distance in front of the centre of the base, in metres.
+        angle_min: angle of the first ray from straight ahead, in radians.
+        angle_max: angle of the last ray, in radians.
+        increment: angle between two rays, in radians.
+        range_min: minimum range, in metres.
+        range_max: maximum range, in metres. A ray that hits nothing within it measures infinity.
+        scan_time: time between two scans, in seconds.
+        noise: standard deviation of a range, in metres.
     """
 
     forward: float = 0.25

@@ -33,12 +33,12 @@ class Mark:
     """A numbered place that a task can name as its target.
 
     Attributes:
-        id: Identifier, unique in its map.
-        number: Number by which tasks name the mark; any string.
-        pose: Pose of a robot that stands at the mark, in the map's frame.
-        kind: Kind of the mark.
-        description: Description for people.
-        storage: All data of the mark, if a client has given more than the other attributes.
+        id: identifier, unique in its map.
+        number: number by which tasks name the mark; any string.
+        pose: pose of a robot that stands at the mark, in the map's frame.
+        kind: kind of the mark.
+        description: description for people.
+        storage: all data of the mark, if a client has given more than the other attributes.
     """
 
     id: int
@@ -54,19 +54,19 @@ class Map:
     """The map of one floor.
 
     Attributes:
-        id: Identifier, unique in its scene.
-        name: Name, unique in its scene.
-        floor: Name of the floor.
-        version: Version, increased by each change.
-        low: Corner of the mapped area with the smallest x and y, in metres.
-        high: Opposite corner, in metres.
-        walls: Walls, which the laser sees and the robot cannot pass.
-        marks: Marks, by number.
-        grid: Occupancy grid, if the map has one; used in addition to the walls.
-        other_marks: Marks of other kinds, such as beacons, which the robot only stores.
-        end: Pose of the robot when it was last on the map, or at the end of its mapping; None if
+        id: identifier, unique in its scene.
+        name: name, unique in its scene.
+        floor: name of the floor.
+        version: version, increased by each change.
+        low: corner of the mapped area with the smallest x and y, in metres.
+        high: opposite corner, in metres.
+        walls: walls, which the laser sees and the robot cannot pass.
+        marks: marks, by number.
+        grid: occupancy grid, if the map has one; used in addition to the walls.
+        other_marks: marks of other kinds, such as beacons, which the robot only stores.
+        end: pose of the robot when it was last on the map, or at the end of its mapping; None if
             that is not known.
-        ground_truth: For a map that the robot made: the map of the hall, with the real walls. None
+        ground_truth: for a map that the robot made: the map of the hall, with the real walls. None
             if the map itself is the hall.
     """
 

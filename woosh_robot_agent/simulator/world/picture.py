@@ -37,10 +37,10 @@ class Picture:
     """The picture of a map: 0 is occupied, 254 free and 205 unknown.
 
     Attributes:
-        png: The picture as PNG. Its last row has the smallest y.
-        resolution: Side of a pixel, in metres.
-        low: Lower left corner of the picture, in metres in the map's frame.
-        keepout: Picture of the same size in which keep-out areas are black; empty without such
+        png: the picture as PNG. Its last row has the smallest y.
+        resolution: side of a pixel, in metres.
+        low: lower left corner of the picture, in metres in the map's frame.
+        keepout: picture of the same size in which keep-out areas are black; empty without such
             areas.
     """
 

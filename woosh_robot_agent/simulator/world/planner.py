@@ -38,7 +38,7 @@ class SearchBudget:
     """Limit of the computation for one path, all its legs together. Planning blocks the simulator.
 
     Attributes:
-        left: Number of places that may still be visited.
+        left: number of places that may still be visited.
     """
 
     def __init__(self, left: int = _MAX_PLACES) -> None:
@@ -48,7 +48,7 @@ class SearchBudget:
         """Count a visit of a place.
 
         Raises:
-            SearchBudgetError: The budget is used up.
+            SearchBudgetError: the budget is used up.
         """
         self.left -= 1
         if self.left < 0:
@@ -119,14 +119,14 @@ class Lattice:
         """Return the shortest path found by A*, or None if there is none.
 
         Args:
-            first: Places where the path can start, with their distances from the start in metres.
-            last: Places where the path can end.
-            goal: Position of the goal, in metres.
-            blocked: Places that the path must avoid, as from `blocked`.
-            budget: Limit of the search.
+            first: places where the path can start, with their distances from the start in metres.
+            last: places where the path can end.
+            goal: position of the goal, in metres.
+            blocked: places that the path must avoid, as from `blocked`.
+            budget: limit of the search.
 
         Raises:
-            SearchBudgetError: The budget was used up before the search ended.
+            SearchBudgetError: the budget was used up before the search ended.
         """
         width, steps = self._width, self._steps
         goal_column = (goal[0] - self._low[0]) / _SPACING + 0.5
@@ -202,13 +202,13 @@ class Planner:
         """Return the corners of a free path, or None if there is no path.
 
         Args:
-            start: Start of the path, in metres. It is not among the corners.
-            goal: End of the path, in metres. It is the last corner.
-            obstacles: Walls to avoid in addition to the walls of the map.
-            budget: Limit of the computation. The legs of one path share it.
+            start: start of the path, in metres. It is not among the corners.
+            goal: end of the path, in metres. It is the last corner.
+            obstacles: walls to avoid in addition to the walls of the map.
+            budget: limit of the computation. The legs of one path share it.
 
         Raises:
-            SearchBudgetError: The budget was used up before a path was found.
+            SearchBudgetError: the budget was used up before a path was found.
         """
         budget = budget or SearchBudget()
         walls = (*self._map.walls, *obstacles)

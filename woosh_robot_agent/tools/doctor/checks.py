@@ -15,6 +15,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs import JSON, client_codec
 from woosh_robot_agent.link.codecs.json_codec import to_json
+from woosh_robot_agent.link.config import url_host
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import enum_name, full_name
 from woosh_robot_agent.link.tasks import run_with_timeout
@@ -49,7 +50,7 @@ class Status(Enum):
 
     OK = "ok"
     WARN = "warn"
-    FAIL = "FAIL"
+    FAIL = "FAIL"  # in capitals, so that it is seen in a long list
     SKIPPED = "skip"
 
 
@@ -58,10 +59,10 @@ class Result:
     """Result of one check.
 
     Attributes:
-        status: Outcome.
-        text: What was found.
-        remedy: What to do about it; empty if nothing has to be done.
-        check: Name of the check; filled in by `examine`.
+        status: outcome.
+        text: what was found.
+        remedy: what to do about it; empty if nothing has to be done.
+        check: name of the check; filled in by `examine`.
     """
 
     status: Status
@@ -74,16 +75,12 @@ class CheckFailedError(Exception):
     """A check failed on which all later checks depend.
 
     Attributes:
-        result: Result of the check.
+        result: result of the check.
     """
 
     def __init__(self, text: str, remedy: str) -> None:
         super().__init__(text)
         self.result = Result(Status.FAIL, text, remedy)
-
-
-class SurveyError(Exception):
-    """A survey cannot be made, or its folder cannot be written."""
 
 
 _MAX_BODY = 64 * 1024 * 1024
@@ -97,10 +94,10 @@ class RobotInfoAnswer(NamedTuple):
     """The robot's answer to the request for RobotInfo.
 
     Attributes:
-        info: Body of the answer.
-        skew: Time by which the robot's clock is ahead of this computer's, in seconds; None if the
+        info: body of the answer.
+        skew: time by which the robot's clock is ahead of this computer's, in seconds; None if the
             answer carries no time.
-        round_trip: Time from request to answer, in seconds.
+        round_trip: time from request to answer, in seconds.
     """
 
     info: RobotInfo
@@ -112,7 +109,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
     """Request RobotInfo.
 
     Raises:
-        CheckFailedError: No answer, a refusal, or an answer that cannot be read.
+        CheckFailedError: no answer, a refusal, or an answer that cannot be read.
     """
     codec = client_codec(config)
     invalid_frames: list[FrameError] = []
@@ -226,7 +223,7 @@ async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
         The numeric address, and why its port is closed; empty if it is open.
 
     Raises:
-        CheckFailedError: The host name has no address, or no address is reachable.
+        CheckFailedError: the host name has no address, or no address is reachable.
     """
     loop = asyncio.get_running_loop()
     lookup = loop.getaddrinfo(config.ip, config.effective_port, type=socket.SOCK_STREAM)
@@ -285,25 +282,24 @@ async def open_link(config: LinkConfig) -> Transport:
     """Open the configured transport.
 
     Raises:
-        CheckFailedError: The other end does not speak the transport, does not answer, or
+        CheckFailedError: the other end does not speak the transport, does not answer, or
             disconnects.
     """
     try:
         return await open_transport(config)
     except TransportClosedError as error:
-        raise await _explained(
+        raise await _link_error(
             config,
-            str(error),
             f"the program on this port is not a chassis: {error}",
             "check --ip and --transport; a proxy or another program may use the port",
+            str(error),
         ) from None
     except TimeoutError:
         text = (
             f"the connection was accepted, but no answer came within {config.connect_timeout:g} s"
         )
-        raise await _explained(
+        raise await _link_error(
             config,
-            text,
             text,
             "check --ip and --transport; if they are right, the robot's program hangs: switch "
             "the robot off and on",
@@ -315,17 +311,19 @@ async def open_link(config: LinkConfig) -> Transport:
         ) from None
 
 
-async def _explained(config: LinkConfig, reason: str, text: str, remedy: str) -> CheckFailedError:
-    """Return the error for a link that did not open, which tells what answers HTTP at its address.
+async def _link_error(
+    config: LinkConfig, text: str, remedy: str, reason: str = ""
+) -> CheckFailedError:
+    """Return the error for a link that did not open. It tells what answers HTTP at this address.
 
     A chassis answers HTTP on the same port, so that a proxy or firewall that refuses WebSockets can
     be told from another program.
 
     Args:
-        config: Address and timeouts of the robot.
-        reason: Why the link did not open.
-        text: What is wrong if no chassis answers HTTP either.
-        remedy: What to do about it then.
+        config: address and timeouts of the robot.
+        text: what is wrong if no chassis answers HTTP either.
+        remedy: what to do about it then.
+        reason: why the link did not open; by default `text`.
     """
     is_http = config.transport == "websocket"
     answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
@@ -339,7 +337,7 @@ async def _explained(config: LinkConfig, reason: str, text: str, remedy: str) ->
     number = info.robot_id or info.genral.serial_number
     return CheckFailedError(
         f"robot {number} answers HTTP requests at this address, but its WebSocket cannot be "
-        f"opened: {reason}",
+        f"opened: {reason or text}",
         "a proxy or firewall between this computer and the robot lets only HTTP pass: let it pass "
         "the headers Upgrade and Connection too, or connect without it",
     )
@@ -349,10 +347,10 @@ class HttpAnswer(NamedTuple):
     """An answer over HTTP.
 
     Attributes:
-        status: Status of the response.
-        server: Name that the server gives itself.
-        body: Body of the response.
-        delay: Time from request to response, in seconds.
+        status: status of the response.
+        server: name that the server gives itself.
+        body: body of the response.
+        delay: time from request to response, in seconds.
     """
 
     status: int
@@ -365,17 +363,17 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
     """Send a request over HTTP.
 
     Args:
-        config: Address of the robot, and the timeout of the connection.
-        request: The request.
-        timeout: Timeout of the answer, in seconds.
+        config: address of the robot, and the timeout of the connection.
+        request: the request.
+        timeout: timeout of the answer, in seconds.
 
     Returns:
         The answer; None if nothing answers HTTP.
     """
     import aiohttp  # loads slowly, and is seldom needed
 
-    host = f"[{config.ip}]" if ":" in config.ip else config.ip
-    url = f"http://{host}:{config.effective_port}/{full_name(request).replace('.', '/')}"
+    path = full_name(request).replace(".", "/")
+    url = f"http://{url_host(config.ip)}:{config.effective_port}/{path}"
     limits = aiohttp.ClientTimeout(total=timeout, sock_connect=config.connect_timeout)
     began = time.monotonic()
     try:

@@ -46,8 +46,8 @@ class Learned(NamedTuple):
     """A learned value.
 
     Attributes:
-        value: The value, as in the file of a profile.
-        samples: Number of samples from which the value was learned.
+        value: the value, as in the file of a profile.
+        samples: number of samples from which the value was learned.
     """
 
     value: Any
@@ -406,11 +406,11 @@ def profile_text(values: Mapping[Keys, Learned], source: str) -> str:
     """Return the file of a profile.
 
     Args:
-        values: The learned values.
-        source: Name of the source of the values, for the heading.
+        values: the learned values.
+        source: name of the source of the values, for the heading.
 
     Raises:
-        DataFileError: The values do not make a profile.
+        DataFileError: the values do not make a profile.
     """
     lines = [
         f"# Learned from {printable(source)}. Values with a number of samples are of the robot,",
@@ -475,14 +475,14 @@ def learn_profile(source: Path, target: Path) -> str:
     """Write the profile of a robot.
 
     Args:
-        source: A recording, or the folder of a survey.
-        target: Path of the profile, which must not exist.
+        source: a recording, or the folder of a survey.
+        target: path of the profile, which must not exist.
 
     Returns:
         A text that says what was written.
 
     Raises:
-        DataFileError: The source cannot be used, shows nothing, or the file cannot be written.
+        DataFileError: the source cannot be used, shows nothing, or the file cannot be written.
     """
     if source.is_dir():
         file = source / SURVEY_FILE
@@ -515,7 +515,7 @@ def observe_recording(path: Path) -> Observations:
     """Return the observations in a recording.
 
     Raises:
-        DataFileError: The recording cannot be read.
+        DataFileError: the recording cannot be read.
     """
     # imported here, because it needs mcap, and surveys do not
     from woosh_robot_agent.tools.recording.layout import Frame, RecordingError

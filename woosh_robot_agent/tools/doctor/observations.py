@@ -38,9 +38,9 @@ class Seen(NamedTuple):
 
     Attributes:
         t: Unix time at which the frame was sent or received, in seconds.
-        connection: Number of the connection.
+        connection: number of the connection.
         by_robot: True if the robot sent the frame, False if a client did.
-        data: Text of a text frame, bytes of a binary frame.
+        data: text of a text frame, bytes of a binary frame.
     """
 
     t: float
@@ -54,15 +54,15 @@ class Answered(NamedTuple):
 
     Attributes:
         t: Unix time of the answer, in seconds.
-        sn: Serial number.
-        request: Full name of the request.
-        sent: The request; None if it could not be read.
-        delay: Time from request to answer, in seconds.
+        sn: serial number.
+        request: full name of the request.
+        sent: the request; None if it could not be read.
+        delay: time from request to answer, in seconds.
         ok: True if the request was accepted.
-        text: Text of the answer.
-        type: Type of the answer.
-        body: Body of the answer; None if it is large, could not be read, or has an unknown type.
-        size: Size of the answer's frame, in bytes.
+        text: text of the answer.
+        type: type of the answer.
+        body: body of the answer; None if it is large, could not be read, or has an unknown type.
+        size: size of the answer's frame, in bytes.
     """
 
     t: float
@@ -92,10 +92,10 @@ class Scan(NamedTuple):
 
     Attributes:
         t: Unix time, in seconds.
-        connection: Number of the connection.
+        connection: number of the connection.
         pushed: True if it was pushed, False if it was requested.
-        ranges: Hash of the ranges.
-        settings: The scan without its ranges.
+        ranges: hash of the ranges.
+        settings: the scan without its ranges.
     """
 
     t: float
@@ -110,8 +110,8 @@ class Unknown:
     """A field or type that the schema lacks.
 
     Attributes:
-        count: Number of occurrences.
-        values: Some of the values, as JSON.
+        count: number of occurrences.
+        values: some of the values, as JSON.
     """
 
     count: int = 0
@@ -127,19 +127,19 @@ class Observations:
     """Everything that was observed in the frames so far.
 
     Attributes:
-        asked: Number of requests, by their type.
-        answers: Answered requests, in order.
-        pushes: Pushes, in order.
-        scans: Laser scans, in order.
-        subscribed: Types that clients have subscribed to.
-        unknown_fields: Fields that the schema lacks, by message type and path; only from JSON
+        asked: number of requests, by their type.
+        answers: answered requests, in order.
+        pushes: pushes, in order.
+        scans: laser scans, in order.
+        subscribed: types that clients have subscribed to.
+        unknown_fields: fields that the schema lacks, by message type and path; only from JSON
             frames, which have the names of fields.
-        unknown_types: Types that the schema lacks, with their bodies.
-        unreadable: Frames and bodies that could not be read, by reason.
-        offsets: Time by which each timestamp of the robot is ahead of this computer's clock, in
+        unknown_types: types that the schema lacks, with their bodies.
+        unreadable: frames and bodies that could not be read, by reason.
+        offsets: time by which each timestamp of the robot is ahead of this computer's clock, in
             seconds.
-        names: Names and numbers by which the site or the robot could be recognised.
-        frames: Number of frames of the robot.
+        names: names and numbers by which the site or the robot could be recognised.
+        frames: number of frames of the robot.
     """
 
     def __init__(self, frames: Iterable[Seen] = ()) -> None:
@@ -356,17 +356,19 @@ _ADDRESS = re.compile(
     re.I | re.A | re.X,
 )
 """An IP, MAC or mail address, or the name of a host."""
-_TELLING = re.compile(r"name|serial|sn$|id$|no$|addr|mac|ip$|wifi|ssid|pass|pwd|token|key", re.I)
+_IDENTIFYING_KEY = re.compile(
+    r"name|serial|sn$|id$|no$|addr|mac|ip$|wifi|ssid|pass|pwd|token|key", re.I
+)
 """Keys whose values could identify the robot or its site."""
 _PLAIN_KEY = re.compile(r"[a-z]\w{0,40}")
 """A key that looks like the name of a field."""
 
 
-class Hider:
-    """Removes names, addresses and ids that could identify the robot or its site.
+class Redactor:
+    """Redacts names, addresses and ids that could identify the robot or its site.
 
     Args:
-        names: The names, as in `Observations.names`.
+        names: the names, as in `Observations.names`.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
@@ -383,8 +385,8 @@ class Hider:
         """Return a JSON value without texts, and without numbers that could be ids.
 
         Args:
-            key: Name of the field.
-            value: The value.
+            key: name of the field.
+            value: the value.
         """
         if isinstance(value, list):
             return [self.value(key, each) for each in value]
@@ -392,7 +394,7 @@ class Hider:
             return {self._key(name): self.value(name, each) for name, each in value.items()}
         if isinstance(value, str):
             return f"<text of {len(value)} characters>"
-        if isinstance(value, bool) or not _TELLING.search(key):
+        if value is None or isinstance(value, bool) or not _IDENTIFYING_KEY.search(key):
             return value
         return "<number>"
 

@@ -17,7 +17,6 @@ from woosh_robot_agent.tools.doctor.checks import (
     CheckFailedError,
     Result,
     Status,
-    SurveyError,
     check_clock,
     check_codes,
     check_emergency_stop,
@@ -31,8 +30,9 @@ from woosh_robot_agent.tools.doctor.checks import (
     own_address,
     request_robot_info,
 )
+from woosh_robot_agent.tools.doctor.errors import SurveyError
 from woosh_robot_agent.tools.doctor.ros_graph import check_subscribers
-from woosh_robot_agent.tools.options import add_link_options, link_config
+from woosh_robot_agent.tools.options import add_link_options, link_config, tool_parser
 
 CHECKS = (
     "network",
@@ -56,8 +56,8 @@ async def examine(config: LinkConfig, max_skew: float = TOLERANCE) -> AsyncItera
     """Check one robot; yield the result of each of `CHECKS` as soon as it is known.
 
     Args:
-        config: Address and timeouts of the robot.
-        max_skew: Maximum difference of the clocks, in seconds.
+        config: address and timeouts of the robot.
+        max_skew: maximum difference of the clocks, in seconds.
     """
     names = iter(CHECKS)
     try:
@@ -117,16 +117,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Check one robot and print a line for each check.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0 if no check failed, 1 if a check failed.
     """
-    parser = argparse.ArgumentParser(
-        prog="doctor",
-        description="Check the connection to a robot and whether the robot accepts tasks.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = tool_parser(
+        "doctor", "Check the connection to a robot and whether the robot accepts tasks.", _EPILOG
     )
     add_link_options(parser)
     parser.add_argument(

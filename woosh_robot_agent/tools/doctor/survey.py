@@ -37,7 +37,8 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.robot.readiness import is_located
-from woosh_robot_agent.tools.doctor.checks import HttpAnswer, SurveyError, ask_over_http
+from woosh_robot_agent.tools.doctor.checks import HttpAnswer, ask_over_http
+from woosh_robot_agent.tools.doctor.errors import SurveyError
 from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
 from woosh_robot_agent.tools.doctor.observations import Answered, Observations, Seen
 from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, HttpResult, markdown, results
@@ -76,8 +77,8 @@ class SurveyOptions:
     """Options of a survey.
 
     Attributes:
-        folder: Folder for the results, which must not exist or be empty.
-        minutes: Duration, in minutes.
+        folder: folder for the results, which must not exist or be empty.
+        minutes: duration, in minutes.
         with_names: True to keep names, addresses, texts and numbers by which the robot can be
             recognised.
     """
@@ -91,9 +92,9 @@ class _Survey:
     """A running survey.
 
     Attributes:
-        seen: Observations so far.
-        http: Answers over HTTP, by query; None for a query that was not answered.
-        lost: Number of connections that were lost.
+        seen: observations so far.
+        http: answers over HTTP, by query; None for a query that was not answered.
+        lost: number of connections that were lost.
     """
 
     def __init__(self, config: LinkConfig) -> None:
@@ -227,7 +228,7 @@ class _Survey:
         """Ping the robot.
 
         Raises:
-            TransportClosedError: The robot does not answer.
+            TransportClosedError: the robot does not answer.
         """
         try:
             await run_with_timeout(self._config.request_timeout, self._transport.ping())
@@ -266,7 +267,7 @@ def check_folder(folder: Path) -> None:
     """Check that the results can be written to a folder.
 
     Raises:
-        SurveyError: The folder is not empty.
+        SurveyError: the folder is not empty.
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -282,7 +283,7 @@ async def survey(config: LinkConfig, options: SurveyOptions) -> str:
         A summary for the user.
 
     Raises:
-        SurveyError: The robot has not answered, or the folder cannot be written.
+        SurveyError: the robot has not answered, or the folder cannot be written.
     """
     stop = stop_event()
     made = _Survey(config)

@@ -22,7 +22,7 @@ from woosh_robot_agent.tools.doctor.learn import (
     learn,
     quantile,
 )
-from woosh_robot_agent.tools.doctor.observations import Hider, Observations, Unknown
+from woosh_robot_agent.tools.doctor.observations import Observations, Redactor, Unknown
 
 REPORT_FILE = "survey.md"
 """File with the report for people, in the folder of a survey."""
@@ -37,10 +37,10 @@ class HttpResult(NamedTuple):
     """The answer to a query over HTTP.
 
     Attributes:
-        status: Status of the response.
+        status: status of the response.
         ok: True if the query was accepted, False if it was refused; None if the body is no answer.
-        text: Text of the answer.
-        delay: Time from request to response, in seconds.
+        text: text of the answer.
+        delay: time from request to response, in seconds.
     """
 
     status: int
@@ -62,38 +62,40 @@ def results(
     """Return the results of a survey as JSON.
 
     Args:
-        seen: The observations.
-        http: Answers over HTTP, by query; None for a query that was not answered.
-        seconds: Duration, in seconds.
+        seen: the observations.
+        http: answers over HTTP, by query; None for a query that was not answered.
+        seconds: duration, in seconds.
         complete: False if the survey was stopped early.
-        lost: Number of lost connections.
-        address: Address of the robot.
+        lost: number of lost connections.
+        address: address of the robot.
         with_names: True to keep names and numbers that could identify the robot or its site.
     """
-    hider = None if with_names else Hider(seen.names)
+    redactor = None if with_names else Redactor(seen.names)
     learned = learn(seen)
     found: dict[str, Any] = {
         "seconds": round(seconds, 1),
         "complete": complete,
         "lost_connections": lost,
         "robot": _robot(seen),
-        "requests": list(_requests(seen, http, hider)),
+        "requests": list(_requests(seen, http, redactor)),
         "pushes": list(_pushes(seen)),
         "unknown_fields": [
-            {"type": name, "field": path, **_unknown(path, each, hider)}
+            {"type": name, "field": path, **_unknown(path, each, redactor)}
             for (name, path), each in sorted(seen.unknown_fields.items())
         ],
         "unknown_types": [
-            {"type": name, **_unknown("", each, hider)}
+            {"type": name, **_unknown("", each, redactor)}
             for name, each in sorted(seen.unknown_types.items())
         ],
-        "unreadable": _unreadable(seen.unreadable, hider),
-        "status_codes": list(_codes(seen, hider)),
+        "unreadable": _unreadable(seen.unreadable, redactor),
+        "status_codes": list(_codes(seen, redactor)),
         "clock": _series(seen.offsets, digits=3),
         "profile": [
             {
                 "field": list(path),
-                "value": hider.text(each.value) if hider and path[0] == "refusals" else each.value,
+                "value": redactor.text(each.value)
+                if redactor and path[0] == "refusals"
+                else each.value,
                 "samples": each.samples,
                 REFERENCE: known_value(path),
                 "differs": differs(path, each.value),
@@ -121,12 +123,12 @@ def _robot(seen: Observations) -> dict[str, Any]:
 
 
 def _requests(
-    seen: Observations, http: Mapping[str, HttpResult | None], hider: Hider | None
+    seen: Observations, http: Mapping[str, HttpResult | None], redactor: Redactor | None
 ) -> Iterator[dict[str, Any]]:
     for name in sorted(seen.asked):
         answers = [each for each in seen.answers if each.request == name]
         accepted = [each for each in answers if each.ok]
-        texts = Counter(_hidden(each.text, hider) for each in answers if not each.ok)
+        texts = Counter(_hidden(each.text, redactor) for each in answers if not each.ok)
         over_http = http.get(name)
         is_unknown = (over_http is not None and over_http.status == _NOT_FOUND) or (
             any(_UNKNOWN.search(text) for text in texts) and not accepted
@@ -143,17 +145,17 @@ def _requests(
             "answered_as": sorted({each.type for each in accepted} - {name}),
             "delay": _series([each.delay for each in accepted], digits=4),
             "bytes": _series([each.size for each in accepted], digits=0),
-            "http": _http(over_http, hider) if name in http else None,
+            "http": _http(over_http, redactor) if name in http else None,
         }
 
 
-def _http(answer: HttpResult | None, hider: Hider | None) -> dict[str, Any]:
+def _http(answer: HttpResult | None, redactor: Redactor | None) -> dict[str, Any]:
     if answer is None:
         return {"status": 0}
     return {
         "status": answer.status,
         "ok": answer.ok,
-        "text": _hidden(answer.text, hider),
+        "text": _hidden(answer.text, redactor),
         "delay": round(answer.delay, 4),
     }
 
@@ -184,22 +186,22 @@ def _series(values: Sequence[float], *, digits: int) -> dict[str, float] | None:
     return {"samples": len(values)} | {key: round(each, digits) for key, each in figures.items()}
 
 
-def _unknown(path: str, unknown: Unknown, hider: Hider | None) -> dict[str, Any]:
+def _unknown(path: str, unknown: Unknown, redactor: Redactor | None) -> dict[str, Any]:
     key = path.rpartition(".")[2]
-    values = [hider.value(key, each) if hider else each for each in unknown.values]
+    values = [redactor.value(key, each) if redactor else each for each in unknown.values]
     return {"count": unknown.count, "values": values}
 
 
-def _unreadable(reasons: Counter[str], hider: Hider | None) -> dict[str, int]:
-    """Return the reasons of unreadable frames; with a `hider` without the values in the errors."""
+def _unreadable(reasons: Counter[str], redactor: Redactor | None) -> dict[str, int]:
+    """Return the reasons of unreadable frames; a `redactor` leaves out the values in them."""
     found: Counter[str] = Counter()
     for reason, count in reasons.items():
-        text = ": ".join(reason.split(": ")[:2]).partition(", got ")[0] if hider else reason
+        text = ": ".join(reason.split(": ")[:2]).partition(", got ")[0] if redactor else reason
         found[printable(text)] += count
     return dict(found)
 
 
-def _codes(seen: Observations, hider: Hider | None) -> Iterator[dict[str, Any]]:
+def _codes(seen: Observations, redactor: Redactor | None) -> Iterator[dict[str, Any]]:
     """Yield the status codes that the table of known codes lacks."""
     texts: dict[int, str] = {}
     counts: Counter[int] = Counter()
@@ -209,7 +211,7 @@ def _codes(seen: Observations, hider: Hider | None) -> Iterator[dict[str, Any]]:
                 counts[code.code] += 1
                 texts[code.code] = code.msg
     for number, count in sorted(counts.items()):
-        yield {"code": number, "count": count, "text": _hidden(texts[number], hider)}
+        yield {"code": number, "count": count, "text": _hidden(texts[number], redactor)}
 
 
 def _codes_in(body: object) -> Iterable[StatusCode]:
@@ -220,8 +222,8 @@ def _codes_in(body: object) -> Iterable[StatusCode]:
     return body.abnormal_codes.scs if isinstance(body, RobotInfo) else []
 
 
-def _hidden(text: str, hider: Hider | None) -> str:
-    return printable(hider.text(text) if hider else text)
+def _hidden(text: str, redactor: Redactor | None) -> str:
+    return printable(redactor.text(text) if redactor else text)
 
 
 _QUERIES = {each.request for each in QUERIES}
@@ -231,7 +233,7 @@ def markdown(found: Mapping[str, Any]) -> str:
     """Return the report for people.
 
     Args:
-        found: The results, as `results` returns them.
+        found: the results, as `results` returns them.
     """
     robot = found["robot"]
     early = "" if found["complete"] else ", stopped early"

@@ -55,10 +55,10 @@ class Robot:
     """The map library of one robot.
 
     Args:
-        chassis: The link, which must be ready.
+        chassis: the link, which must be ready.
 
     Attributes:
-        chassis: The link.
+        chassis: the link.
     """
 
     def __init__(self, chassis: ChassisClient) -> None:
@@ -193,9 +193,9 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
     """Save the named scenes, or all scenes, in folders.
 
     Args:
-        robot: The robot.
-        names: Names of scenes, or names of maps whose scenes are saved; empty for all scenes.
-        output: Folder in which the folders of the scenes are created.
+        robot: the robot.
+        names: names of scenes, or names of maps whose scenes are saved; empty for all scenes.
+        output: folder in which the folders of the scenes are created.
         force: True to replace older folders.
     """
     known = await robot.scenes()
@@ -222,9 +222,9 @@ async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force:
     """Upload saved scenes to the robot.
 
     Args:
-        robot: The robot.
-        folders: Folders of the scenes.
-        new_name: Name of the scene on the robot; empty for its saved name.
+        robot: the robot.
+        folders: folders of the scenes.
+        new_name: name of the scene on the robot; empty for its saved name.
         force: True to replace scenes on the robot.
     """
     saved = [read_scene(folder) for folder in folders]

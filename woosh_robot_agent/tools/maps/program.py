@@ -17,7 +17,12 @@ from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.program import INTERRUPTED
 from woosh_robot_agent.tools.maps import commands
 from woosh_robot_agent.tools.maps.scene_folder import MapsError
-from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
+from woosh_robot_agent.tools.options import (
+    add_link_options,
+    link_arguments,
+    link_config,
+    tool_parser,
+)
 
 _MAX_FRAME = 256 * MIB
 """Maximum size of a frame with all files of a scene, in bytes."""
@@ -34,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """List, download, upload, rename or delete the maps of one robot.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status.
@@ -71,11 +76,8 @@ def _name(text: str) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="maps",
-        description="Back up the maps and marks of a robot, and bring them to a robot.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = tool_parser(
+        "maps", "Back up the maps and marks of a robot, and bring them to a robot.", _EPILOG
     )
     add_link_options(parser, ip_required=False)
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")

@@ -44,11 +44,11 @@ def to_file_name(name: str, suffix: str = "") -> str:
     """Return a file name for any name. Different names have different file names.
 
     Args:
-        name: The name.
-        suffix: End of the file name, which is added unchanged.
+        name: the name.
+        suffix: end of the file name, which is added unchanged.
 
     Raises:
-        MapsError: The name is empty or too long.
+        MapsError: the name is empty or too long.
     """
     quoted = "".join(map(_quoted, name))
     if quoted.startswith("."):  # a hidden file, `.` or `..`
@@ -100,13 +100,13 @@ def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
     """Return the marks that a file describes; `old` itself if the file describes the same marks.
 
     Args:
-        name: Name of the file, for errors.
-        data: Content of the file.
-        old: The marks at the time when the file was written. Data that the file does not contain
+        name: name of the file, for errors.
+        data: content of the file.
+        old: the marks at the time when the file was written. Data that the file does not contain
             are taken from these marks.
 
     Raises:
-        MapsError: The file cannot be used.
+        MapsError: the file cannot be used.
     """
     try:
         root = structure(_MarksFile, load_yaml(name, data, _MAX_MARKS_FILE), name)
@@ -271,7 +271,7 @@ def to_path(name: str) -> str:
     If a part of the name is empty, `.` or `..`, the whole name becomes one file name.
 
     Raises:
-        MapsError: The name cannot be a path.
+        MapsError: the name cannot be a path.
     """
     parts = name.split("/")
     if any(part in ("", ".", "..") for part in parts):
@@ -292,8 +292,8 @@ class SavedScene:
     """A scene in a folder.
 
     Attributes:
-        name: Name of the scene.
-        files: The files of the robot, by the robot's names, with the edited marks.
+        name: name of the scene.
+        files: the files of the robot, by the robot's names, with the edited marks.
         loose_marks: YAML files of marks for which `files` has no mark file, by the name of the map.
     """
 
@@ -306,7 +306,7 @@ def scene_path(folder: Path, scene: str) -> Path:
     """Return the folder of a scene inside another folder.
 
     Raises:
-        MapsError: The name of the scene cannot be a file name.
+        MapsError: the name of the scene cannot be a file name.
     """
     return folder / to_file_name(scene)
 
@@ -315,7 +315,7 @@ def check_writable(target: Path, *, force: bool) -> None:
     """Check that a scene may be saved in a folder.
 
     Raises:
-        MapsError: The path exists, and must not be replaced.
+        MapsError: the path exists, and must not be replaced.
     """
     if not os.path.lexists(target):
         return
@@ -333,9 +333,9 @@ def write_scene(
     """Save a scene in a folder, atomically.
 
     Args:
-        target: The folder, which is created.
-        data: The maps with their pictures and marks.
-        files: The files of the robot.
+        target: the folder, which is created.
+        data: the maps with their pictures and marks.
+        files: the files of the robot.
         force: True to replace an older folder.
 
     Returns:
@@ -343,7 +343,7 @@ def write_scene(
         picture.
 
     Raises:
-        MapsError: The scene cannot be saved.
+        MapsError: the scene cannot be saved.
     """
     contents = {to_path(name): content for name, content in files.items()}
     unusable: list[str] = []
@@ -372,7 +372,7 @@ def read_scene(folder: Path) -> SavedScene:
     """Read a saved scene.
 
     Raises:
-        MapsError: The folder cannot be used.
+        MapsError: the folder cannot be used.
     """
     if not _is_scene(folder):
         inside = ", ".join(str(each) for each in sorted(folder.glob("*")) if _is_scene(each))
@@ -420,7 +420,7 @@ def edited_marks(path: Path, old: MarkInfo) -> MarkInfo:
     """Return the marks in a YAML file; `old` itself if the marks are the same.
 
     Raises:
-        MapsError: The file cannot be used.
+        MapsError: the file cannot be used.
     """
     return read_marks(str(path), _read(path), old)
 

@@ -18,7 +18,7 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.monitor.screen import draw, key_presses
-from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event
+from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event, tool_parser
 from woosh_robot_agent.tools.robot_view import (
     MAX_BACKOFF,
     LinkReport,
@@ -32,8 +32,8 @@ class Source(Protocol):
     """Source of the state of one robot. Used in one asyncio event loop.
 
     Attributes:
-        name: Name of the source, shown as title.
-        view: State of the robot as received so far.
+        name: name of the source, shown as title.
+        view: state of the robot as received so far.
     """
 
     name: str
@@ -58,11 +58,11 @@ class LinkSource:
     It requests RobotInfo on each connection and never commands the robot.
 
     Args:
-        config: Address and timeouts of the chassis.
+        config: address and timeouts of the chassis.
 
     Attributes:
-        name: Address of the chassis.
-        view: State of the robot as received so far.
+        name: address of the chassis.
+        view: state of the robot as received so far.
     """
 
     def __init__(self, config: LinkConfig) -> None:
@@ -104,19 +104,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Show the state of one robot until `q`, SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; with `--once`, 1 if the printed state is not up to date.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     ros_at = given.index("--ros-args") if "--ros-args" in given else len(given)
-    parser = argparse.ArgumentParser(
-        prog="monitor",
-        description="Show the state of one robot.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = tool_parser("monitor", "Show the state of one robot.", _EPILOG)
     add_link_options(parser, ip_required=False)
     parser.add_argument(
         "--namespace",

@@ -18,6 +18,7 @@ from woosh_robot_agent.convert import BadFieldError, Converter, converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, QUERIES, TOPICS
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.config import url_host
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.ros.qos import latched
@@ -48,9 +49,9 @@ class _RetriedCall:
 
     Args:
         client: rclpy's client of the service.
-        request: The request.
-        timeout: Time after which a call without a response is repeated, in seconds.
-        on_response: Called with the response.
+        request: the request.
+        timeout: time after which a call without a response is repeated, in seconds.
+        on_response: called with the response.
     """
 
     def __init__(
@@ -93,18 +94,18 @@ class RosSource:
     `start` was called.
 
     Args:
-        namespace: Namespace of the agent; overridden by `--ros-args -r __ns:=`.
-        ros_args: Command-line arguments for rclpy.
+        namespace: namespace of the agent; overridden by `--ros-args -r __ns:=`.
+        ros_args: command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
-        discovery_period: Time between two searches for the agent, in seconds.
-        patience: Time for which to wait for the topic `connected` of an agent, in seconds.
+        discovery_period: time between two searches for the agent, in seconds.
+        patience: time for which to wait for the topic `connected` of an agent, in seconds.
 
     Attributes:
-        name: Namespace of the agent.
-        view: State of the robot as received so far.
+        name: namespace of the agent.
+        view: state of the robot as received so far.
 
     Raises:
-        Exception: The namespace or the arguments are invalid; the type is rclpy's.
+        Exception: the namespace or the arguments are invalid; the type is rclpy's.
     """
 
     def __init__(
@@ -283,7 +284,9 @@ class RosSource:
 
     def _on_parameters(self, response: Any) -> None:
         transport, ip, port, encoding, robot_id = response.values
-        self._address = f"{ip.string_value}:{port.integer_value or ''}".rstrip(":")
+        self._address = url_host(ip.string_value)
+        if port.integer_value:
+            self._address += f":{port.integer_value}"
         self._address += f" over {transport.string_value}"
         config: dict[str, Any] = {
             "ip": ip.string_value,

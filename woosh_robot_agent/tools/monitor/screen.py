@@ -75,10 +75,10 @@ def draw(name: str, link: LinkReport, view: RobotView, hint: str = "") -> Render
     """Return the display of a robot's state, for rich to print.
 
     Args:
-        name: Name of the source, for the title.
-        link: State of the link.
-        view: State of the robot.
-        hint: Text below the display, e.g. which key quits.
+        name: name of the source, for the title.
+        link: state of the link.
+        view: state of the robot.
+        hint: text below the display, e.g. which key quits.
     """
     rows = Table.grid(padding=(0, 2))
     rows.add_column(style="bold", no_wrap=True)

@@ -30,16 +30,16 @@ class McapFile:
     """Writes one file in chunks, so that it can be read up to the last chunk after a crash.
 
     Args:
-        path: Path of the new file; it must not exist.
-        profile: Profile in the header of the file.
+        path: path of the new file; it must not exist.
+        profile: profile in the header of the file.
 
     Attributes:
-        path: Path of the file.
-        written: Number of messages in the file, by topic.
-        pending: Number of messages in the chunk that is not written yet, by topic.
+        path: path of the file.
+        written: number of messages in the file, by topic.
+        pending: number of messages in the chunk that is not written yet, by topic.
 
     Raises:
-        OSError: The file cannot be created.
+        OSError: the file cannot be created.
     """
 
     def __init__(self, path: Path, profile: str) -> None:
@@ -68,10 +68,10 @@ class McapFile:
         """Add a message to the chunk; write the chunk if it is full.
 
         Args:
-            channel: Channel of the message.
-            log_time: Time of recording, in ns.
-            publish_time: Time of sending by the sender's clock, in ns.
-            data: The message.
+            channel: channel of the message.
+            log_time: time of recording, in ns.
+            publish_time: time of sending by the sender's clock, in ns.
+            data: the message.
         """
         number = self._channels.get(channel)
         if number is None:
@@ -161,10 +161,10 @@ class Limits:
     """Limits of a recording.
 
     Attributes:
-        max_size: Maximum size of all files together, in bytes; reaching it ends the recording.
-        split_size: Maximum size of one file, in bytes; reaching it begins the next file. 0 for no
+        max_size: maximum size of all files together, in bytes; reaching it ends the recording.
+        split_size: maximum size of one file, in bytes; reaching it begins the next file. 0 for no
             limit.
-        split_duration: Duration after which the next file begins, in seconds; 0 for no limit.
+        split_duration: duration after which the next file begins, in seconds; 0 for no limit.
     """
 
     max_size: int
@@ -183,18 +183,18 @@ class RecordingFiles:
     An error ends the recording but is not raised, because `RecordingProxy` must keep forwarding.
 
     Args:
-        path: Path of the file; the files of a split recording have a number at the end of the name.
-        limits: Limits of size and duration.
-        on_new_file: Called with each new file, to write the start of the file, e.g. the last map.
-        on_early_end: Called once with the reason if the recording ends before `close`.
-        profile: Profile in the header of the files.
+        path: path of the file; the files of a split recording have a number at the end of the name.
+        limits: limits of size and duration.
+        on_new_file: called with each new file, to write the start of the file, e.g. the last map.
+        on_early_end: called once with the reason if the recording ends before `close`.
+        profile: profile in the header of the files.
 
     Attributes:
-        paths: Paths of the files so far.
+        paths: paths of the files so far.
         failed: True if the recording ended before `close`, or a file is not complete.
 
     Raises:
-        OSError: The first file cannot be created.
+        OSError: the first file cannot be created.
     """
 
     def __init__(
@@ -245,10 +245,10 @@ class RecordingFiles:
         """Write a message.
 
         Args:
-            channel: Channel of the message.
-            log_time: Time of recording, in ns.
-            data: The message.
-            publish_time: Time of sending by the sender's clock, in ns; None if unknown.
+            channel: channel of the message.
+            log_time: time of recording, in ns.
+            data: the message.
+            publish_time: time of sending by the sender's clock, in ns; None if unknown.
 
         Returns:
             False if the recording has ended.

@@ -27,10 +27,10 @@ class Frame:
     """One frame, byte for byte.
 
     Attributes:
-        t: Time since the start of the recording, in seconds.
-        connection: Number of the connection, from 1.
-        sender: Side that sent the frame.
-        data: Text of a text frame, bytes of a binary frame.
+        t: time since the start of the recording, in seconds.
+        connection: number of the connection, from 1.
+        sender: side that sent the frame.
+        data: text of a text frame, bytes of a binary frame.
         invalid: True for a text frame that is not valid UTF-8; `data` holds its bytes.
     """
 
@@ -46,12 +46,12 @@ class Event:
     """A change of a connection, such as its end.
 
     Attributes:
-        t: Time since the start of the recording, in seconds.
-        connection: Number of the connection, from 1.
+        t: time since the start of the recording, in seconds.
+        connection: number of the connection, from 1.
         kind: `open`, `close`, `refused` (a client connected, but the chassis could not be reached)
             or `unreadable` (the rest of one direction cannot be parsed into frames).
-        by: Side that caused the event.
-        text: Human-readable explanation.
+        by: side that caused the event.
+        text: human-readable explanation.
     """
 
     t: float
@@ -69,11 +69,11 @@ class Recording:
     """Contents of a recording.
 
     Attributes:
-        address: Address of the recorded chassis.
+        address: address of the recorded chassis.
         started: Unix time of the start, in seconds.
-        records: Frames and events, in order.
-        damage: Why the end of a file is missing; empty if all files are complete.
-        missing_parts: Numbers, from 0, of the files of a split recording that were not given. Files
+        records: frames and events, in order.
+        damage: why the end of a file is missing; empty if all files are complete.
+        missing_parts: numbers, from 0, of the files of a split recording that were not given. Files
             after the last given one are not known to be missing.
     """
 
@@ -89,12 +89,12 @@ class Channel:
     """A channel of an MCAP file; it is registered in a file with its first message there.
 
     Attributes:
-        topic: Name of the channel.
-        schema_name: Name of the messages' type.
-        schema: Definition of the type and of all types that it uses.
-        schema_encoding: Language of the definition.
-        message_encoding: Encoding of the messages.
-        metadata: Further properties.
+        topic: name of the channel.
+        schema_name: name of the messages' type.
+        schema: definition of the type and of all types that it uses.
+        schema_encoding: language of the definition.
+        message_encoding: encoding of the messages.
+        metadata: further properties.
     """
 
     topic: str

@@ -36,9 +36,9 @@ class ReadPace:
     Waking up for a frame costs several times as much CPU time as reading one more frame.
 
     Args:
-        transport: Transport that the stream is read from.
-        period: Time between two reads at high rates, in seconds.
-        now: Returns the time, in seconds; by default the time of the event loop.
+        transport: transport that the stream is read from.
+        period: time between two reads at high rates, in seconds.
+        now: returns the time, in seconds; by default the time of the event loop.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class ReadPace:
         """Wait until the next read may follow.
 
         Args:
-            size: Size of the previous read, in bytes.
+            size: size of the previous read, in bytes.
         """
         if size >= _LARGE:
             return
@@ -85,9 +85,9 @@ class _Connection:
     """Connection of one client, and the proxy's connection to the chassis for it.
 
     Attributes:
-        number: Number of the connection, from 1.
-        writers: Stream to the client, and the stream to the chassis once it is connected.
-        ended_by: Side that ended the connection first, and how; None while the connection is open.
+        number: number of the connection, from 1.
+        writers: stream to the client, and the stream to the chassis once it is connected.
+        ended_by: side that ended the connection first, and how; None while the connection is open.
     """
 
     number: int
@@ -104,9 +104,9 @@ class RecordingProxy:
     """A proxy that records frames; bytes that it cannot parse are forwarded, too.
 
     Args:
-        chassis: Address of the chassis; for each client, the proxy connects to the chassis.
-        writer: Writer of the recording.
-        read_period: Time between two reads of frames that arrive at high rates, in seconds. It
+        chassis: address of the chassis; for each client, the proxy connects to the chassis.
+        writer: writer of the recording.
+        read_period: time between two reads of frames that arrive at high rates, in seconds. It
             delays such frames.
     """
 
@@ -126,14 +126,14 @@ class RecordingProxy:
         """Listen for clients.
 
         Args:
-            host: Address to listen on.
-            port: Port to listen on; 0 for any free port.
+            host: address to listen on.
+            port: port to listen on; 0 for any free port.
 
         Returns:
             The port in use.
 
         Raises:
-            OSError: The port is in use.
+            OSError: the port is in use.
         """
         self._listener = Listener(await asyncio.start_server(self._serve, host, port))
         self._tasks.add(asyncio.get_running_loop().create_task(self._flush()))

@@ -109,11 +109,11 @@ def read_recording(*paths: Path) -> Recording:
     """Read a recording; the end of each file may be missing, as after a crash.
 
     Args:
-        paths: The file, or all files of a split recording in any order. Files of ROS topics, which
+        paths: the file, or all files of a split recording in any order. Files of ROS topics, which
             `record --ros` writes in addition, are ignored.
 
     Raises:
-        RecordingError: A file cannot be read or is not a recording, or the files are of different
+        RecordingError: a file cannot be read or is not a recording, or the files are of different
             recordings.
     """
     parts = [part for path in paths if not (part := _read_part(path)).has_ros_topics]

@@ -30,6 +30,7 @@ from woosh_robot_agent.tools.options import (
     link_arguments,
     link_config,
     stop_event,
+    tool_parser,
     warn_if_not_local,
 )
 from woosh_robot_agent.tools.recording.files import Limits
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0, or 1 if the program could not listen, the recording ended early,
@@ -79,12 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="record",
-        description="Record all frames between a robot and its clients.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = tool_parser("record", "Record all frames between a robot and its clients.", _EPILOG)
     add_link_options(parser)
     parser.add_argument(
         "--listen",
@@ -159,7 +155,7 @@ class PassiveClient:
     It discards everything that it receives, because the proxy records the frames.
 
     Args:
-        config: Address of the proxy.
+        config: address of the proxy.
         with_large: True to subscribe also to large pushes: laser scans and growing maps.
     """
 

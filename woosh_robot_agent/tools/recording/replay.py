@@ -9,9 +9,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from woosh_robot_agent.link.config import DEFAULT_PORTS
+from woosh_robot_agent.link.config import DEFAULT_PORTS, url_host
 from woosh_robot_agent.link.reports import log_to_stderr, printable
-from woosh_robot_agent.tools.options import stop_event, warn_if_not_local
+from woosh_robot_agent.tools.options import stop_event, tool_parser, warn_if_not_local
 from woosh_robot_agent.tools.recording.layout import Recording, RecordingError
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Replay a recording until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0, or 1 if the file cannot be read or a port is in use.
@@ -42,8 +42,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not 0 <= port < 2**16:
             parser.error(f"port must be in 0..65535: {port}")
     log_to_stderr(logging.INFO, "%(message)s")
-    # The library logs each interrupted handshake; a recorded loss causes some of them.
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)
     try:
         recording = read_recording(*options.file)
         playback = prepare(recording)
@@ -56,11 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="replay",
-        description="Simulate the chassis of a recording made with `record`.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = tool_parser(
+        "replay", "Simulate the chassis of a recording made with `record`.", _EPILOG
     )
     parser.add_argument(
         "file", type=Path, nargs="+", help="the recording; all files of one that was split"
@@ -138,7 +133,7 @@ async def _run(playback: Playback, options: argparse.Namespace) -> int:
         )
         return 1
     try:
-        host = f"[{options.host}]" if ":" in options.host else options.host
+        host = url_host(options.host)
         print(
             f"replayed chassis ready on ws://{host}:{chassis.port} "
             f"and tcp://{host}:{chassis.tcp_port}",

@@ -36,9 +36,9 @@ def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | 
     A frame that needs no change, or cannot be read, is returned unchanged.
 
     Args:
-        frame: The recorded frame.
-        codec: Encoding of the receiver.
-        sn: Serial number of the receiver's request; None for a push.
+        frame: the recorded frame.
+        codec: encoding of the receiver.
+        sn: serial number of the receiver's request; None for a push.
     """
     recorded = server_codec(frame)
     if recorded is not codec:
@@ -88,19 +88,19 @@ class ReplayedChassis:
     has subscribed. So a client misses nothing if it connects later than the recorded client did.
 
     Args:
-        playback: The recording.
-        host: Address to listen on.
-        port: Port of the WebSocket transport; 0 for any free port.
-        tcp_port: Port of the TCP transport; 0 for any free port.
-        speed: Speed of the playback as a factor.
+        playback: the recording.
+        host: address to listen on.
+        port: port of the WebSocket transport; 0 for any free port.
+        tcp_port: port of the TCP transport; 0 for any free port.
+        speed: speed of the playback as a factor.
         loop: True to drop all clients and start again when the recording ends.
         wait_for_commands: True to pause also at each recorded command until a client sends a
             command of its type.
 
     Attributes:
-        port: Port of the WebSocket transport, after the start.
-        tcp_port: Port of the TCP transport, after the start.
-        rounds: Number of times that the recording was played to its end.
+        port: port of the WebSocket transport, after the start.
+        tcp_port: port of the TCP transport, after the start.
+        rounds: number of times that the recording was played to its end.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class ReplayedChassis:
         self._playback = playback
         self._host = host
         self._speed = speed
-        self._repeat = loop
+        self._loop = loop
         self._wait_for_commands = wait_for_commands
         self._listeners: list[Listener] = []
         self._clients: dict[ConnectedClient, Codec] = {}
@@ -131,8 +131,6 @@ class ReplayedChassis:
         """Types that were requested but not recorded."""
         self._changed = asyncio.Event()
         """Set when a client connects or sends a frame."""
-        self._unpaused = asyncio.Event()
-        self._unpaused.set()
         self._base: tuple[float, float] | None = None
         """Loop time and recording time of the same moment; None until the playback has started."""
         self._player: asyncio.Task[None] | None = None
@@ -148,7 +146,7 @@ class ReplayedChassis:
         """Listen for clients and start the playback.
 
         Raises:
-            OSError: A port is in use.
+            OSError: a port is in use.
         """
         await self._listen()
         self._player = asyncio.get_running_loop().create_task(self._play())
@@ -157,7 +155,7 @@ class ReplayedChassis:
         """Drop all clients and stop listening."""
         if self._player is not None:
             self._player.cancel()
-        await self._disappear()
+        await self._go_offline()
 
     # Playback
 
@@ -172,11 +170,12 @@ class ReplayedChassis:
                 if self._base is not None:
                     due = self._base[0] + (step.t - self._base[1]) / self._speed
                     await asyncio.sleep(max(0.0, due - loop.time()))
-                recorded[step.type] += step.kind is StepKind.COMMAND
+                if step.kind is StepKind.COMMAND:
+                    recorded[step.type] += 1
                 await self._do(step, recorded[step.type])
             self.rounds += 1
-            _LOG.info("end of the recording%s", ", starting again" if self._repeat else "")
-            if not self._repeat:
+            _LOG.info("end of the recording%s", ", starting again" if self._loop else "")
+            if not self._loop:
                 return
             self._base = None
             await self._flush()
@@ -186,8 +185,8 @@ class ReplayedChassis:
         """Carry out one step.
 
         Args:
-            step: The step.
-            commands: For a command: number of recorded commands of its type up to this step.
+            step: the step.
+            commands: for a command: number of recorded commands of its type up to this step.
         """
         if step.kind is StepKind.PUSH:
             self._push(step)
@@ -196,7 +195,7 @@ class ReplayedChassis:
         elif step.kind is StepKind.LOST:
             _LOG.info("%.3f s: dropping the connection, as recorded", step.t)
             await self._flush()
-            await self._disappear()
+            await self._go_offline()
         elif step.kind is StepKind.SUBSCRIBED:
             await self._wait_for_client(subscribed=True)
             self._resume_at(step)
@@ -242,7 +241,7 @@ class ReplayedChassis:
             try:
                 listener = await serve(self._serve, self._host, port, max_size=_MAX_FRAME_SIZE)
             except OSError:
-                await self._disappear()
+                await self._go_offline()
                 raise
             self._listeners.append(listener)
         self.port, self.tcp_port = (listener.port for listener in self._listeners)
@@ -254,7 +253,7 @@ class ReplayedChassis:
         while any(client.unsent for client in self._clients) and loop.time() < deadline:
             await asyncio.sleep(_FLUSH_CHECK_PERIOD)
 
-    async def _disappear(self) -> None:
+    async def _go_offline(self) -> None:
         """Drop all clients and stop listening, like a chassis that is out of reach."""
         self._drop_clients()
         listeners, self._listeners = self._listeners, []
@@ -272,7 +271,7 @@ class ReplayedChassis:
         client = ConnectedClient(transport, _MAX_OUTBOX)
         self._clients[client] = JSON
         self._changed.set()
-        writer = asyncio.ensure_future(client.write(self._unpaused))
+        writer = asyncio.ensure_future(client.write())
         _LOG.info("%s connected", transport.peer)
         try:
             while True:

@@ -34,10 +34,10 @@ def definition(name: str) -> str:
     """Return the definitions of a message type and of all types that it uses.
 
     Args:
-        name: Package and name of the type, e.g. `nav_msgs/Odometry`.
+        name: package and name of the type, e.g. `nav_msgs/Odometry`.
 
     Raises:
-        DefinitionError: The package of one of the types is not installed.
+        DefinitionError: the package of one of the types is not installed.
     """
     from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
@@ -86,19 +86,19 @@ class RosRecorder:
     The messages are written as the middleware delivers them, without being decoded.
 
     Args:
-        namespace: Namespace of the agent.
-        path: Path of the new file; it must not exist.
-        limits: Limits of size and duration.
-        on_early_end: Called once, in the thread, with the reason if the recording ends before
+        namespace: namespace of the agent.
+        path: path of the new file; it must not exist.
+        limits: limits of size and duration.
+        on_early_end: called once, in the thread, with the reason if the recording ends before
             `close`.
 
     Attributes:
-        lost: Number of messages that the middleware reports as lost, by topic. Messages of a
+        lost: number of messages that the middleware reports as lost, by topic. Messages of a
             latched topic that were replaced before the first message arrived do not count.
 
     Raises:
-        OSError: The file cannot be created.
-        Exception: The namespace is invalid; the type is rclpy's.
+        OSError: the file cannot be created.
+        Exception: the namespace is invalid; the type is rclpy's.
     """
 
     def __init__(

@@ -33,7 +33,7 @@ class ParsedFrame(NamedTuple):
     """One frame of a stream.
 
     Attributes:
-        data: Payload of the frame; for a close frame, its code and reason as text.
+        data: payload of the frame; for a close frame, its code and reason as text.
         text: True for a text frame.
         close: True for a WebSocket close frame.
     """
@@ -54,7 +54,7 @@ class FrameParser(Protocol):
         """Yield the frames that these further bytes complete.
 
         Raises:
-            UnreadableError: The stream cannot be parsed from here on.
+            UnreadableError: the stream cannot be parsed from here on.
         """
 
 
@@ -63,7 +63,7 @@ class WebSocketParser:
 
     Args:
         masked: True for the client's direction, in which frames are masked.
-        max_size: Maximum size of a frame, in bytes.
+        max_size: maximum size of a frame, in bytes.
     """
 
     def __init__(self, *, masked: bool, max_size: int) -> None:
@@ -110,7 +110,7 @@ class DelimitedParser:
     """Parser of one direction of delimited protobuf: each frame follows its size as a varint.
 
     Args:
-        max_size: Maximum size of a frame, in bytes.
+        max_size: maximum size of a frame, in bytes.
     """
 
     def __init__(self, max_size: int) -> None:
@@ -165,10 +165,10 @@ class Direction:
     """One direction of one connection.
 
     Attributes:
-        connection: Number of the connection.
-        sender: Side that sends the bytes.
-        parser: Parser of the bytes; None once they cannot be parsed.
-        on_close: Called with code and reason of a close frame, in the thread of the recorder.
+        connection: number of the connection.
+        sender: side that sends the bytes.
+        parser: parser of the bytes; None once they cannot be parsed.
+        on_close: called with code and reason of a close frame, in the thread of the recorder.
     """
 
     connection: int
@@ -185,7 +185,7 @@ class FrameRecorder:
     the call that completed it.
 
     Args:
-        writer: Writer of the recording, which belongs to the separate thread until `close`.
+        writer: writer of the recording, which belongs to the separate thread until `close`.
     """
 
     def __init__(self, writer: RecordingWriter) -> None:

@@ -56,7 +56,7 @@ def apply_subscription(topics: set[str], envelope: Envelope, frame: str | bytes)
     """Change a client's set of subscribed types as its frame requests.
 
     Raises:
-        FrameError: The frame cannot be read.
+        FrameError: the frame cannot be read.
     """
     subscription = server_codec(frame).body(envelope, Subscription)
     if subscription.sub:
@@ -78,12 +78,12 @@ class StepKind(Enum):
     """Kind of a step.
 
     Attributes:
-        OPEN: A client connected.
-        SUBSCRIBED: The client made its first subscription.
-        COMMAND: The client sent a command.
-        PUSH: The chassis sent a push.
-        LOST: The connection was lost.
-        END: The recording ended.
+        OPEN: a client connected.
+        SUBSCRIBED: the client made its first subscription.
+        COMMAND: the client sent a command.
+        PUSH: the chassis sent a push.
+        LOST: the connection was lost.
+        END: the recording ended.
     """
 
     OPEN = "open"
@@ -99,10 +99,10 @@ class Step:
     """One step of the timeline.
 
     Attributes:
-        t: Time in the recording, in seconds.
-        kind: Kind of the step.
-        frame: Recorded frame of a push or a command.
-        type: Message type of the frame; empty if the frame is invalid.
+        t: time in the recording, in seconds.
+        kind: kind of the step.
+        frame: recorded frame of a push or a command.
+        type: message type of the frame; empty if the frame is invalid.
         subscribed: True for a push of a subscribed type; other pushes go to all clients.
     """
 
@@ -180,9 +180,9 @@ class Exchange:
     """A recorded request and its answer.
 
     Attributes:
-        t: Time of the request in the recording, in seconds.
-        answer: Frame of the answer; None if there was none.
-        delay: Time from the request to the answer, in seconds.
+        t: time of the request in the recording, in seconds.
+        answer: frame of the answer; None if there was none.
+        delay: time from the request to the answer, in seconds.
     """
 
     t: float
@@ -197,10 +197,10 @@ class RecordedAnswers:
     request, only the type has to match. When all answers have been given, the last one is repeated.
 
     Args:
-        decoded: The records.
+        decoded: the records.
 
     Attributes:
-        unmatched: Number of answers without a request, which are left out.
+        unmatched: number of answers without a request, which are left out.
     """
 
     def __init__(self, decoded: Iterable[DecodedRecord]) -> None:
@@ -264,9 +264,9 @@ class Playback:
     """A recording, prepared to be replayed.
 
     Attributes:
-        steps: The timeline.
-        answers: The answers to requests.
-        duration: Time from the first to the last record, in seconds.
+        steps: the timeline.
+        answers: the answers to requests.
+        duration: time from the first to the last record, in seconds.
     """
 
     steps: list[Step]

@@ -63,9 +63,9 @@ class DecodedFrame(NamedTuple):
     """The message in a frame.
 
     Attributes:
-        channel: Channel of the message's type and direction.
-        message: The message.
-        sent: Time of sending by the sender's clock, in ns; None if the frame does not give it.
+        channel: channel of the message's type and direction.
+        message: the message.
+        sent: time of sending by the sender's clock, in ns; None if the frame does not give it.
     """
 
     channel: Channel
@@ -84,8 +84,8 @@ class MessageDecoder:
         """Return the message in a frame.
 
         Args:
-            sender: Side that sent the frame.
-            frame: The frame.
+            sender: side that sent the frame.
+            frame: the frame.
 
         Returns:
             The message; None if the frame is invalid, of an unknown type, or refuses a request.
@@ -150,10 +150,10 @@ class View(NamedTuple):
     """A message for display, and its channel.
 
     Attributes:
-        channel: Channel of the message.
-        message: The message.
-        state: Name of the state that the view shows until the next view of this name; empty for an
-            event.
+        channel: channel of the message.
+        message: the message.
+        state: key of a view that stays valid until the next view with this key. It is repeated at
+            the start of each file of a split recording; empty if it is not repeated.
     """
 
     channel: Channel
@@ -165,8 +165,8 @@ def views_of(message: Message, time: int) -> Iterator[View]:
     """Yield the views of a message of the chassis.
 
     Args:
-        message: The message.
-        time: Time of recording, in ns.
+        message: the message.
+        time: time of recording, in ns.
     """
     make = _VIEWS.get(type(message))
     if make is not None:
@@ -307,7 +307,7 @@ class FoundMap(NamedTuple):
     """A map in a message of the chassis.
 
     Attributes:
-        area: The map.
+        area: the map.
         is_saved: False for a map that the robot is making.
         is_current: True for the map that the robot uses, or is making.
     """
@@ -321,9 +321,9 @@ class PreparedMap(NamedTuple):
     """A map as it is written: files for map_server, which are attached, and a view.
 
     Attributes:
-        name: Name of the map.
-        files: Contents of the files for map_server, by name.
-        view: View of the map; None if it is not the current one, or too large.
+        name: name of the map.
+        files: contents of the files for map_server, by name.
+        view: view of the map; None if it is not the current one, or too large.
     """
 
     name: str
@@ -368,8 +368,8 @@ def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
     Decoding a large image takes long: call it in a thread of its own.
 
     Args:
-        found: The map.
-        time: Time of recording, in ns.
+        found: the map.
+        time: time of recording, in ns.
     """
     area = found.area
     try:

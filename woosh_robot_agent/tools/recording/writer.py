@@ -49,8 +49,8 @@ class _Thinned:
     """State of a type in `_THINNED`.
 
     Attributes:
-        shown_at: Time of the last view, in ns.
-        waiting: The newest message since `shown_at`, which has no view yet.
+        shown_at: time of the last view, in ns.
+        waiting: the newest message since `shown_at`, which has no view yet.
     """
 
     shown_at: int = 0
@@ -65,18 +65,18 @@ class RecordingWriter:
     forwarding.
 
     Args:
-        path: Path of the new file; it must not exist.
-        address: Address of the chassis, for the metadata.
-        limits: Limits of size and duration.
-        on_early_end: Called once with the reason if the recording ends before `close`.
+        path: path of the new file; it must not exist.
+        address: address of the chassis, for the metadata.
+        limits: limits of size and duration.
+        on_early_end: called once with the reason if the recording ends before `close`.
 
     Attributes:
-        connections: Number of connections between a client and the chassis.
+        connections: number of connections between a client and the chassis.
         answered: True once the chassis has sent a frame.
-        refusal: Why the chassis could not be reached the last time; empty if it always could.
+        refusal: why the chassis could not be reached the last time; empty if it always could.
 
     Raises:
-        OSError: The file cannot be created.
+        OSError: the file cannot be created.
     """
 
     def __init__(
@@ -140,11 +140,11 @@ class RecordingWriter:
         """Write a frame.
 
         Args:
-            connection: Number of the connection.
-            sender: Side that sent the frame.
-            data: Payload of the frame.
+            connection: number of the connection.
+            sender: side that sent the frame.
+            data: payload of the frame.
             text: True for a text frame.
-            received: Time at which the frame passed, by `now`; None if it has just passed.
+            received: time at which the frame passed, by `now`; None if it has just passed.
         """
         self._seen += 1
         self.answered |= sender == "chassis"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -132,22 +131,23 @@ _PREFIX = "log_report_"
     "logReport",
     INSTANT,
     "store the state of the robot, its last tasks and status codes in a file",
-    ParameterType("reason", "STRING", "reason, which the report repeats"),
+    ParameterType("reason", "STRING", "reason, copied into the report"),
     result="path of the file in the folder of the reports",
     repeatable=True,
 )
 async def log_report(run: Run) -> str:
     """Store the reports of the robot in a file, and return its path in the log folder."""
     info, folder = run.execution.robot.info, run.log_folder
-    if info is None or folder is None:
+    assert folder is not None  # otherwise the vehicle lacks the action
+    if info is None:
         raise ActionFailedError(NO_STATE())
-    now = datetime.fromtimestamp(time.time(), timezone.utc)
+    now = datetime.now(timezone.utc)
     content = {
         "time": now.isoformat(),
         "reason": run.given["reason"],
         "robot": _as_dict(info),
-        "taskHistory": await _asked(run, TaskHistory()),
-        "statusCodes": await _asked(run, StatusCodes()),
+        "taskHistory": await _answer_or_reason(run, TaskHistory()),
+        "statusCodes": await _answer_or_reason(run, StatusCodes()),
     }
     name = f"{_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
     path = folder / str(info.genral.serial_number or info.robot_id) / name
@@ -158,7 +158,7 @@ async def log_report(run: Run) -> str:
     return str(path.relative_to(folder))
 
 
-async def _asked(run: Run, query: Message) -> dict[str, Any] | str:
+async def _answer_or_reason(run: Run, query: Message) -> dict[str, Any] | str:
     """Return the answer of the robot, or the reason why there is no answer."""
     try:
         answer = await run.link.ask(query)

@@ -154,6 +154,13 @@ def vehicle_action(
 ) -> Callable[[Perform], VehicleAction]:
     """Return a decorator that makes a function an action; see `ActionType` for the arguments."""
     kind = ActionType(
-        name, scopes, description, parameters, result, frozenset(blocking), pausable, repeatable
+        name,
+        scopes,
+        description,
+        parameters,
+        result=result,
+        blocking=frozenset(blocking),
+        pausable=pausable,
+        repeatable=repeatable,
     )
     return lambda perform: VehicleAction(kind, perform, version)

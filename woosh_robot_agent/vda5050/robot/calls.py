@@ -36,12 +36,10 @@ from woosh_robot_agent.vda5050.robot.link import RobotLink
 _LOG = logging.getLogger(__name__)
 _ASK_EVERY = 1.0
 """Pause between two queries about an action, in seconds."""
-_READY_TIMEOUT = 5.0
-"""Maximum time from a snapshot until the link is ready, in seconds."""
 _FAILED = Sentence("vda.failed", "the robot failed")()
 _ANOTHER = Sentence("vda.another", "the robot executes another {name} already")
 _NOT_SENT = Sentence("vda.notSent", "{name} was not sent: {reason}")
-_UNKNOWN = Sentence("vda.unknownEnd", "the link was lost, and the robot does not tell how it ended")
+_UNKNOWN = Sentence("vda.unknownEnd", "the robot does not tell how it ended")
 _FAILURES = {
     ros_pack_pb2.kRosCancel: Sentence("vda.cancelledAtRobot", "it was cancelled at the robot")(),
     ros_pack_pb2.kRosFailure: _FAILED,
@@ -74,13 +72,15 @@ class _Run:
         accepted: True if the robot has accepted the start.
         heard: True if the robot has reported that it executes, or has paused, the action.
         cannot_pause: True if the robot could not pause the action.
-        ended: future of the reason of the failure; empty after a success.
-        unknown: True if the robot does not tell how the action ended.
+        ended: done when the action has ended, with the reason of its failure; empty after a
+            success.
+        outcome_unknown: True if the robot does not tell how the action ended.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.
     """
 
     controller: Controller
+    """Set by `RobotCalls._new_run`, because it needs the run."""
 
     def __init__(self, command: Message, report: Callable[[ActionStatus], None]) -> None:
         self.command = command
@@ -88,7 +88,7 @@ class _Run:
         self.accepted = False
         self.heard = False
         self.cannot_pause = False
-        self.unknown = False
+        self.outcome_unknown = False
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.result = ""
 
@@ -176,7 +176,7 @@ class RobotCalls:
             del self._runs[name]
         if reason:
             raise ActionFailedError(
-                reason, ErrorType.INTERRUPTED if run.unknown else ErrorType.ACTION
+                reason, ErrorType.INTERRUPTED if run.outcome_unknown else ErrorType.ACTION
             )
         return run.result
 
@@ -217,10 +217,10 @@ class RobotCalls:
     def _reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
             if run := self._runs.get(report.action):
-                self._judge(run, report)
+                self._handle_report(run, report)
 
-    def _judge(self, run: _Run, report: Feedback) -> None:
-        """Take a report on an action."""
+    def _handle_report(self, run: _Run, report: Feedback) -> None:
+        """Update an action from a report."""
         if report.state == ros_pack_pb2.kRosExecuting:
             if not (run.accepted or run.heard):
                 run.report(ActionStatus.RUNNING)
@@ -266,20 +266,20 @@ class RobotCalls:
         self._link.work.start_once(lambda: self._poll(run), run)
 
     async def _poll(self, run: _Run) -> None:
-        def found(answer: Answer) -> None:
+        def take_answer(answer: Answer) -> None:
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == full_name(run.command)]
             if mine:
-                self._judge(run, mine[-1])
-            is_known = run.accepted or run.heard
-            if not mine or not is_known:
-                run.unknown = True
+                self._handle_report(run, mine[-1])
+            # the end of a run that was neither accepted nor heard of belongs to an earlier run
+            if not mine or not (run.accepted or run.heard):
+                run.outcome_unknown = True
                 run.end(_UNKNOWN())
 
         while not run.ended.done():
             try:
-                await self._link.chassis.wait_ready(_READY_TIMEOUT)  # comes after the snapshot
-                await self._link.ask(Feedbacks(), tap=found)
+                await self._link.wait_ready()
+                await self._link.ask(Feedbacks(), tap=take_answer)
             except LinkError as error:
                 _LOG.debug("reports on %s: %s", run.name, error)
             else:

@@ -17,6 +17,8 @@ from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 
 _LOG = logging.getLogger(__name__)
+_READY_TIMEOUT = 5.0
+"""Maximum time from a snapshot until the link is ready, in seconds."""
 
 
 class Background:
@@ -149,6 +151,14 @@ class RobotLink:
     def ready(self) -> bool:
         """True while requests can be sent."""
         return self.chassis.state is LinkState.READY
+
+    async def wait_ready(self) -> None:
+        """Wait until the link is ready, which it becomes after the snapshot.
+
+        Raises:
+            NotConnectedError: the link is not ready in time.
+        """
+        await self.chassis.wait_ready(_READY_TIMEOUT)
 
     async def ask(self, request: Message, tap: Callable[[Answer], None] | None = None) -> Answer:
         """Send a request that moves nothing, and return the answer; see `ChassisClient.request`."""

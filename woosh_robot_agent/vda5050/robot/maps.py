@@ -17,8 +17,6 @@ from woosh_robot_agent.vda5050.messages.state import Map
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
-_READY_TIMEOUT = 5.0
-"""Maximum time from a snapshot until the link is ready, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ class RobotMaps:
     async def _refresh(self) -> None:
         while True:
             try:
-                await self._link.chassis.wait_ready(_READY_TIMEOUT)  # comes after the snapshot
+                await self._link.wait_ready()
                 await self.read()
                 await self._read_marks(self._scene)
             except LinkError as error:

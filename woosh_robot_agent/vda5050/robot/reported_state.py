@@ -62,7 +62,7 @@ class ReportedState:
         """True if the position has changed since `_status` was computed."""
         self._heard_at = -math.inf
         """Loop time of the last report of a pose."""
-        self._silence: asyncio.TimerHandle | None = None
+        self._silence_timer: asyncio.TimerHandle | None = None
         """Asks a moving robot for its pose if no report comes; None while the robot stands."""
         link.chassis.on_snapshot(lambda info: self._changed())
         link.chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
@@ -123,29 +123,29 @@ class ReportedState:
         self._heard_at = asyncio.get_running_loop().time()
         self._is_moved = True
         self._link.moved()
-        self._expect_report()
+        self._watch_for_silence()
 
     def _changed(self) -> None:
         self._is_current = False
         self._link.changed()
-        self._expect_report()
+        self._watch_for_silence()
 
-    def _expect_report(self) -> None:
-        """Expect the next report of a robot that moves. A standing robot reports no pose."""
-        if self._silence is None and self.is_driving and not self._link.is_closing:
+    def _watch_for_silence(self) -> None:
+        """Start the timer for the next pose if the robot moves; a standing robot reports none."""
+        if self._silence_timer is None and self.is_driving and not self._link.is_closing:
             loop = asyncio.get_running_loop()
             due = max(loop.time(), self._heard_at + REPORT_GAP)
-            self._silence = loop.call_at(due, self._check_silence)
+            self._silence_timer = loop.call_at(due, self._check_silence)
 
     def _check_silence(self) -> None:
         """Ask for the pose if it was not reported: the report of the standstill may be lost."""
-        self._silence = None
+        self._silence_timer = None
         now = asyncio.get_running_loop().time()
         if now >= self._heard_at + REPORT_GAP and self.is_driving and not self._link.is_closing:
-            self._heard_at = now
+            self._heard_at = now  # wait a full period before asking again
             if self._link.ready:
                 self._link.work.start_once(self._ask, self)
-        self._expect_report()
+        self._watch_for_silence()
 
     async def _ask(self) -> None:
         def found(answer: Answer) -> None:

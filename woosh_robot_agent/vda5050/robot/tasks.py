@@ -133,7 +133,7 @@ class RobotTask:
 
     Attributes:
         id: id of the current task; 0 without a task.
-        other: id of the task of another client that the robot executes; 0 without such a task.
+        foreign_id: id of the task of another client that the robot executes; 0 without such a task.
         confirmed: True once the robot has reported on the current task over the current link.
     """
 
@@ -145,7 +145,7 @@ class RobotTask:
         self._on_paused = on_paused
         self.id = 0
         self._last_id = 0
-        self.other = 0
+        self.foreign_id = 0
         self.confirmed = False
         self._controller = self._new_controller()
         link.chassis.subscribe(TaskProc, self._reported)
@@ -196,6 +196,8 @@ class RobotTask:
         self._controller = self._new_controller()
 
     def _new_controller(self) -> Controller:
+        task_id = self.id
+
         async def send(control: Control) -> Answer:
             return await self._link.command(ActionOrder(order=_ORDERS[control]))
 
@@ -203,8 +205,9 @@ class RobotTask:
             if task_id == self.id:
                 self._inquire()
 
-        task_id = self.id
-        return Controller(self._link, f"task {task_id}", send, answered, lambda: not self.other)
+        return Controller(
+            self._link, f"task {task_id}", send, answered, lambda: not self.foreign_id
+        )
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
         try:
@@ -223,24 +226,24 @@ class RobotTask:
     # Reports
 
     def _reported(self, report: TaskProc) -> None:
-        self._note_other(report)
+        self._note_foreign(report)
         if not self.id:
             return
         if report.robot_task_id == self.id:
-            self._judge(report)
+            self._handle_report(report)
         elif self.confirmed:  # the last report on our task was lost
             self._inquire()
 
-    def _note_other(self, report: TaskProc) -> None:
+    def _note_foreign(self, report: TaskProc) -> None:
         """Take note of a task of another client."""
-        is_other = report.state not in _ENDED and report.robot_task_id != self.id
-        other = report.robot_task_id if is_other else 0
-        if other != self.other:
-            self.other = other
+        is_foreign = report.state not in _ENDED and report.robot_task_id != self.id
+        foreign_id = report.robot_task_id if is_foreign else 0
+        if foreign_id != self.foreign_id:
+            self.foreign_id = foreign_id
             self._link.changed()
 
-    def _judge(self, report: TaskProc) -> None:
-        """Take a report on the current task."""
+    def _handle_report(self, report: TaskProc) -> None:
+        """Update the current task from a report."""
         self.confirmed = True
         if report.state in _ENDED:
             reason = _ENDED[report.state]
@@ -253,11 +256,11 @@ class RobotTask:
 
     def _snapshot(self, info: RobotInfo) -> None:
         """Find out the state of the task after a reconnect."""
-        self._note_other(info.task_proc)
+        self._note_foreign(info.task_proc)
         if not self.id:
             return
         if info.task_proc.robot_task_id == self.id:
-            self._judge(info.task_proc)
+            self._handle_report(info.task_proc)
         else:
             self._inquire()
 
@@ -287,13 +290,13 @@ class RobotTask:
     async def _ask_current(self, task_id: int) -> bool:
         """Return True if the robot executes the task."""
 
-        def found(answer: Answer) -> None:
+        def take_answer(answer: Answer) -> None:
             if isinstance(answer.body, TaskProc):
-                self._note_other(answer.body)
+                self._note_foreign(answer.body)
                 if answer.body.robot_task_id == task_id == self.id:
-                    self._judge(answer.body)
+                    self._handle_report(answer.body)
 
-        answer = await self._link.ask(TaskProc(), tap=found)
+        answer = await self._link.ask(TaskProc(), tap=take_answer)
         return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
 
     async def _ask_history(self, task_id: int) -> bool:
@@ -304,12 +307,12 @@ class RobotTask:
             ended = (each for each in reports if each.state in _ENDED)
             return next((each for each in ended if each.robot_task_id == task_id), None)
 
-        def found(answer: Answer) -> None:
+        def take_answer(answer: Answer) -> None:
             report = end_of(answer)
             if report is not None and task_id == self.id:
-                self._judge(report)
+                self._handle_report(report)
 
-        answer = await self._link.ask(TaskHistory(), tap=found)
+        answer = await self._link.ask(TaskHistory(), tap=take_answer)
         return end_of(answer) is not None
 
     def _link_changed(self, state: LinkState) -> None:
