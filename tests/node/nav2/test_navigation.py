@@ -269,7 +269,7 @@ def test_a_pose_that_is_none_is_refused(
     """What runs goes on."""
     stop_time(simulator)
     running = go(client, 5.0)
-    running.feedback.wait(lambda _: True)
+    wait_until(lambda: drives(simulator), "the robot gets the goal")
     target = ahead(1.0)
     for field, value in wrong.items():
         setattr(target.pose.position, field, value)
