@@ -341,18 +341,18 @@ class FollowWaypoints(_Navigation):
 
 
 _POSE_CODES = frozenset((13010100001, 13010100002, 13010100005))
-"""Status codes that say that a pose is occupied or out of reach, without their last digits: robots
-report some codes with another level than the table."""
+"""Status codes for a pose that is occupied or out of reach, without the last digit: that is the
+level, which differs between robots."""
 _POSE_WORDS = ("no free path", "no path", "keep-out area", "too winding to plan")
-"""Parts of texts that say so."""
+"""Parts of a report's text that mean the same."""
 
 
 def _is_about_the_pose(failure: FailedCommand) -> bool:
     """Return True if the report that ended a drive says that the pose cannot be reached.
 
-    Only that report counts. What stops the robot, such as an emergency stop, may be over by the
-    time that the report arrives, e.g. after a loss of the link. If the report leaves a doubt, the
-    robot must not drive on to another pose.
+    Only the report that ended the drive is considered, not the present state of the robot: an
+    emergency stop may be over when the report arrives. In doubt, return False, so that the robot
+    does not drive on to another pose.
     """
     if failure.cause is not Cause.REPORT:
         return False
