@@ -161,7 +161,7 @@ def rejections(info: RobotInfo) -> list[Objection]:
 
 
 def preventions(info: RobotInfo) -> list[Objection]:
-    """Return every reason for which the robot will reject tasks after its present one, too."""
+    """Return every reason for which the robot rejects tasks, except for its present task."""
     doing = busy(info)
     return [each for each in rejections(info) if each not in doing]
 

@@ -96,7 +96,7 @@ class Cause(Enum):
     REPORT = "report"
     """The chassis: it reported the end."""
     LATE_REPORT = "late report"
-    """The chassis: it reported the end first after a loss of the link, some time after it came."""
+    """The chassis: the end was its first report after a loss of the link, and may be older."""
     REFUSAL = "refusal"
     """The chassis: it refused the goal."""
     AGENT = "agent"

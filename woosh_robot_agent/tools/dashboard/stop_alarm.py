@@ -52,6 +52,8 @@ class StopAlarm:
 
     def _look(self) -> None:
         """End the alarm if the robot has been seen to stand still for long enough."""
+        if not self._reason:
+            return
         chassis, now = self._robot.chassis, asyncio.get_running_loop().time()
         pose = part_data.pose_data(self._robot.view.info)
         moves = pose is None or pose["linear"] or pose["angular"]

@@ -13,6 +13,7 @@ from pathlib import Path
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.robot.clock import TOLERANCE
+from woosh_robot_agent.tools.doctor import SurveyError
 from woosh_robot_agent.tools.doctor.checks import (
     CheckFailedError,
     Result,
@@ -30,7 +31,6 @@ from woosh_robot_agent.tools.doctor.checks import (
     own_address,
     request_robot_info,
 )
-from woosh_robot_agent.tools.doctor.errors import SurveyError
 from woosh_robot_agent.tools.doctor.ros_graph import check_subscribers
 from woosh_robot_agent.tools.options import add_link_options, link_config, tool_parser
 

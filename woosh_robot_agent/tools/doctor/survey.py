@@ -37,8 +37,8 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.robot.readiness import is_located
+from woosh_robot_agent.tools.doctor import SurveyError
 from woosh_robot_agent.tools.doctor.checks import HttpAnswer, ask_over_http
-from woosh_robot_agent.tools.doctor.errors import SurveyError
 from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
 from woosh_robot_agent.tools.doctor.observations import Answered, Observations, Seen
 from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, HttpResult, markdown, results
