@@ -249,6 +249,8 @@ class Fake:
         self.frames -= 1
         return '{"type":"woosh.robot.PoseSpeed"}'
 
+    def take_at_once(self, take: Any) -> None: ...
+
     def backlog(self) -> int:
         return 0
 

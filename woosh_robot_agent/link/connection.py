@@ -35,7 +35,7 @@ from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import COUNTED_PUSHES
 from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with_timeout
-from woosh_robot_agent.link.transport import Transport, TransportClosedError
+from woosh_robot_agent.link.transport import TIME_SLICE, Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.sentences import NOT_SENT, Sentence, said_by
@@ -200,9 +200,6 @@ _MAX_SN = 2**31 - 1
 _SMALL_FRAME = 4096
 """Length up to which a frame is sent without the writer, in characters or bytes. Transports with an
 empty buffer take frames of this size at once."""
-_TIME_SLICE = 0.005
-"""Time after which the reader lets other tasks run, in seconds, so that a flood does not starve
-them."""
 
 _MAX_ASIDE = 2
 """Maximum number of large frames that wait to be decoded. Until one is decoded, no further frame is
@@ -330,6 +327,7 @@ class Connection:
         """Tasks that wait for large frames to be decoded or encoded."""
         self._newer: list[set[str]] = []
         """For each large frame that is being decoded, the types of the pushes read after it."""
+        transport.take_at_once(self._take)
         self._tasks = [
             self._loop.create_task(self._guard(work), name=f"link {work.__name__}")
             for work in (self._read, self._write, self._liveness.watch)
@@ -445,15 +443,16 @@ class Connection:
         """Run a part of the connection's work; an error in it ends the whole connection."""
         try:
             await work()
-        except asyncio.CancelledError:
-            raise
         except TransportClosedError as error:
             self._fail(ConnectionLostError(said_by(error)))
         except LinkError as error:
             self._fail(error)
         except Exception as error:
-            _LOG.exception("the link to %s failed", self._transport.peer)
-            self._fail(ConnectionLostError(_INTERNAL(error=repr(error))))
+            self._fail_unexpectedly(error)
+
+    def _fail_unexpectedly(self, error: Exception) -> None:
+        _LOG.exception("the link to %s failed", self._transport.peer)
+        self._fail(ConnectionLostError(_INTERNAL(error=repr(error))))
 
     # Sending
 
@@ -565,9 +564,18 @@ class Connection:
             now = self._loop.time()
             if self._transport.waited:  # other tasks have just had their turn
                 slice_started = now
-            elif now - slice_started > _TIME_SLICE:
+            elif now - slice_started > TIME_SLICE:
                 await asyncio.sleep(0)
                 slice_started = self._loop.time()
+
+    def _take(self, data: bytes, alone: bool) -> None:
+        """Receive a small frame that has just arrived; see `Transport.take_at_once`."""
+        try:
+            self._receive(self._codec.decode(data), alone)
+        except FrameError as error:
+            self._count_bad(error)
+        except Exception as error:
+            self._fail_unexpectedly(error)
 
     def _receive(self, envelope: Envelope, alone: bool) -> None:
         self._stats.rx += 1

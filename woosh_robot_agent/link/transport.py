@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI, WebSocketException
+from websockets.frames import Frame, Opcode
 
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.frames import FrameError
-from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout, wait_then_cancel
+from woosh_robot_agent.link.tasks import (
+    LARGE,
+    cancel_and_wait,
+    run_with_timeout,
+    wait_then_cancel,
+)
 from woosh_robot_agent.sentences import Sentence
 
 _NO_WEBSOCKET = Sentence("link.noWebsocket", "not a WebSocket server: {error}")
@@ -26,6 +33,9 @@ _GOT_TOO_BIG = Sentence(
     "link.gotTooBig", "{text} (a frame is over the limit; raise max_frame_size)"
 )
 _CUT = Sentence("link.cut", "closed in the middle of a frame")()
+TIME_SLICE = 0.005
+"""Time after which the reading of frames lets other tasks run, in seconds, so that a flood does not
+starve them."""
 CHUNK = 256 * 1024
 """Size of the pieces in which large frames are read and written, in bytes."""
 
@@ -86,6 +96,18 @@ class Transport(FrameConnection, Protocol):
     @property
     def waited(self) -> bool:
         """True if the last frame arrived after `recv` was called; False if that is not known."""
+
+    def take_at_once(self, take: Callable[[bytes, bool], None]) -> None:
+        """Pass frames that arrive while `recv` waits to a function instead of returning them.
+
+        This saves a turn of the event loop for each frame. Large and fragmented frames, and what
+        arrives behind them or after `TIME_SLICE`, are still returned by `recv`, in order. So are
+        all frames if the transport cannot do it.
+
+        Args:
+            take: called with a frame, and True if it is the first of those that arrived together;
+                must not raise.
+        """
 
 
 def peer_address(transport: Any) -> str:
@@ -189,6 +211,9 @@ class TcpTransport:
         except OSError as error:
             raise TransportClosedError(str(error) or type(error).__name__) from None
 
+    def take_at_once(self, take: Callable[[bytes, bool], None]) -> None:
+        pass
+
     async def ping(self) -> bool:
         return False
 
@@ -264,6 +289,8 @@ def varint(value: int) -> bytes:
 _PROGRESS = 1024
 """Number of bytes of an unfinished frame that count as a sign of life. Fewer do not count: a frame
 that trickles in must not keep the link alive forever."""
+_MESSAGE_STARTS = (Opcode.TEXT, Opcode.BINARY)
+"""Opcodes of the first frame of a message."""
 _MESSAGE_TOO_BIG = 1009
 """Close code for a frame that is larger than the receiver accepts."""
 
@@ -272,21 +299,21 @@ class WebSocketTransport:
     """A WebSocket that carries text and binary frames; text comes as bytes if the library can.
 
     Args:
-        socket: an open connection of the `websockets` library.
+        socket: an open connection.
     """
 
-    def __init__(self, socket: Any) -> None:
+    def __init__(self, socket: _ClientSocket) -> None:
         self._socket = socket
         self.peer = peer_address(socket.transport)
         self.waited = False
 
     @property
     def progress_at(self) -> float:
-        return getattr(self._socket, "progress_at", 0.0)
+        return self._socket.progress_at
 
     @property
     def received(self) -> int:
-        return getattr(self._socket, "received", 0)
+        return self._socket.received
 
     def backlog(self) -> int:
         return int(self._socket.transport.get_write_buffer_size())
@@ -299,12 +326,19 @@ class WebSocketTransport:
 
     async def recv(self) -> str | bytes:
         before = self.received
+        self._socket.reader_waits = True
         try:
             data: str | bytes = await self._socket.recv(**RAW_TEXT)
         except ConnectionClosed as error:
             raise TransportClosedError(_reason(error)) from None
+        finally:
+            self._socket.reader_waits = False
+        self._socket.queued -= 1
         self.waited = self.received != before
         return data
+
+    def take_at_once(self, take: Callable[[bytes, bool], None]) -> None:
+        self._socket.take = take
 
     async def ping(self) -> bool:
         try:
@@ -361,18 +395,52 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
 
 
 class _ClientSocket(ClientSocket):
-    """A client connection of `websockets` that also counts the received bytes."""
+    """A client connection of `websockets` that counts bytes, and can pass frames on at once.
+
+    Attributes:
+        progress_at: as in `Transport`.
+        received: as in `Transport`.
+        take: as in `Transport.take_at_once`; None if `recv` returns all frames.
+        reader_waits: True while `recv` waits.
+        queued: number of messages that `recv` will return, an unfinished one included.
+    """
 
     progress_at = 0.0
     received = 0
+    take: Callable[[bytes, bool], None] | None = None
+    reader_waits = False
+    queued = 0
     _bytes_since_progress = 0
+    _slice_ends = 0.0
+    """Loop time from which frames of this turn are queued."""
+    _is_first = True
+    """True until a frame of this turn has been passed on."""
 
     def data_received(self, data: bytes) -> None:
+        now = self.loop.time()
         self.received += len(data)
         self._bytes_since_progress += len(data)
         if self._bytes_since_progress >= _PROGRESS:
-            self.progress_at, self._bytes_since_progress = self.loop.time(), 0
+            self.progress_at, self._bytes_since_progress = now, 0
+        self._slice_ends, self._is_first = now + TIME_SLICE, True
         super().data_received(data)
+
+    def process_event(self, event: Any) -> None:
+        """Handle a frame; called by websockets 13 and later."""
+        if isinstance(event, Frame) and event.opcode in _MESSAGE_STARTS:
+            if (
+                self.take is not None
+                and self.reader_waits
+                and not self.queued
+                and event.fin
+                and len(event.data) < LARGE
+                and self.loop.time() < self._slice_ends
+            ):
+                is_first, self._is_first = self._is_first, False
+                self.take(bytes(event.data), is_first)
+                return
+            self.queued += 1
+        super().process_event(event)
 
 
 def _reason(error: ConnectionClosed) -> str:

@@ -1,0 +1,70 @@
+"""Order of frames on a WebSocket, whether they are taken at once or returned by `recv`."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.link.link_peer import aio, config, eventually, serve, soon
+from woosh_robot_agent.link import transport as transport_module
+from woosh_robot_agent.link.tasks import LARGE
+from woosh_robot_agent.link.transport import ClientSocket, open_transport
+
+CAN_TAKE = "websockets.asyncio" in ClientSocket.__module__
+"""True if this release of websockets has what `Transport.take_at_once` needs."""
+
+
+def frames(count: int) -> Iterator[str | list[str]]:
+    """Yield small, fragmented and large frames in random order; each begins with its number."""
+    shuffled = random.Random(7)
+    for number in range(count):
+        text = f"{number} "
+        yield shuffled.choice([text, text, text, [text, "a", "b"], text + "x" * LARGE])
+
+
+@pytest.mark.parametrize("time_slice", [5.0, 0.0])
+@aio
+async def test_frames_keep_their_order_however_they_arrive(
+    time_slice: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(transport_module, "TIME_SLICE", time_slice)
+    count = 300
+    go_on = asyncio.Event()
+
+    async def chassis(socket: Any) -> None:
+        for number, frame in enumerate(frames(count)):
+            await socket.send(frame)
+            if number % 50 == 49:  # the reader empties its queue, and takes frames at once again
+                await soon(go_on.wait())
+                go_on.clear()
+
+    seen: list[int] = []
+    taken: list[tuple[int, bool]] = []
+
+    def note(data: str | bytes) -> int:
+        seen.append(int(data.split()[0]))
+        if len(seen) % 50 == 0:
+            go_on.set()
+        return seen[-1]
+
+    async with serve(chassis, "127.0.0.1", 0, compression=None) as server:
+        port = server.sockets[0].getsockname()[1]
+        transport = await open_transport(config(port))
+        transport.take_at_once(lambda data, is_first: taken.append((note(data), is_first)))
+        reader = asyncio.ensure_future(read(transport, note))
+        await eventually(lambda: len(seen) == count)
+        reader.cancel()
+        await transport.close()
+    assert seen == list(range(count))
+    assert bool(taken) == (CAN_TAKE and time_slice > 0.0)
+    assert len(taken) < count
+    assert all(is_first for number, is_first in taken if number % 50 == 0)
+
+
+async def read(transport: Any, note: Any) -> None:
+    while True:
+        note(await transport.recv())
