@@ -22,7 +22,7 @@ twice as long.
 For that time, messages count as old after a clock was set forward, or from a sender whose clock is
 behind the clocks of the other senders.
 """
-_PERIOD = 0.2
+_PERIOD = 0.25
 """Period of the heartbeat, in seconds."""
 
 

@@ -104,7 +104,7 @@ def on_parameters_set(
 def count_services(node: Any, name: str) -> int:
     """Return the number of servers of a service.
 
-    Humble cannot count them, so each node is asked for its services.
+    Humble cannot count them, so each other node is asked for its services.
 
     Args:
         node: any node.
@@ -112,8 +112,10 @@ def count_services(node: Any, name: str) -> int:
     """
     if hasattr(node, "count_services"):
         return int(node.count_services(name))
-    count = 0
-    for each in node.get_node_names_and_namespaces():
+    others = node.get_node_names_and_namespaces()
+    others.remove((node.get_name(), node.get_namespace()))  # another may have the same name
+    count: int = sum(service.srv_name == name for service in node.services)
+    for each in others:
         try:
             count += name in dict(node.get_service_names_and_types_by_node(*each))
         except NodeNameNonExistentError:  # it has just left the graph

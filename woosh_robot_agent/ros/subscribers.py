@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -16,7 +17,7 @@ from woosh_robot_agent.ros.releases import (
     subscriber_event_handlers,
 )
 
-POLL_PERIOD = 0.2
+POLL_PERIOD = 0.5
 """Period of the checks for subscribers if the middleware reports none, in seconds."""
 _NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
 
@@ -46,6 +47,8 @@ class Subscribers:
         """Set when a subscriber comes or goes."""
         self._present = False
         """Value of `present` when the middleware was last asked."""
+        self._valid_until = 0.0
+        """Monotonic time until which `_present` is valid without events."""
 
     def publisher(self, message_class: Any, name: str, profile: QoSProfile) -> Any:
         """Create a publisher and add it to the set."""
@@ -68,10 +71,12 @@ class Subscribers:
     @property
     def present(self) -> bool:
         """True if there is at least one subscriber."""
-        if self._changed.is_set() or not self._has_events:
+        now = time.monotonic()
+        if self._changed.is_set() or (not self._has_events and now >= self._valid_until):
             # cleared before counting: a subscriber that comes later sets it again
             self._changed.clear()
             self._present = any(each.get_subscription_count() for each in self._publishers)
+            self._valid_until = _next_poll(now)
         return self._present
 
     async def wait(self, present: bool) -> None:
@@ -115,11 +120,14 @@ class Subscribers:
             found.set_result(None)
             return
         loop = found.get_loop()
-        due = (loop.time() // POLL_PERIOD + 1) * POLL_PERIOD
-        loop.call_at(due, self._poll, present, found)
+        loop.call_at(_next_poll(loop.time()), self._poll, present, found)
 
     def _notify(self) -> None:
         self._thread.call(self._changed.set)
+
+
+def _next_poll(now: float) -> float:
+    return (now // POLL_PERIOD + 1) * POLL_PERIOD
 
 
 class _Repetition:
