@@ -186,9 +186,10 @@ def test_report_belongs_to_the_right_goal(case: Case) -> None:
     attribution = Attribution(case.predecessors, case.inherited)
     heard = False
     for phase, outcome, mine, *wanted in case.reports:
-        assert attribution.is_mine(outcome, phase, bool(wanted)) is mine, (phase, outcome)  # type: ignore[arg-type]
+        found = attribution.attribute(outcome, phase, cancel_requested=bool(wanted))  # type: ignore[arg-type]
+        assert found is mine, (phase, outcome)
         heard = heard or bool(mine)
-        assert attribution.heard is heard
+        assert attribution.has_report is heard
 
 
 NEWS, NO_NEWS = True, False
@@ -221,14 +222,14 @@ def test_poll_is_news_unless_it_may_repeat_an_earlier_end(
 ) -> None:
     attribution = Attribution(repeats_ends=True, previous=previous)
     for phase, report, outcome, news in polls:
-        assert attribution.is_news(report, outcome, phase) is news, (phase, report)
+        assert attribution.admit_polled(report, outcome, phase) is news, (phase, report)
 
 
 def test_everything_is_news_after_a_report_on_the_goal() -> None:
     attribution = Attribution(repeats_ends=True, previous=BEFORE)
-    assert attribution.is_mine(PROGRESS, RUNNING, False)
-    assert attribution.is_news(BEFORE, SUCCEEDED, RUNNING)
+    assert attribution.attribute(PROGRESS, RUNNING, cancel_requested=False)
+    assert attribution.admit_polled(BEFORE, SUCCEEDED, RUNNING)
 
 
 def test_everything_is_news_if_the_chassis_does_not_repeat_ends() -> None:
-    assert Attribution().is_news(ANOTHER, SUCCEEDED, UNCONFIRMED)
+    assert Attribution().admit_polled(ANOTHER, SUCCEEDED, UNCONFIRMED)

@@ -258,9 +258,9 @@ def test_goal_is_in_doubt_until_a_report(method: str, arguments: list[str], in_d
     """A goal in doubt is polled more often."""
     give_up = GiveUp(TIMING, lambda: 0.0)
     getattr(give_up, method)(*arguments)
-    assert give_up.in_doubt is in_doubt
+    assert give_up.is_state_unknown is in_doubt
     give_up.report()
-    assert give_up.in_doubt is (method == "link_lost")
+    assert give_up.is_state_unknown is (method == "link_lost")
 
 
 def test_cancel_timeout_has_a_lower_bound() -> None:
