@@ -74,15 +74,15 @@ class Subscribers:
             self._present = any(each.get_subscription_count() for each in self._publishers)
         return self._present
 
-    async def wait(self, present: bool) -> None:
-        """Wait until there is at least one subscriber, or none."""
+    async def wait(self, *, present: bool) -> None:
+        """Wait until there is at least one subscriber, or until there is none."""
         while self.present != present:
             if self._has_events:
                 await self._changed.wait()
             else:
-                found = asyncio.get_running_loop().create_future()
-                self._poll(present, found)
-                await found
+                reached = asyncio.get_running_loop().create_future()
+                self._poll(present, reached)
+                await reached
 
     async def repeat(
         self, rate: Callable[[], float], work: Callable[[float], Coroutine[Any, Any, None]]
@@ -97,26 +97,26 @@ class Subscribers:
             work: called with the loop time. Its exceptions end the repetition.
         """
         while True:
-            await self.wait(True)
+            await self.wait(present=True)
             repetition = _Repetition(self, rate, work)
             try:
                 await repetition.ended
             finally:
                 repetition.cancel()
 
-    def _poll(self, present: bool, found: asyncio.Future[None]) -> None:
-        """Set a future as soon as the subscribers are as awaited.
+    def _poll(self, present: bool, reached: asyncio.Future[None]) -> None:
+        """Set `reached` as soon as `self.present` is `present`; check it every `POLL_PERIOD`.
 
         Checks are made at multiples of the period, so those of all sets wake the loop only once.
         """
-        if found.done():  # cancelled
+        if reached.done():  # cancelled
             return
         if self.present == present:
-            found.set_result(None)
+            reached.set_result(None)
             return
-        loop = found.get_loop()
+        loop = reached.get_loop()
         due = (loop.time() // POLL_PERIOD + 1) * POLL_PERIOD
-        loop.call_at(due, self._poll, present, found)
+        loop.call_at(due, self._poll, present, reached)
 
     def _notify(self) -> None:
         self._thread.call(self._changed.set)

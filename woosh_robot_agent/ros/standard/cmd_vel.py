@@ -28,7 +28,7 @@ class Stop(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._service = context.service("stop", self._stop_requested, urgent=True)
+        context.service("stop", self._stop_requested, urgent=True)
 
     def _stop_requested(self, _request: Any, reply: Reply) -> None:
         self._context.robot.gate.announce_stop()

@@ -184,13 +184,15 @@ def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
             yield from ((f"{descriptor.name} {i}", each) for i, each in enumerate(value, start=1))
 
 
-def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, float]) -> Status:
+def link_status(
+    chassis: ChassisClient, superseded: int, longest_turns: tuple[float, float]
+) -> Status:
     """Return the status of the link: its state, and counters of traffic and losses.
 
     Args:
         chassis: the link.
         superseded: number of velocities that were not sent because they were out of date.
-        held: longest turns of the link thread, as `LoopThread.held`.
+        longest_turns: longest turns of the link thread, as `LoopThread.longest_turns`.
     """
     stats, status = chassis.stats, Status("link")
     if chassis.state is not LinkState.READY:
@@ -200,6 +202,7 @@ def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, floa
     if observes_only:
         status.tell(OK, "observes only: commands are refused")
     round_trip = "unknown" if stats.round_trip is None else f"{stats.round_trip * 1000:.1f} ms"
+    lately, ever = (f"{seconds * 1000:.1f} ms" for seconds in longest_turns)
     status.values = {
         "state": chassis.state.value,
         "address": chassis.config.address,
@@ -213,7 +216,7 @@ def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, floa
         "drops": sum(stats.dropped_pushes.values()),
         "refused requests": sum(stats.refused_requests.values()),
         "superseded velocities": superseded,
-        "link thread held": f"{held[0] * 1000:.1f} ms, {held[1] * 1000:.1f} ms since the start",
+        "link thread held": f"{lately}, {ever} since the start",
         "timeouts": sum(stats.timeouts.values()),
         "late answers": stats.late_answers,
     }
@@ -262,7 +265,7 @@ class Diagnostics(Part):
         chassis = self._context.robot.chassis
         info = self._context.robot.last_known.value(RobotInfo)
         robot = self._context.robot
-        statuses = [link_status(chassis, robot.gate.superseded, robot.thread.held)]
+        statuses = [link_status(chassis, robot.gate.superseded, robot.thread.longest_turns)]
         serial = ""
         if info is not None:
             serial = str(info.robot_id or info.genral.serial_number)

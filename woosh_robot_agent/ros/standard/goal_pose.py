@@ -90,7 +90,7 @@ class GoalPose(Part):
         """Cancel requests that wait until the action server has accepted the newest goal."""
         self._clock = SenderClock()
         context.subscribe("goal_pose", self._received, in_executor=True, with_info=True)
-        self._service = context.service("cancel", self._cancel_requested)
+        context.service("cancel", self._cancel_requested)
 
     def close(self) -> None:
         self._client.destroy()  # `Node.destroy_node` leaves it, and the node stays in the graph
