@@ -154,7 +154,7 @@ def test_prediction(case: Case) -> None:
     prediction = Prediction()
     for time, pose, velocity in case.reports:
         prediction.report(pose, velocity, time)
-    assert prediction.valid(case.time) is case.valid
+    assert prediction.can_predict(case.time) is case.valid
     pose, velocity = prediction.predict(case.time)
     assert_near(pose, case.pose)
     assert velocity.forward == pytest.approx(case.velocity.forward)
@@ -252,7 +252,7 @@ def predict_until(prediction: Prediction, begin: float, end: float) -> list[Pose
     """Return the poses of the messages between two times; there is none while they pause."""
     steps = range(math.ceil(begin / PUBLISHED - 1e-9), round(end / PUBLISHED) + 1)
     times = [PUBLISHED * step for step in steps]
-    return [prediction.predict(time)[0] for time in times if prediction.valid(time)]
+    return [prediction.predict(time)[0] for time in times if prediction.can_predict(time)]
 
 
 @pytest.mark.parametrize("late", [0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 1.0])
@@ -303,7 +303,7 @@ def test_a_silent_robot_stands_at_the_last_reported_pose() -> None:
     poses = [prediction.predict(HORIZON)[0]]
     prediction.stand()
     for step in range(5):
-        assert prediction.valid(1.0 + PUBLISHED * step)
+        assert prediction.can_predict(1.0 + PUBLISHED * step)
         pose, velocity = prediction.predict(1.0 + PUBLISHED * step)
         assert velocity == STANDSTILL
         poses.append(pose)
@@ -319,7 +319,7 @@ RESIDUAL = [Velocity(0.001), Velocity(0.0, 0.0, -1e-7), Velocity(-0.004, 0.0, 0.
 def test_a_robot_with_a_residual_speed_stands(residual: Velocity) -> None:
     prediction = Prediction()
     prediction.report(Pose2D(1.0), residual, 0.0)
-    assert prediction.valid(1e6)
+    assert prediction.can_predict(1e6)
     assert_near(prediction.predict(0.9)[0], Pose2D(1.0))
     prediction.stand()
     assert prediction.predict(1.0) == (Pose2D(1.0), STANDSTILL)

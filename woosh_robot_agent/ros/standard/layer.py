@@ -83,6 +83,6 @@ async def _keep_running(part: Part) -> None:
 
 def _parts(context: PartContext) -> Iterator[Part]:
     settings = context.settings()
-    for create, parts in PARTS:
-        if any(map(settings.enables, parts)):
+    for create, names in PARTS:
+        if any(map(settings.enables, names)):
             yield create(context)
