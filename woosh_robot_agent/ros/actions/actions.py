@@ -42,7 +42,7 @@ _MAX_REPORTS = 100
 
 
 class AgentGoal:
-    """A goal that the agent itself has started, e.g. for goal_pose. Use it in the link thread.
+    """A goal that the agent itself has started, e.g. for a goal of Nav2. Use it in the link thread.
 
     Args:
         on_report: called with each report of the chassis on the goal.
