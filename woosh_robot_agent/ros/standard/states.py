@@ -6,7 +6,6 @@ import logging
 import math
 import struct
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Point32, PolygonStamped
@@ -192,13 +191,19 @@ class _State(Part):
         self._publisher.publish(message)
 
 
-battery_part = partial(
-    _State, name="battery_state", cls=Battery, convert=battery_state, rate=_BATTERY_RATE
-)
-plan_part = partial(_State, name="plan", cls=NavPath, convert=plan)
-footprint_part = partial(
-    _State, name="footprint", cls=Model, convert=footprint, rate=_FOOTPRINT_RATE
-)
+def battery_part(context: PartContext) -> _State:
+    """Return the part that publishes battery_state."""
+    return _State(context, "battery_state", Battery, battery_state, rate=_BATTERY_RATE)
+
+
+def plan_part(context: PartContext) -> _State:
+    """Return the part that publishes plan."""
+    return _State(context, "plan", NavPath, plan)
+
+
+def footprint_part(context: PartContext) -> _State:
+    """Return the part that publishes footprint."""
+    return _State(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
 
 
 class Connected(Part):
