@@ -174,19 +174,21 @@ class WaitSet:
         self._waitables: list[Watched] = []
         for each in watched:
             (self._waitables if each.kind is Kind.WAITABLE else entities).append(each)
+        # in the order of the arguments of rclpy's WaitSet
         counts = dict.fromkeys(
             ("subscription", "guard_condition", "timer", "client", "service", "event"), 0
         )
         for each in entities:
             counts[each.kind.name.lower()] += 1
         self._kinds = [name for name, count in counts.items() if count]
+        """Kinds of the entities, other than waitables, by rclpy's names."""
         counts["guard_condition"] += len(guards)
         for each in self._waitables:
             parts = each.entity.get_num_entities()
             for name in counts:
                 counts[name] += getattr(parts, f"num_{name}s")
         self._wait_set = rclpy_private.WaitSet(*counts.values(), context.handle)
-        self._handles = [
+        self._handles = [  # each with the function that adds it to the wait set
             (each.entity.handle, getattr(self._wait_set, f"add_{each.kind.name.lower()}"))
             for each in entities
         ]

@@ -202,13 +202,6 @@ class Executor:
         """
         self._spin_once(timeout_sec, lambda: False)
 
-    def spin_once_until_future_complete(
-        self, future: Any, timeout_sec: float | None = None
-    ) -> None:
-        """Wait for a callback and run it, as `spin_once`; return when a future is done before."""
-        future.add_done_callback(lambda _: self._interrupt())
-        self._spin_once(timeout_sec, lambda: _is_done(future))
-
     def spin_until_future_complete(self, future: Any, timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done, or for `timeout_sec` seconds."""
         future.add_done_callback(lambda _: self._interrupt())
@@ -326,10 +319,7 @@ class Executor:
                 if each.may_hold_several and time.monotonic() < self._turn_ends:
                     self._queue.append(each)
                 return True
-        return self._resume_tasks()
-
-    def _resume_tasks(self) -> bool:
-        """Resume each suspended task once, until one of them ends; return False if none does."""
+        # resume each suspended task once, until one of them ends
         return any(self._run_task(self._suspended.popleft()) for _ in range(len(self._suspended)))
 
     def _run_task(self, task: Any) -> bool:

@@ -76,17 +76,15 @@ class RosLogHandler(logging.Handler):
                 text += "\n" + _FORMATTER.formatException(record.exc_info)
             logger = _NODE_LOGGER.get() or get_logger(_PACKAGE)
             place = record.funcName or "", record.pathname, record.lineno
-            severity = _severity(record.levelno)
+            severity = next(
+                (ros for lowest, ros in _SEVERITIES if record.levelno >= lowest),
+                LoggingSeverity.DEBUG,
+            )
             if severity is LoggingSeverity.WARN and logger.name in _CLOSING:
                 severity = LoggingSeverity.INFO
             rclpy_private.log(logger.name, severity, text, *place)
         except Exception:
             self.handleError(record)
-
-
-def _severity(level: int) -> LoggingSeverity:
-    """Return the ROS severity of a level of `logging`."""
-    return next((s for least, s in _SEVERITIES if level >= least), LoggingSeverity.DEBUG)
 
 
 _HANDLER = RosLogHandler()

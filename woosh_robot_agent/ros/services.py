@@ -47,7 +47,7 @@ def create_services(
 
     Args:
         robot: the objects of the robot.
-        velocities: is told of each call that commands a velocity.
+        velocities: gets each call that commands a velocity.
         limits: returns the limits of velocities.
     """
     for query in QUERIES:

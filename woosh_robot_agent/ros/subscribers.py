@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -54,7 +55,9 @@ class Subscribers:
         # once, and subscribers sometimes do not discover that one.
         publisher = create_publisher(self._node, message_class, name, profile)
         try:
-            handlers = subscriber_event_handlers(self._node, publisher, self._notify)
+            handlers = subscriber_event_handlers(
+                self._node, publisher, partial(self._thread.call, self._changed.set)
+            )
         except UnsupportedEventTypeError:
             self._has_events = False
         else:
@@ -117,9 +120,6 @@ class Subscribers:
         loop = reached.get_loop()
         due = (loop.time() // POLL_PERIOD + 1) * POLL_PERIOD
         loop.call_at(due, self._poll, present, reached)
-
-    def _notify(self) -> None:
-        self._thread.call(self._changed.set)
 
 
 class _Repetition:

@@ -133,7 +133,6 @@ class Actions:
         link_timeout: Callable[[], float],
         result_timeout: int,
     ) -> None:
-        self._link_timeout = link_timeout
         self._open_goals: defaultdict[str, OpenGoals] = defaultdict(OpenGoals)
         """The open goals of each member of CallAction; all tasks have the key ""."""
         self._runs: dict[asyncio.Task[None], GoalRun] = {}
@@ -159,7 +158,7 @@ class Actions:
                 chassis=robot.chassis,
                 gate=robot.gate,
                 open_goals=self._open_goals[action.member],
-                timing=self._current_timing,
+                timing=lambda: replace(self.timing, link_timeout=link_timeout()),
                 to_proto=partial(robot.requests.make, command),
                 empty=robot.requests.empty,
                 explain=explain,
@@ -247,9 +246,6 @@ class Actions:
     def accepted_goals(self) -> list[str]:
         """Names of the goals that the chassis has accepted; in the link thread."""
         return [name for each in self._open_goals.values() for name in each.accepted_names]
-
-    def _current_timing(self) -> GoalTiming:
-        return replace(self.timing, link_timeout=self._link_timeout())
 
     def _start_for_ros_client(
         self, action: _Action, make_client: Callable[[Goal], _RosClient], goal: Goal

@@ -203,11 +203,11 @@ class Attribution:
             cancel_requested: True if the client of this goal asked to cancel it.
         """
         if outcome is None:
-            mine = self._attribute_progress(phase)
+            is_own = self._attribute_progress(phase)
         else:
-            mine = self._attribute_end(outcome, phase, cancel_requested)
-        self.has_report |= mine
-        return mine
+            is_own = self._attribute_end(outcome, phase, cancel_requested)
+        self.has_report |= is_own
+        return is_own
 
     def admit_polled(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
         """Return True if a report in a poll's answer is to be passed to `attribute`.
@@ -248,7 +248,7 @@ class Attribution:
             return True
         if phase.accepted and phase.answered:
             return outcome not in inherited
-        # an end before the answer belongs to an earlier goal, if any; a poll will tell
+        # an end before the answer belongs to an earlier goal, if any; polls find the own end later
         return not inherited
 
 

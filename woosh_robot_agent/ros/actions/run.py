@@ -414,7 +414,7 @@ class GoalRun:
     # Tasks
 
     async def _send_start(self, message: Message) -> None:
-        try:  # the tap delivers the answer in order with the reports
+        try:  # `tap` gets the answer in order with the reports
             await self._context.gate.request(
                 message,
                 tap=lambda answer: self.post(StartAnswered(answer)),

@@ -197,10 +197,10 @@ class Frames:
     def _look_up(self, frame: str) -> Transform | str:
         """Return the pose of a frame in the map, or the reason why there is none."""
         try:
-            above = dict(self._climb(frame))
+            above = dict(self._climb(frame))  # poses of `frame` in the frames above it
             for own, find_pose in self._own.items():
                 for ancestor, own_pose in self._climb(own):
-                    if ancestor in above:
+                    if ancestor in above:  # this frame connects `frame` with `own`
                         pose = find_pose()
                         if pose is None:
                             return _UNKNOWN_POSE.format(own)

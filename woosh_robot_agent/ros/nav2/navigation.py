@@ -413,11 +413,11 @@ class SpeedLimit:
         if not 0.0 <= value < math.inf:
             self._log.warn("value", f"speed_limit is ignored, because it is {value:g}")
             return
-        most = self._context.settings().velocity_limits.max_linear
+        max_linear = self._context.settings().velocity_limits.max_linear
         if message.percentage:
-            limit = value / 100.0 * most if value < 100.0 else math.inf
+            limit = value / 100.0 * max_linear if value < 100.0 else math.inf
         else:
-            limit = value if value < max(most, _HIGHEST_SPEED) else math.inf
+            limit = value if value < max(max_linear, _HIGHEST_SPEED) else math.inf
         if value and not limit:
             text = "speed_limit is ignored: it is a percentage of cmd_vel_max_linear, which is 0"
             self._log.warn("value", text)

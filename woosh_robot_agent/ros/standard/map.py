@@ -58,7 +58,7 @@ class GrowingMap:
         self._received = -math.inf
         """Loop time of the latest report; -inf while the robot makes no map."""
         chassis.on_snapshot(self._snapshot)
-        chassis.subscribe(RobotState, self._state_pushed)
+        chassis.subscribe(RobotState, lambda push: self._set_state(push.state))
 
     @property
     def active(self) -> bool:
@@ -83,9 +83,6 @@ class GrowingMap:
     def _snapshot(self, info: RobotInfo) -> None:
         self._body = None  # a report from before the link was lost is outdated
         self._set_state(info.state)
-
-    def _state_pushed(self, push: RobotState) -> None:
-        self._set_state(push.state)
 
     def _set_state(self, state: robot.State) -> None:
         self._state = state

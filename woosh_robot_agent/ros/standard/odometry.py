@@ -201,7 +201,7 @@ class Prediction:
             pose = self._unblended(time)
             self._error = _difference(self._reachable(pose, pause), pose)
             self._error_time = time
-        else:  # nobody has seen the last pose for long
+        else:  # after so long a pause, a jump is not noticed
             self._error_time = -math.inf
 
     def _reachable(self, pose: Pose2D, seconds: float) -> Pose2D:
@@ -368,6 +368,7 @@ class Odometry:
             self.time = self._report_time.first(received)
             self.map_to_odom = reported * self.pose.inverse
         elif map_id != self._map_id or self._jumped(moved, arc, after, interval, received):
+            # the robot has driven on at the reported speeds; the rest of the movement is a jump
             self.time = self._report_time.first(received)
             mean_forward, mean_turn = (before.forward + forward) / 2, (before.turn + turn) / 2
             self.pose *= Pose2D.from_arc(mean_forward * interval, 0.0, mean_turn * interval)

@@ -136,22 +136,19 @@ class Scan(Part):
         tf_static.publish(message)
 
 
-def apply_rep_117(ranges: array.array[float], least: float, most: float) -> array.array[float]:
+def apply_rep_117(
+    ranges: array.array[float], range_min: float, range_max: float
+) -> array.array[float]:
     """Change ranges in metres in place as REP 117 requires, and return them.
 
-    A range above `most` becomes +inf, and so does 0, which some lasers report if nothing reflects.
-    A range below `least` becomes -inf. NaN stays NaN.
-
-    Args:
-        ranges: array of typecode `f`.
-        least: minimum range of the laser, in metres.
-        most: maximum range of the laser, in metres.
+    A range above `range_max` becomes +inf, and so does 0, which some lasers report if nothing
+    reflects. A range below `range_min` becomes -inf. NaN stays NaN.
     """
     view = np.asarray(ranges)  # shares the memory of the array
-    far = (view > most) | (view == 0.0)  # NaN fails all comparisons
+    far = (view > range_max) | (view == 0.0)  # NaN fails all comparisons
     if far.any():
         view[far] = np.inf
-    near = view < least
+    near = view < range_min
     if near.any():
         view[near] = -np.inf
     return ranges
