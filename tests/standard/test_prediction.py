@@ -174,7 +174,7 @@ def test_a_report_that_confirms_the_prediction_changes_nothing() -> None:
         time = 0.05 * step
         if step % 4 == 0:
             prediction.report(on_circle(time), ROUND, time)
-        assert_near(prediction.predict(time)[0], Pose2D(*_tuple(on_circle(time))))
+        assert_near(prediction.predict(time)[0], on_circle(time))
 
 
 def test_reports_that_confirm_a_deceleration_change_nothing() -> None:
@@ -189,10 +189,6 @@ def test_reports_that_confirm_a_deceleration_change_nothing() -> None:
             pose, velocity = prediction.predict(time + later)
             assert pose.x == pytest.approx((0.25 - speed * speed) / 2)
             assert velocity.forward == pytest.approx(speed)
-
-
-def _tuple(pose: Pose2D) -> tuple[float, float, float]:
-    return pose.x, pose.y, math.remainder(pose.theta, math.tau)
 
 
 def test_the_error_of_a_prediction_disappears_within_the_blend() -> None:

@@ -105,15 +105,23 @@ def test_feedback_falls_while_the_robot_drives(client: Client, simulator: Simula
     assert {each.number_of_recoveries for each in feedback} == {0}
 
 
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("navigate_to_pose", {"pose": ahead(5.0)}),
+        ("follow_waypoints", {"poses": [ahead(5.0), ahead(1.0)]}),
+    ],
+)
 def test_a_cancel_ends_cancelled_and_the_robot_stands(
-    client: Client, simulator: SimulatorThread
+    client: Client, simulator: SimulatorThread, name: str, fields: dict[str, Any]
 ) -> None:
-    goal = driving(client, simulator)
+    goal = driving(client, simulator, name, **fields)
     assert goal.cancel().goals_canceling
     status, result = goal.result()
     assert (status, getattr(result, "error_code", 0)) == (CANCELED, 0)
     assert stands(simulator)
     assert distance_to(simulator, 5.0) > 3.0
+    assert drives(simulator) == [action_pb2.kExecute, action_pb2.kCancel]
 
 
 def test_a_new_goal_replaces_the_running_one_without_a_stop(
@@ -437,14 +445,6 @@ def test_a_pose_that_means_no_place_moves_nothing(
         assert "has no frame" in goal.refusal(logs)
         assert not drives(simulator)
     assert stands(simulator)
-
-
-def test_waypoints_are_cancelled(client: Client, simulator: SimulatorThread) -> None:
-    goal = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
-    goal.cancel()
-    assert goal.result()[0] == CANCELED
-    assert stands(simulator)
-    assert drives(simulator) == [action_pb2.kExecute, action_pb2.kCancel]
 
 
 def test_the_service_stop_ends_waypoints(client: Client, simulator: SimulatorThread) -> None:
