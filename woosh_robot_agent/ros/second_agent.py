@@ -32,7 +32,6 @@ class SecondAgent:
     """Looks for other nodes that offer the same topics and services as this agent.
 
     Args:
-        node: the agent's node.
         period: period of the checks of the ROS graph, in seconds.
 
     Attributes:

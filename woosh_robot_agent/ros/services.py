@@ -46,7 +46,6 @@ def create_services(
     """Create the services; the node owns them.
 
     Args:
-        robot: the objects of the robot.
         velocities: gets each call that commands a velocity.
         limits: returns the limits of velocities.
     """

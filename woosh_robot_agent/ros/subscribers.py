@@ -32,10 +32,6 @@ class Subscribers:
 
     The middleware reports each subscriber that comes or goes by an event. Humble and some
     middleware have no such events; there, the subscribers are counted every `POLL_PERIOD`.
-
-    Args:
-        node: owner of the publishers.
-        thread: the link thread.
     """
 
     def __init__(self, node: Any, thread: LinkThread) -> None:
@@ -129,7 +125,6 @@ class _Repetition:
     the event loop.
 
     Args:
-        subscribers: the subscribers.
         rate: as in `Subscribers.repeat`.
         work: as in `Subscribers.repeat`.
 

@@ -26,11 +26,6 @@ class Topics:
 
     Each topic gets its first value from RobotInfo, then each push once, in order. A topic that is
     published on demand only gets pushes.
-
-    Args:
-        node: the agent's node.
-        thread: the link thread.
-        chassis: the link; used in its event loop only.
     """
 
     def __init__(self, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:

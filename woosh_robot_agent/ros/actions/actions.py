@@ -79,28 +79,27 @@ class AgentGoal:
 
 
 class _RosClient:
-    """The client of a goal of an action server: converts reports to the messages of the action.
+    """The client of a goal of an action server: wraps reports in the messages of the action.
 
     Args:
-        feedback: converts a report to the action's feedback.
-        result: converts the last report to the action's result.
-        goal: the goal in the action server.
+        action_class: ROS class of the action.
+        convert: converts reports to the type of the fields `fb` and `ret`.
     """
 
-    def __init__(
-        self, feedback: Callable[[Message], Any], result: Callable[[Message], Any], goal: Goal
-    ) -> None:
+    def __init__(self, action_class: Any, convert: Converter, goal: Goal) -> None:
         self.published = goal.published
         self.on_cancel = goal.on_cancel
-        self._feedback = feedback
-        self._result = result
+        self._action_class = action_class
+        self._convert = convert
         self._goal = goal
 
     def feedback(self, report: Message) -> None:
-        self._goal.feedback(self._feedback(report))
+        feedback = filled(self._action_class.Feedback, fb=self._convert.to_ros(report))
+        self._goal.feedback(feedback)
 
     def finish(self, end: End) -> None:
-        self._goal.finish(end.outcome, self._result(end.result))
+        result = filled(self._action_class.Result, ret=self._convert.to_ros(end.result))
+        self._goal.finish(end.outcome, result)
 
 
 @dataclass(frozen=True)
@@ -186,11 +185,7 @@ class Actions:
             start = partial(
                 self._start_for_ros_client,
                 _Action(make_kind, context),
-                partial(
-                    _RosClient,
-                    partial(_wrapped, action_class.Feedback, "fb", report),
-                    partial(_wrapped, action_class.Result, "ret", report),
-                ),
+                partial(_RosClient, action_class, report),
             )
             self.servers.append(
                 GoalServer(
@@ -281,11 +276,6 @@ class Actions:
     def _post(self, event: Event) -> None:
         for open_goals in self._open_goals.values():
             open_goals.post(event)
-
-
-def _wrapped(ros_class: Any, field: str, convert: Converter, report: Message) -> Any:
-    """Return a ROS message whose only field is the converted report."""
-    return filled(ros_class, **{field: convert.to_ros(report)})
 
 
 def _field_class(part: Any, name: str) -> Any:

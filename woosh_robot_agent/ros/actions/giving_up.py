@@ -96,7 +96,6 @@ class GiveUp:
       not count while a deadline is set.
 
     Args:
-        timing: the timeouts.
         clock: returns the time in seconds.
     """
 

@@ -216,7 +216,6 @@ class Attribution:
         report: after the start is accepted, the same end is rejected only once.
 
         Args:
-            report: the report.
             outcome: reported outcome; None if the goal is still running.
             phase: phase of this goal.
         """

@@ -92,7 +92,6 @@ class GoalRun:
     Args:
         client: gets the reports and the end.
         kind: behaviour of this kind of goal.
-        context: objects shared by all goals of the action.
     """
 
     def __init__(self, client: GoalClient, kind: GoalKind, context: GoalContext) -> None:

@@ -40,7 +40,6 @@ async def poll_tasks(
     """Request the current task, and also the ended tasks if the current one is not of the goal.
 
     Args:
-        context: objects shared by all tasks.
         on_result: called once with the result, in order with the pushes.
         read_current: reads the report on the current task; returns None if the task is not of the
             goal. It may be called twice.
@@ -86,7 +85,6 @@ class TaskSetGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: objects shared by all tasks.
         last_known: last values that the chassis reported.
     """
 
@@ -191,7 +189,6 @@ class TaskGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: objects shared by all tasks.
         unused_ids: yields an id for a task that has none.
         last_known: last values that the chassis reported.
         last_reports: last report on each of the latest tasks, by task id. The last known TaskProc

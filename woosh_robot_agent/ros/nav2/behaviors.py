@@ -40,11 +40,7 @@ def _limit_time(goal: Nav2Goal) -> None:
 
 
 class _Travelled:
-    """Distance and angle that the robot has travelled since this object was created.
-
-    Args:
-        robot_pose: the robot's pose.
-    """
+    """Distance and angle that the robot has travelled since this object was created."""
 
     def __init__(self, robot_pose: RobotPose) -> None:
         self._robot_pose = robot_pose
@@ -77,7 +73,6 @@ class _Behavior(Nav2Action):
         """Let the chassis make a step.
 
         Args:
-            goal: the goal.
             tick: called ten times a second, to publish feedback.
             mode: mode of the step, a `StepControl.Step.Mode`.
             value: length of the step, in metres or radians.

@@ -152,11 +152,6 @@ def _nothing() -> None:
 class Nav2Goal:
     """A running goal of a Nav2 action. Use it in the link thread.
 
-    Args:
-        goal: the goal in the action server.
-        action_type: ROS type of the action.
-        context: the context that the actions share.
-
     Attributes:
         request: the goal as the client gave it.
         objection: why it cannot be executed; otherwise empty.
@@ -302,7 +297,6 @@ class Nav2Goal:
         """Wait until a future is done.
 
         Args:
-            future: the future.
             tick: called ten times a second, to publish feedback.
 
         Raises:
@@ -425,7 +419,6 @@ class Nav2Action(ABC):
     """One of Nav2's actions. Its goals run in the link thread.
 
     Args:
-        context: the context that the actions share.
         result_timeout: time for which results are kept, in seconds.
 
     Attributes:

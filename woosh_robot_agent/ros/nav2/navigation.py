@@ -78,7 +78,6 @@ class Progress:
     The distance is measured along the path that the robot reports.
 
     Args:
-        context: the context that the actions share.
         stops: the poses to pass, the last one being the goal.
     """
 
@@ -276,7 +275,6 @@ def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> l
     """Return the states of the poses of a goal as WaypointStatus, which exists since Kilted.
 
     Args:
-        poses: the poses.
         passed: number of poses that the robot has passed.
         failure: why the robot does not reach the other poses; empty while it may reach them.
     """
@@ -385,7 +383,6 @@ class SpeedLimit:
     aborted.
 
     Args:
-        context: the context of the standard layer.
         driving: the goal that moves the robot.
     """
 

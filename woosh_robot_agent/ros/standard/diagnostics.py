@@ -187,7 +187,6 @@ def link_status(
     """Return the status of the link: its state, and counters of traffic and losses.
 
     Args:
-        chassis: the link.
         superseded: number of velocities that were not sent because they were out of date.
         longest_turns: longest turns of the link thread, as `LoopThread.longest_turns`.
     """

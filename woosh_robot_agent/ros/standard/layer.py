@@ -44,11 +44,7 @@ PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
 
 
 class StandardLayer:
-    """The enabled parts of the standard layer.
-
-    Args:
-        context: the context that the parts share.
-    """
+    """The enabled parts of the standard layer."""
 
     def __init__(self, context: PartContext) -> None:
         self._context = context

@@ -63,7 +63,6 @@ class PartContext:
         """Return a publisher for a topic in `endpoints.STANDARD`; the link thread may use it.
 
         Args:
-            name: name of the topic.
             subscribers: creates the publisher, and counts its subscribers too, so that work can
                 stop while there are none.
         """
@@ -90,7 +89,6 @@ class PartContext:
         """Subscribe to a topic in `endpoints.STANDARD`.
 
         Args:
-            name: name of the topic.
             callback: called with each message in the link thread; must not block.
             type_name: ROS type of the topic, if it differs from `endpoints.STANDARD`.
             in_executor: call `callback` in the executor thread instead.

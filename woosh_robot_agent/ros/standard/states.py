@@ -103,8 +103,6 @@ class _State(Part):
     A value that the ROS message cannot hold is skipped and counted.
 
     Args:
-        context: the context that the parts share.
-        name: name of the topic.
         cls: protobuf class of the value.
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
             if that is not possible. A large push is converted in another thread.
