@@ -83,7 +83,7 @@ class CallActionGoal:
         self.attribution = Attribution(
             predecessors,
             # another program's action may still report its cancel
-            inherited=Outcome if predecessors else (Outcome.CANCELED,),
+            inherited=tuple(Outcome) if predecessors else (Outcome.CANCELED,),
             repeats_ends=True,
             previous=previous,
         )

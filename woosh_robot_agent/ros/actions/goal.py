@@ -229,6 +229,7 @@ class Attribution:
         return previous is not None and report != previous
 
     def _attribute_progress(self, phase: Phase) -> bool:
+        """Decide on a report that the goal is running."""
         if self._predecessors and not phase.accepted:
             return False
         if phase.answered:
@@ -237,6 +238,7 @@ class Attribution:
         return True
 
     def _attribute_end(self, outcome: Outcome, phase: Phase, cancel_requested: bool) -> bool:
+        """Decide on a report that the goal has ended."""
         inherited = self._inherited
         if phase.answered or self._predecessors < 2:
             self._inherited = frozenset()

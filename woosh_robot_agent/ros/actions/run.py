@@ -52,6 +52,7 @@ from woosh_robot_agent.ros.actions.goal import (
 
 _LOG = logging.getLogger(__name__)
 
+# Texts of the results of aborted goals
 REPLACED = "replaced by a newer goal that the chassis accepted"
 STOPPING = "the agent is stopping; the robot may still be executing the goal"
 _DISPLACED = "the chassis stopped executing the goal, but did not report how it ended"

@@ -226,7 +226,7 @@ class TaskGoal:
             self._since = last.time
         # once the chassis has left an earlier task of this id, it sends no more reports on it
         may_be_reported = predecessors > 0 or is_current
-        self.attribution = Attribution(predecessors, Outcome if may_be_reported else ())
+        self.attribution = Attribution(predecessors, tuple(Outcome) if may_be_reported else ())
 
     def request(self) -> Start:
         request: Any = self._context.to_proto(self._arg)

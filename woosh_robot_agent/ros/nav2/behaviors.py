@@ -252,7 +252,7 @@ class AssistedTeleop(Nav2Action):
         if self._goal is None:
             return
         twist = message
-        if hasattr(message, "header"):
+        if hasattr(message, "header"):  # a TwistStamped, by the parameter cmd_vel_stamped
             twist = message.twist
             if objection := stamp_objection(self.context.part, message.header.stamp):
                 self._driver.refuse("age", objection)

@@ -103,7 +103,7 @@ class _State(Part):
     A value that the ROS message cannot hold is skipped and counted.
 
     Args:
-        cls: protobuf class of the value.
+        proto_class: protobuf class of the value.
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
             if that is not possible. A large push is converted in another thread.
         rate: rate at which the last value is repeated with a new stamp while there are
@@ -115,12 +115,12 @@ class _State(Part):
         self,
         context: PartContext,
         name: str,
-        cls: type[Message],
+        proto_class: type[Message],
         convert: Callable[[PartContext, Any], Any],
         rate: float = 0.0,
     ) -> None:
         self._context = context
-        self._cls = cls
+        self._proto_class = proto_class
         self._convert = convert
         self._rate = rate
         self._last: Message | None = None
@@ -128,9 +128,9 @@ class _State(Part):
         self._subscribers = context.subscribers()
         self._publisher = context.publisher(name, self._subscribers if rate else None)
         context.robot.chassis.on_snapshot(self._snapshot, self._in_snapshot)
-        if not is_part_of_info(cls):
+        if not is_part_of_info(proto_class):
             context.robot.chassis.on_state(self._link_changed)
-        context.robot.chassis.subscribe_raw(cls, self._publish_converted, self._converted)
+        context.robot.chassis.subscribe_raw(proto_class, self._publish_converted, self._converted)
 
     async def run(self) -> None:
         if self._rate:
@@ -147,7 +147,9 @@ class _State(Part):
 
     def _in_snapshot(self, info: RobotInfo) -> list[tuple[Message, Any]]:
         return [
-            self._convert_or_error(part) for part in parts_of(info) if isinstance(part, self._cls)
+            self._convert_or_error(part)
+            for part in parts_of(info)
+            if isinstance(part, self._proto_class)
         ]
 
     def _snapshot(self, converted: list[tuple[Message, Any]]) -> None:
@@ -160,13 +162,13 @@ class _State(Part):
 
     async def _request(self) -> None:
         """Request the first value of a type that is not part of RobotInfo."""
-        request = self._context.robot.requests.empty(self._cls)
+        request = self._context.robot.requests.empty(self._proto_class)
         try:  # sent ahead of pending requests, regardless of max_in_flight
             answer = await self._context.robot.chassis.request(request, first=True)
         except LinkError as error:
-            _LOG.debug("cannot request the first %s: %s", self._cls.DESCRIPTOR.name, error)
+            _LOG.debug("cannot request the first %s: %s", self._proto_class.DESCRIPTOR.name, error)
             return
-        if answer.ok and isinstance(answer.body, self._cls):
+        if answer.ok and isinstance(answer.body, self._proto_class):
             self._publish_converted(self._convert_or_error(answer.body))
 
     def _converted(self, body: Body) -> tuple[Message, Any]:
@@ -183,7 +185,7 @@ class _State(Part):
     def _publish_converted(self, converted: tuple[Message, Any]) -> None:
         value, message = converted
         if isinstance(message, ValueError):
-            self._context.robot.chassis.count_bad_value(self._cls, str(message))
+            self._context.robot.chassis.count_bad_value(self._proto_class, str(message))
             return
         self._last = value
         self._publisher.publish(message)
