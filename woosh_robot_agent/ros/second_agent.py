@@ -21,6 +21,8 @@ from woosh_robot_agent.ros.releases import count_services
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """Name that rmw reports for the node of an endpoint before it has discovered the node."""
 _LOG = logging.getLogger(__name__)
+_PERIOD = 2.0
+"""Period of the checks of the ROS graph, in seconds."""
 _MAX_LEASE = 25.0
 """Time after which a process that was killed has certainly left the graph, in seconds.
 
@@ -31,17 +33,13 @@ The middleware notices it after 20 s.
 class SecondAgent:
     """Looks for other nodes that offer the same topics and services as this agent.
 
-    Args:
-        period: period of the checks of the ROS graph, in seconds.
-
     Attributes:
         warning: description of the other agent, and what to do; empty if there is none.
     """
 
-    def __init__(self, node: Any, period: float = 2.0) -> None:
+    def __init__(self, node: Any) -> None:
         self.warning = ""
         self._node = node
-        self._period = period
         self._topic = node.resolve_topic_name(TOPICS[0].name)
         self._service = node.resolve_service_name(QUERIES[0].name)
         self._seen_since = 0.0
@@ -51,7 +49,7 @@ class SecondAgent:
         """Check the ROS graph periodically, until cancelled."""
         while True:
             self._check_graph()
-            await asyncio.sleep(self._period)
+            await asyncio.sleep(_PERIOD)
 
     def _check_graph(self) -> None:
         """Check the ROS graph now, and log a second agent that was not there at the last check."""

@@ -52,7 +52,7 @@ class Goal:
         info: GoalInfo,
         request: Any,
         published: float,
-        objection: str = "",
+        objection: str,
     ) -> None:
         self.info = info
         self.request = request
