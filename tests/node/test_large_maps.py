@@ -29,13 +29,11 @@ pytestmark = pytest.mark.timeout(300)
 def linked_agent(
     request: pytest.FixtureRequest,
     simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
+    connect: Callable[..., RunningAgent],
 ) -> RunningAgent:
     transport, encoding = request.param
     port = simulator.port if transport == "websocket" else simulator.tcp_port
-    agent = start_agent(ip="127.0.0.1", port=port, transport=transport, encoding=encoding)
-    agent.wait_connected()
-    return agent
+    return connect(port=port, transport=transport, encoding=encoding)
 
 
 @pytest.mark.usefixtures("linked_agent")
