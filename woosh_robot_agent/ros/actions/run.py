@@ -134,6 +134,11 @@ class GoalRun:
         """Name under which the chassis reports on the goal."""
         return self._kind.name
 
+    @property
+    def was_accepted(self) -> bool | None:
+        """The result of `accepted`; None while it is not decided."""
+        return self.accepted.result() if self.accepted.done() else None
+
     def post(self, event: Event) -> None:
         """Queue an event for the goal; in the link thread."""
         if isinstance(
@@ -144,7 +149,7 @@ class GoalRun:
 
     async def run(self) -> None:
         """Run the goal; it has ended when this returns."""
-        self._context.open_goals.add(self)
+        self._context.open_goals.append(self)
         try:
             end = await self._send()
         except BadFieldError as error:
@@ -434,55 +439,38 @@ class GoalRun:
             self.post(PollFailed(error, is_silent=timed_out and stats.rx == received))
 
 
-class OpenGoals:
+class OpenGoals(list[GoalRun]):
     """The goals of one action that have not ended, oldest first; all tasks count as one action.
 
     The chassis executes only one of them at a time.
     """
 
-    def __init__(self) -> None:
-        self._goals: list[GoalRun] = []
-
-    def __len__(self) -> int:
-        return len(self._goals)
-
-    def add(self, goal: GoalRun) -> None:
-        """Add a goal as the newest one."""
-        self._goals.append(goal)
-
-    def remove(self, goal: GoalRun) -> None:
-        """Remove a goal that ended."""
-        self._goals.remove(goal)
-
     def post(self, event: Event) -> None:
         """Queue an event for every goal."""
-        for goal in self._goals:
+        for goal in self:
             goal.post(event)
 
     def possibly_running(self, name: str) -> int:
         """Return the number of goals of this name that the chassis may be executing."""
-        return sum(
-            goal.name == name and (not goal.accepted.done() or goal.accepted.result())
-            for goal in self._goals
-        )
+        return sum(goal.name == name and goal.was_accepted is not False for goal in self)
 
     @property
     def accepted_names(self) -> list[str]:
         """Names of the goals that the chassis has accepted."""
-        return [g.name for g in self._goals if g.accepted.done() and g.accepted.result()]
+        return [goal.name for goal in self if goal.was_accepted]
 
     def replace_older(self, goal: GoalRun) -> None:
         """Tell all older goals that the chassis accepted `goal` in their place."""
-        for older in self._goals[: self._goals.index(goal)]:
+        for older in self[: self.index(goal)]:
             older.post(Replaced())
 
     async def newer_accepted(self, goal: GoalRun) -> bool:
         """Return True if the chassis accepts a newer goal; wait until it has decided."""
         while True:
-            newer = [other.accepted for other in self._goals[self._goals.index(goal) + 1 :]]
-            if any(accepted.done() and accepted.result() for accepted in newer):
+            newer = self[self.index(goal) + 1 :]
+            if any(other.was_accepted for other in newer):
                 return True
-            pending = [accepted for accepted in newer if not accepted.done()]
+            pending = [other.accepted for other in newer if other.was_accepted is None]
             if not pending:
                 return False
             await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
