@@ -179,6 +179,7 @@ class Actions:
                     last_known=robot.last_known,
                     last_reports=self._last_reports,
                 )
+            # the commands of the agent's own goals are messages of the chassis already
             self._actions[action.arg] = _Action(
                 make_kind, replace(context, to_proto=robot.requests.address)
             )
