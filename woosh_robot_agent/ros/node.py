@@ -59,7 +59,6 @@ class ParameterNode(Node):
 
     def __init__(self, defaults: Mapping[str, Any] | None = None, **options: Any) -> None:
         super().__init__("agent", **options)
-        self._callback: Callable[[Settings], None] | None = None
         try:
             for warning in check_names(parameter_overrides(self)):
                 self.get_logger().warning(warning)
@@ -77,8 +76,12 @@ class ParameterNode(Node):
         Args:
             callback: called after each change with the previous settings.
         """
-        self._callback = callback
-        on_parameters_set(self, self._check_change, self._apply_change)
+
+        def apply(changed: list[RosParameter]) -> None:
+            before, self.settings = self.settings, check(self._values(changed))
+            callback(before)
+
+        on_parameters_set(self, self._check_change, apply)
 
     def _values(self, changed: Sequence[RosParameter] = ()) -> dict[str, Any]:
         """Return the current values by name, with the changed ones in their place."""
@@ -98,11 +101,6 @@ class ParameterNode(Node):
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
-
-    def _apply_change(self, changed: list[RosParameter]) -> None:
-        before, self.settings = self.settings, check(self._values(changed))
-        if self._callback is not None:
-            self._callback(before)
 
 
 _LOG = logging.getLogger(__name__)

@@ -88,7 +88,7 @@ class DockRobot(_Docking):
         phase = action.kNav
         is_paused = False
 
-        def reported(report: Message) -> None:
+        def on_report(report: Message) -> None:
             nonlocal phase, is_paused
             if not isinstance(report, TaskProc):
                 return
@@ -98,7 +98,7 @@ class DockRobot(_Docking):
                 if phase != action.kNav:
                     goal.clear_timeout()
 
-        def publish() -> None:
+        def tick() -> None:
             if is_paused and (reasons := self.context.preventions):
                 # otherwise the task stays paused for ever, or the robot drives on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
@@ -109,8 +109,8 @@ class DockRobot(_Docking):
         try:
             await goal.run_command(
                 ExecTask(type=task.kCharge, mark_no=mark),
-                tick=publish,
-                on_report=reported,
+                tick=tick,
+                on_report=on_report,
                 is_done=lambda: phase == action.kCharge and self.is_charging,
             )
         except GoalEnd as end:
