@@ -127,9 +127,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
     try:
         try:
             # rclpy's handlers would shut the context down before goals and robot have been stopped
-            rclpy.init(
-                args=init_arguments(args), signal_handler_options=SignalHandlerOptions.NO
-            )
+            rclpy.init(args=init_arguments(args), signal_handler_options=SignalHandlerOptions.NO)
             fleet = Fleet(lambda: signals.received)
         except (
             ValueError,
