@@ -195,7 +195,7 @@ class AssistedTeleop(Nav2Action):
         self._goal: Nav2Goal | None = None
         """The running goal."""
         self._preempted: asyncio.Future[None]
-        """Done when a client ends the goal by preempt_teleop; only set by the first goal."""
+        """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
         robot.gate.on_stop(self._stopped)
         stamped = part.settings().cmd_vel_stamped
         velocity = "geometry_msgs/TwistStamped" if stamped else BY_NAME["cmd_vel_teleop"].type
