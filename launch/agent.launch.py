@@ -23,4 +23,4 @@ def generate_launch_description():
 
 
 def _agent(context):
-    return [launch_arguments.agent(launch_arguments.given(context, __file__, *ARGUMENTS))]
+    return [launch_arguments.agent_node(launch_arguments.values_of(context, __file__, *ARGUMENTS))]

@@ -30,10 +30,10 @@ def generate_launch_description():
 
 
 def _nodes(context):
-    given = launch_arguments.given(context, __file__, *ARGUMENTS)
+    given = launch_arguments.values_of(context, __file__, *ARGUMENTS)
     node = f"/{given['namespace'].strip('/')}/agent".replace("//", "/")
     with_model = _is_installed("robot_state_publisher")
-    agent = launch_arguments.agent(
+    agent = launch_arguments.agent_node(
         given,
         publish_tf=True,
         publish_laser_tf=not with_model,  # the model contains the pose of the laser

@@ -39,7 +39,7 @@ def generate_launch_description():
 
 
 def _robots(context):
-    file = launch_arguments.given(context, __file__, "robots")["robots"]
+    file = launch_arguments.values_of(context, __file__, "robots")["robots"]
     return [
         IncludeLaunchDescription(
             PythonLaunchDescriptionSource(

@@ -48,7 +48,7 @@ def generate_launch_description():
 
 
 def _simulation(context):
-    given = launch_arguments.given(context, __file__, "port", "speed", *ARGUMENTS)
+    given = launch_arguments.values_of(context, __file__, "port", "speed", *ARGUMENTS)
     port = _free_port(launch_arguments.port_number(given["port"]))
     return [
         # a plain process: the simulator does not understand ROS arguments

@@ -258,6 +258,12 @@ class Client:
         self.node.create_subscription(msg, self.path(name), collector.add, qos)
         return collector
 
+    def publisher(self, msg: Any, name: str, depth: int = 10) -> Any:
+        """Create a publisher; return it once it has discovered a subscriber."""
+        publisher = self.node.create_publisher(msg, self.path(name), depth)
+        wait_until(publisher.get_subscription_count, f"a subscriber of {name}")
+        return publisher
+
     def publishers(self, name: str) -> int:
         """Return the number of publishers of a topic."""
         return int(self.node.count_publishers(self.path(name)))

@@ -118,7 +118,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
 
     from woosh_robot_agent.ros.executor import Executor
     from woosh_robot_agent.ros.fleet import Fleet
-    from woosh_robot_agent.ros.logs import with_possible_log_files
+    from woosh_robot_agent.ros.logs import init_arguments
     from woosh_robot_agent.ros.rclpy_private import RCLError, UnknownROSArgsError
     from woosh_robot_agent.ros.releases import error_text, exit_withdraws_endpoints
 
@@ -127,9 +127,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
     try:
         try:
             # rclpy's handlers would shut the context down before goals and robot have been stopped
-            rclpy.init(
-                args=with_possible_log_files(args), signal_handler_options=SignalHandlerOptions.NO
-            )
+            rclpy.init(args=init_arguments(args), signal_handler_options=SignalHandlerOptions.NO)
             fleet = Fleet(lambda: signals.received)
         except (
             ValueError,

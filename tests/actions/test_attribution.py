@@ -184,51 +184,52 @@ CASES = [
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_report_belongs_to_the_right_goal(case: Case) -> None:
     attribution = Attribution(case.predecessors, case.inherited)
-    heard = False
+    has_report = False
     for phase, outcome, mine, *wanted in case.reports:
-        assert attribution.is_mine(outcome, phase, bool(wanted)) is mine, (phase, outcome)  # type: ignore[arg-type]
-        heard = heard or bool(mine)
-        assert attribution.heard is heard
+        found = attribution.attribute(outcome, phase, cancel_requested=bool(wanted))  # type: ignore[arg-type]
+        assert found is mine, (phase, outcome)
+        has_report = has_report or bool(mine)
+        assert attribution.has_report is has_report
 
 
-NEWS, NO_NEWS = True, False
+ADMITTED, REPEATED = True, False
 BEFORE, ANOTHER = "how the earlier goal ended", "another end"
 
 POLLS = {
-    "progress": (BEFORE, [(RUNNING, "on its way", PROGRESS, NEWS)]),
-    "progress, answer lost": (BEFORE, [(UNCONFIRMED, "on its way", PROGRESS, NEWS)]),
+    "progress": (BEFORE, [(RUNNING, "on its way", PROGRESS, ADMITTED)]),
+    "progress, answer lost": (BEFORE, [(UNCONFIRMED, "on its way", PROGRESS, ADMITTED)]),
     "the earlier end, then the same again: the goal ended in the same way": (
         BEFORE,
-        [(RUNNING, BEFORE, SUCCEEDED, NO_NEWS), (RUNNING, BEFORE, SUCCEEDED, NEWS)],
+        [(RUNNING, BEFORE, SUCCEEDED, REPEATED), (RUNNING, BEFORE, SUCCEEDED, ADMITTED)],
     ),
-    "another end": (BEFORE, [(RUNNING, ANOTHER, SUCCEEDED, NEWS)]),
-    "an end, no earlier end known": (None, [(RUNNING, ANOTHER, SUCCEEDED, NEWS)]),
+    "another end": (BEFORE, [(RUNNING, ANOTHER, SUCCEEDED, ADMITTED)]),
+    "an end, no earlier end known": (None, [(RUNNING, ANOTHER, SUCCEEDED, ADMITTED)]),
     "the earlier end, answer lost: it proves nothing, however often it is repeated": (
         BEFORE,
-        [(UNCONFIRMED, BEFORE, SUCCEEDED, NO_NEWS), (UNCONFIRMED, BEFORE, SUCCEEDED, NO_NEWS)],
+        [(UNCONFIRMED, BEFORE, SUCCEEDED, REPEATED), (UNCONFIRMED, BEFORE, SUCCEEDED, REPEATED)],
     ),
-    "another end, answer lost": (BEFORE, [(UNCONFIRMED, ANOTHER, SUCCEEDED, NEWS)]),
+    "another end, answer lost": (BEFORE, [(UNCONFIRMED, ANOTHER, SUCCEEDED, ADMITTED)]),
     "an end, no earlier end known, answer lost": (
         None,
-        [(UNCONFIRMED, ANOTHER, SUCCEEDED, NO_NEWS), (UNCONFIRMED, ANOTHER, SUCCEEDED, NO_NEWS)],
+        [(UNCONFIRMED, ANOTHER, SUCCEEDED, REPEATED), (UNCONFIRMED, ANOTHER, SUCCEEDED, REPEATED)],
     ),
 }
 
 
 @pytest.mark.parametrize(("previous", "polls"), POLLS.values(), ids=POLLS.keys())
-def test_poll_is_news_unless_it_may_repeat_an_earlier_end(
+def test_polled_report_is_admitted_unless_it_may_repeat_an_earlier_end(
     previous: str | None, polls: list[tuple[Phase, str, Outcome | None, bool]]
 ) -> None:
     attribution = Attribution(repeats_ends=True, previous=previous)
-    for phase, report, outcome, news in polls:
-        assert attribution.is_news(report, outcome, phase) is news, (phase, report)
+    for phase, report, outcome, admitted in polls:
+        assert attribution.admit_polled(report, outcome, phase) is admitted, (phase, report)
 
 
-def test_everything_is_news_after_a_report_on_the_goal() -> None:
+def test_everything_is_admitted_after_a_report_on_the_goal() -> None:
     attribution = Attribution(repeats_ends=True, previous=BEFORE)
-    assert attribution.is_mine(PROGRESS, RUNNING, False)
-    assert attribution.is_news(BEFORE, SUCCEEDED, RUNNING)
+    assert attribution.attribute(PROGRESS, RUNNING, cancel_requested=False)
+    assert attribution.admit_polled(BEFORE, SUCCEEDED, RUNNING)
 
 
-def test_everything_is_news_if_the_chassis_does_not_repeat_ends() -> None:
-    assert Attribution().is_news(ANOTHER, SUCCEEDED, UNCONFIRMED)
+def test_everything_is_admitted_if_the_chassis_does_not_repeat_ends() -> None:
+    assert Attribution().admit_polled(ANOTHER, SUCCEEDED, UNCONFIRMED)

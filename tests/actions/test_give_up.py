@@ -245,7 +245,7 @@ def test_goal_is_given_up_in_time_and_with_its_reason(case: Case) -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "arguments", "in_doubt"),
+    ("method", "arguments", "is_unknown"),
     [
         ("link_lost", ["reset"], True),
         ("answer_lost", ["late"], True),
@@ -254,13 +254,15 @@ def test_goal_is_given_up_in_time_and_with_its_reason(case: Case) -> None:
         ("cancel_accepted", [], False),
     ],
 )
-def test_goal_is_in_doubt_until_a_report(method: str, arguments: list[str], in_doubt: bool) -> None:
-    """A goal in doubt is polled more often."""
+def test_state_is_unknown_until_a_report(
+    method: str, arguments: list[str], is_unknown: bool
+) -> None:
+    """Then the goal is polled more often."""
     give_up = GiveUp(TIMING, lambda: 0.0)
     getattr(give_up, method)(*arguments)
-    assert give_up.in_doubt is in_doubt
+    assert give_up.is_state_unknown is is_unknown
     give_up.report()
-    assert give_up.in_doubt is (method == "link_lost")
+    assert give_up.is_state_unknown is (method == "link_lost")
 
 
 def test_cancel_timeout_has_a_lower_bound() -> None:

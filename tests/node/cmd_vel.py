@@ -8,7 +8,7 @@ from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
 
-from tests.harness import Client, wait_until
+from tests.harness import Client
 
 
 class Sender:
@@ -16,8 +16,7 @@ class Sender:
 
     def __init__(self, client: Client, message_class: Any = Twist) -> None:
         self._client = client
-        self._publisher = client.node.create_publisher(message_class, client.path("cmd_vel"), 10)
-        wait_until(self._publisher.get_subscription_count, "the agent at cmd_vel")
+        self._publisher = client.publisher(message_class, "cmd_vel")
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 

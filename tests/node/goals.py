@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
@@ -217,6 +217,14 @@ class Held:
         for out in self._answers:
             frame = JsonCodec().encode(out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg)
             self._simulator.send_raw(frame)
+
+
+def replace_answers(simulator: SimulatorThread, request: str, **changes: object) -> None:
+    """Replace fields of the answers to requests of a type, which the chassis does not execute."""
+    simulator.refuse(request, "replaced")
+    simulator.intercept(
+        lambda out: [replace(out, **changes) if out.request == request else out]  # type: ignore[arg-type]
+    )
 
 
 def answer_with_json(chassis: SimulatorThread, request: str, **fields: Any) -> None:

@@ -51,10 +51,11 @@ def twists(simulator: SimulatorThread) -> Callable[[], list[tuple[float, float, 
 def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
     """Arrival time of each velocity at the chassis, and True if it was zero."""
     times: list[tuple[float, bool]] = []
+    chassis = simulator.call(lambda running: running)  # `note` is called in its thread
 
     def note(frame: Any) -> list[Any]:
         if frame.request == TWIST:
-            sent = last_twist(simulator)
+            sent: Any = chassis.last(TWIST)
             times.append((time.monotonic(), not (sent.linear or sent.linear_y or sent.angular)))
         return [frame]
 
@@ -90,10 +91,6 @@ def all_sent(agent: Any, client: Client) -> Callable[[], None]:
         assert client.call(Speak, "robot/Speak").ok
 
     return wait
-
-
-def last_twist(simulator: SimulatorThread) -> Any:
-    return simulator._simulator.last(TWIST)  # called in the simulator's thread
 
 
 def start_task(sim: Any) -> None:

@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from tests.harness import Client, wait_until
-from tests.quick_chassis import quick_config, set_speed
+from tests.node.goals import hurry
+from tests.quick_chassis import quick_config
 from tests.ros2_commands import Command, documented, parse
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.simulator import SimulatorThread
@@ -130,11 +131,6 @@ def simulator() -> Any:
     """A simulated chassis in real time, so that a task still runs during the commands after it."""
     with SimulatorThread(quick_config(port=0, tcp_port=0, speed=1, seed=1)) as running:
         yield running
-
-
-def hurry(simulator: SimulatorThread) -> None:
-    """Simulate at 50 times real time from now on."""
-    set_speed(simulator, 50.0)
 
 
 def echo(client: Client, name: str) -> Any:

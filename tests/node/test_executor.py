@@ -353,12 +353,17 @@ def test_entities_are_added_and_removed_while_it_spins(rig: Rig) -> None:
         wait_until(lambda name=name: not rig.other.count_subscribers(name), "its end")
 
 
-def test_an_entity_leaves_the_graph_when_nobody_spins(rig: Rig) -> None:
+@pytest.mark.parametrize("destroyed", ["entities", "node"])
+def test_what_is_destroyed_leaves_the_graph_when_nobody_spins(rig: Rig, destroyed: str) -> None:
     rig.use(rig.subscription("used"))
     rig.subscription("unused")
     rig.spin_quietly()
-    for subscription in list(rig.node.subscriptions):
-        rig.node.destroy_subscription(subscription)
+    if destroyed == "entities":
+        for subscription in list(rig.node.subscriptions):
+            rig.node.destroy_subscription(subscription)
+    else:
+        rig.executor.remove_node(rig.node)
+        rig.node.destroy_node()
     for name in ("used", "unused"):
         wait_until(lambda name=name: not rig.other.count_subscribers(name), "its end")
 
@@ -394,16 +399,6 @@ def test_two_nodes(rig: Rig) -> None:
         executor.add_node(rig.node)
         assert rig.executor.get_nodes() == []
     second.destroy_node()
-
-
-def test_a_removed_node_leaves_the_graph_when_it_is_destroyed(rig: Rig) -> None:
-    rig.use(rig.subscription("used"))
-    rig.subscription("unused")
-    rig.spin_quietly()
-    rig.executor.remove_node(rig.node)
-    rig.node.destroy_node()
-    for name in ("used", "unused"):
-        wait_until(lambda name=name: not rig.other.count_subscribers(name), "its end")
 
 
 def test_shutdown_from_another_thread_ends_spin(rig: Rig) -> None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
 from tests.harness import Client, Robot, RunningAgent, wait_future
-from tests.node.goals import Held, answer_with_json
+from tests.node.goals import Held, answer_with_json, replace_answers
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import BuildMap, PlanNavPath, RobotState, SwitchControlMode
@@ -23,14 +22,6 @@ def planned() -> NavPath:
     return path
 
 
-def answer(simulator: SimulatorThread, request: str, **changes: object) -> None:
-    """Replace the answers to a request."""
-    simulator.refuse(request, "replaced")
-    simulator.intercept(
-        lambda out: [replace(out, **changes) if out.request == request else out]  # type: ignore[arg-type]
-    )
-
-
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
 @pytest.mark.parametrize("named", [PLAN, "woosh.robot.NavPath"])
 def test_a_planned_path_is_read_whatever_type_the_answer_names(
@@ -41,21 +32,21 @@ def test_a_planned_path_is_read_whatever_type_the_answer_names(
     encoding: str,
 ) -> None:
     connect(encoding=encoding)
-    answer(simulator, PLAN, ok=True, msg="", type=named, body=planned())
+    replace_answers(simulator, PLAN, ok=True, msg="", type=named, body=planned())
     response = client.call(PlanNavPath, "robot/PlanNavPath")
     assert response.ok, response.msg
     assert [(pose.x, pose.y) for pose in response.ret.path.poses] == [(1.0, 2.0), (3.0, 4.0)]
 
 
 def test_an_echo_of_the_request_is_an_empty_path(robot: Robot) -> None:
-    answer(robot.chassis, PLAN, ok=True, msg="", type=PLAN, body=None)
+    replace_answers(robot.chassis, PLAN, ok=True, msg="", type=PLAN, body=None)
     response = robot.call(PlanNavPath, "robot/PlanNavPath")
     assert (response.ok, list(response.ret.path.poses)) == (True, [])
 
 
 @pytest.mark.parametrize("named", ["woosh.robot.Battery", "woosh.robot.Unheard"])
 def test_a_read_without_a_usable_answer_fails(robot: Robot, named: str) -> None:
-    answer(robot.chassis, PLAN, ok=True, msg="", type=named, body=None)
+    replace_answers(robot.chassis, PLAN, ok=True, msg="", type=named, body=None)
     response = robot.call(PlanNavPath, "robot/PlanNavPath")
     assert not response.ok
     assert response.msg == f"no usable answer: the chassis answered with {named}, not with " + (

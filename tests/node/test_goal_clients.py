@@ -15,10 +15,8 @@ from woosh_robot_msgs.srv import Mode
 
 
 @pytest.fixture
-def agent(simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]) -> RunningAgent:
-    started = start_agent(ip="127.0.0.1", port=simulator.port, result_timeout=3)
-    started.wait_connected()
-    return started
+def agent(connect: Callable[..., RunningAgent]) -> RunningAgent:
+    return connect(result_timeout=3)
 
 
 pytestmark = pytest.mark.usefixtures("agent")

@@ -1,4 +1,4 @@
-"""What holds for tasks and for actions alike; tests/node/test_executors.py has the usual course."""
+"""Goals of tasks and actions alike; the usual course is in test_actions_{tasks,calls}.py."""
 
 from __future__ import annotations
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, Robot, RunningAgent, wait_future, wait_until
+from tests.harness import Robot, RunningAgent, wait_future, wait_until
 from tests.node.goals import ABORTED, EXEC_TASK, EXECUTING, lift3, slow_down, step, task
+from tests.node.test_services_load import speak
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.msg import Speak as SpeakMsg
-from woosh_robot_msgs.srv import Speak
 
 SPEAK = "woosh.robot.Speak"
 NOTICED = 10.0
@@ -28,10 +27,6 @@ def agent(
     started = start_agent(ip="127.0.0.1", port=port, transport=request.param)
     started.wait_connected()
     return started
-
-
-def speak(client: Client, text: str) -> Any:
-    return client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
 
 
 @pytest.mark.timeout(600)

@@ -118,7 +118,7 @@ class Rig:
                 self.topics[endpoint.name] = client.echo_with(
                     class_of(endpoint.type), endpoint.name, QoSProfile(depth=100)
                 )
-        wait_until(lambda: set(PUSHES) <= set(self.link._subscriptions.wanted), "subscriptions")
+        wait_until(lambda: set(PUSHES) <= chassis.subscribed, "subscriptions")
 
     def push(self, name: str, *bodies: Body) -> None:
         """Push values, and wait until the agent has handled them."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import random
 from array import array
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
 from tests.harness import Client, RunningAgent, wait_future
+from tests.node.goals import replace_answers
 from woosh_common_msgs.msg import FileData
 from woosh_map_msgs.msg import Download as DownloadMsg
 from woosh_map_msgs.msg import Upload as UploadMsg
@@ -29,20 +29,11 @@ pytestmark = pytest.mark.timeout(300)
 def linked_agent(
     request: pytest.FixtureRequest,
     simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
+    connect: Callable[..., RunningAgent],
 ) -> RunningAgent:
     transport, encoding = request.param
     port = simulator.port if transport == "websocket" else simulator.tcp_port
-    agent = start_agent(ip="127.0.0.1", port=port, transport=transport, encoding=encoding)
-    agent.wait_connected()
-    return agent
-
-
-def replace_answers(simulator: SimulatorThread, request: str, **changes: object) -> None:
-    simulator.refuse(request, "replaced")
-    simulator.intercept(
-        lambda out: [replace(out, **changes) if out.request == request else out]  # type: ignore[arg-type]
-    )
+    return connect(port=port, transport=transport, encoding=encoding)
 
 
 @pytest.mark.usefixtures("linked_agent")

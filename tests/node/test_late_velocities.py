@@ -54,8 +54,7 @@ def test_a_stream_whose_sender_has_died_meanwhile_moves_nothing(
 def test_a_goal_pose_during_the_pause_moves_nothing(
     program: Program, simulator: SimulatorThread, client: Client
 ) -> None:
-    publisher = client.node.create_publisher(PoseStamped, client.path("goal_pose"), 10)
-    wait_until(publisher.get_subscription_count, "the agent at goal_pose")
+    publisher = client.publisher(PoseStamped, "goal_pose")
     message = PoseStamped()
     message.header.frame_id = "map"
     message.pose.position.x, message.pose.position.y, message.pose.orientation.w = 5.0, -6.8, 1.0

@@ -18,7 +18,8 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from tests.harness import Client, RunningAgent, wait_until
-from tests.ros2_commands import NAMESPACE, parse, set_message_fields
+from tests.node.test_maps_page import execute
+from tests.ros2_commands import NAMESPACE, set_message_fields
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.body.base import Velocity
@@ -26,7 +27,6 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_msgs.srv import Deployment
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "mapping.md"
-SUCCEEDED = 4
 ROBOT = "169.254.128.2"
 """Address of the robot on the page."""
 SPEED = 4.0
@@ -46,7 +46,7 @@ class Terminal:
     """Executes the commands of the page as the shell and the `ros2` tool do.
 
     Attributes:
-        responses: responses of the services, oldest first.
+        responses: responses of the services and results of the actions, oldest first.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Terminal:
 
     def run(self, line: str) -> None:
         words = shlex.split(line)
-        execute = {
+        handlers = {
             "run woosh_robot_agent agent": self._agent,
             "run woosh_robot_agent maps": self._maps,
             "topic echo": self._echo,
@@ -73,21 +73,12 @@ class Terminal:
         if words[0] == "sed":
             subprocess.run(words, cwd=self._folder, check=True)
             return
-        for name, do in execute.items():
+        for name, handle in handlers.items():
             start = ["ros2", *name.split()]
             if words[: len(start)] == start:
-                do(words[len(start) :])
+                handle(words[len(start) :])
                 return
-        command = parse(line)
-        if command.verb == "service call":
-            response = self._client.call(command.cls, command.name, arg=command.filled().arg)
-            assert response.ok, f"{line}: {response.msg}"
-            self.responses.append(response)
-        else:
-            assert command.verb == "action send_goal"
-            goal = self._client.send_goal(command.cls, command.name, command.filled())
-            status, result = goal.result()
-            assert status == SUCCEEDED, f"{line}: {result}"
+        self.responses.append(execute(self._client, line))
 
     def _agent(self, words: list[str]) -> None:
         parser = argparse.ArgumentParser()

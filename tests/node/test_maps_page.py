@@ -43,14 +43,17 @@ def set_mark(file: Path, entry: dict[str, Any]) -> None:
     file.write_text(yaml.safe_dump(content))
 
 
-def call(client: Client, line: str) -> None:
+def execute(client: Client, line: str) -> Any:
+    """Call a service or send a goal, as a command says; return the response or the result."""
     command = parse(line)
     if command.verb == "service call":
         answer = client.call(command.cls, command.name, arg=command.filled().arg)
         assert answer.ok, f"{line}: {answer.msg}"
-    else:
-        status, result = client.send_goal(command.cls, command.name, command.filled()).result(60.0)
-        assert status == SUCCEEDED, f"{line}: {result}"
+        return answer
+    assert command.verb == "action send_goal"
+    status, result = client.send_goal(command.cls, command.name, command.filled()).result(60.0)
+    assert status == SUCCEEDED, f"{line}: {result}"
+    return result
 
 
 def test_the_commands_of_the_page_work_in_its_order(
@@ -68,7 +71,7 @@ def test_the_commands_of_the_page_work_in_its_order(
         nonlocal printed
         words = shlex.split(line)
         if words[:4] != ["ros2", "run", "woosh_robot_agent", "maps"]:
-            call(robot, line)
+            execute(robot, line)
             return
         where = ["--ip", f"127.0.0.1:{robots[words[5]].port}"]
         assert maps.main([*where, *words[6:]]) == 0, f"{line}: {capsys.readouterr().err}"

@@ -56,8 +56,7 @@ def observer(simulator: SimulatorThread, connect: Callable[..., RunningAgent]) -
 
 def publish(client: Client, name: str, message: Any) -> Any:
     """Publish a message to the agent; return the publisher, with which to repeat it."""
-    publisher = client.node.create_publisher(type(message), client.path(name), 10)
-    wait_until(lambda: publisher.get_subscription_count(), name)
+    publisher = client.publisher(type(message), name)
     publisher.publish(message)
     return publisher
 

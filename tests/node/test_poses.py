@@ -22,14 +22,9 @@ class Sender:
 
     def __init__(self, client: Client) -> None:
         self.publishers = {
-            name: client.node.create_publisher(cls, client.path(name), 10)
-            for name, cls in (
-                ("initialpose", PoseWithCovarianceStamped),
-                ("goal_pose", PoseStamped),
-            )
+            "initialpose": client.publisher(PoseWithCovarianceStamped, "initialpose"),
+            "goal_pose": client.publisher(PoseStamped, "goal_pose"),
         }
-        for name, publisher in self.publishers.items():
-            wait_until(publisher.get_subscription_count, f"the agent at {name}")
 
     def initialpose(self, x: float, y: float, yaw: float, frame: str = "map") -> None:
         message = PoseWithCovarianceStamped()

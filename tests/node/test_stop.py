@@ -112,8 +112,7 @@ def test_a_goal_some_time_after_the_stop_is_executed(robot: Robot):
 def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Collector):
     robot.set_motion_timing(hold=3600.0)
     velocities = Sender(robot)
-    poses = robot.node.create_publisher(PoseStamped, robot.path("goal_pose"), 10)
-    wait_until(poses.get_subscription_count, "the agent's subscription")
+    poses = robot.publisher(PoseStamped, "goal_pose")
     commands = [each for each in COMMANDS if each.request in COMMAND_MOTION]
     for endpoint in commands:
         robot.service(class_of(endpoint.srv, "srv"), endpoint.name)

@@ -127,9 +127,13 @@ def test_start_and_end_of_the_agent_are_noticed(watching, start_agent, simulator
 
 def test_an_agent_that_hangs_is_noticed(watching, agent):
     watching.wait_link(lambda link: link.good)
-    agent._spinner.stop()
-    link = watching.wait_link(lambda link: not link.good)
-    assert re.search(r"the agent has not answered for \d+ s", link.text)
+    released = threading.Event()
+    agent.agent.node.executor.create_task(released.wait)
+    try:
+        link = watching.wait_link(lambda link: not link.good)
+        assert re.search(r"the agent has not answered for \d+ s", link.text)
+    finally:
+        released.set()
 
 
 def test_the_link_of_the_agent_is_shown(watching, agent, simulator):

@@ -160,15 +160,6 @@ def test_each_push_is_published_once_and_in_order(connect, client, push, simulat
         assert echoes[topic.push].messages == sent[topic.push], topic.name
 
 
-def test_no_status_code_of_a_burst_is_lost(connect, client, push):
-    connect()
-    codes = client.echo(StatusCodeMsg, "robot/StatusCode")
-    wait_matched(client, 1)
-    for number in range(1, 41):
-        push(StatusCode(code=number))
-    assert [m.code for m in codes.wait_count(40)] == list(range(1, 41))
-
-
 def test_only_what_robot_info_holds_is_published(connect, client, push, simulator):
     connect(holding(RobotInfo(battery=Battery(power=5))))
     echoes = echo_all(client, simulator)

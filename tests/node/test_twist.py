@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Any
 
@@ -41,13 +40,6 @@ def test_the_last_velocity_is_not_repeated(robot: Robot) -> None:
     wait_until(lambda: robot.chassis.state.odometer > before)
     wait_until(lambda: robot.chassis.state.velocity.forward == 0)
     assert speeds(robot.chassis) == [0.4]
-
-
-def test_nan_is_not_sent(robot: Robot) -> None:
-    (answer,) = answers([drive(robot, math.nan)])
-    assert not answer.ok
-    assert "arg.linear" in answer.msg
-    assert speeds(robot.chassis) == []
 
 
 @pytest.mark.parametrize("field", ["linear", "linear_y", "angular"])

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist as VelocityMsg
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
+from tests.node.test_states import diagnostics, values
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_msgs.msg import Twist as TwistMsg
@@ -26,7 +26,7 @@ WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 @pytest.fixture
 def arrays(client: Client) -> Collector:
-    return client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+    return diagnostics(client)
 
 
 def find(array: Any, name: str) -> Any:
@@ -39,10 +39,6 @@ def wait_message(arrays: Collector, name: str, *texts: str) -> Any:
     """Wait for a status whose message has all these texts."""
     array = arrays.wait(lambda a: all(text in find(a, name).message for text in texts))
     return find(array, name)
-
-
-def values(status: Any) -> dict[str, str]:
-    return {each.key: each.value for each in status.values}
 
 
 class Publisher:

@@ -75,7 +75,7 @@ def drive(profile: str, delay: float, seed: int) -> Errors:
                 prediction.report(odometry.pose, odometry.velocity, odometry.time)
                 if base.moving:
                     errors.reports.append(pose.seen_from(true).distance)
-            if number % RATE or not prediction.valid(now) or now < 1.0:
+            if number % RATE or not prediction.can_predict(now) or now < 1.0:
                 continue
             pose, velocity = prediction.predict(now)
             pose = odometry.map_to_odom * pose

@@ -154,7 +154,7 @@ def test_prediction(case: Case) -> None:
     prediction = Prediction()
     for time, pose, velocity in case.reports:
         prediction.report(pose, velocity, time)
-    assert prediction.valid(case.time) is case.valid
+    assert prediction.can_predict(case.time) is case.valid
     pose, velocity = prediction.predict(case.time)
     assert_near(pose, case.pose)
     assert velocity.forward == pytest.approx(case.velocity.forward)
@@ -174,7 +174,7 @@ def test_a_report_that_confirms_the_prediction_changes_nothing() -> None:
         time = 0.05 * step
         if step % 4 == 0:
             prediction.report(on_circle(time), ROUND, time)
-        assert_near(prediction.predict(time)[0], Pose2D(*_tuple(on_circle(time))))
+        assert_near(prediction.predict(time)[0], on_circle(time))
 
 
 def test_reports_that_confirm_a_deceleration_change_nothing() -> None:
@@ -189,10 +189,6 @@ def test_reports_that_confirm_a_deceleration_change_nothing() -> None:
             pose, velocity = prediction.predict(time + later)
             assert pose.x == pytest.approx((0.25 - speed * speed) / 2)
             assert velocity.forward == pytest.approx(speed)
-
-
-def _tuple(pose: Pose2D) -> tuple[float, float, float]:
-    return pose.x, pose.y, math.remainder(pose.theta, math.tau)
 
 
 def test_the_error_of_a_prediction_disappears_within_the_blend() -> None:
@@ -252,7 +248,7 @@ def predict_until(prediction: Prediction, begin: float, end: float) -> list[Pose
     """Return the poses of the messages between two times; there is none while they pause."""
     steps = range(math.ceil(begin / PUBLISHED - 1e-9), round(end / PUBLISHED) + 1)
     times = [PUBLISHED * step for step in steps]
-    return [prediction.predict(time)[0] for time in times if prediction.valid(time)]
+    return [prediction.predict(time)[0] for time in times if prediction.can_predict(time)]
 
 
 @pytest.mark.parametrize("late", [0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 1.0])
@@ -303,7 +299,7 @@ def test_a_silent_robot_stands_at_the_last_reported_pose() -> None:
     poses = [prediction.predict(HORIZON)[0]]
     prediction.stand()
     for step in range(5):
-        assert prediction.valid(1.0 + PUBLISHED * step)
+        assert prediction.can_predict(1.0 + PUBLISHED * step)
         pose, velocity = prediction.predict(1.0 + PUBLISHED * step)
         assert velocity == STANDSTILL
         poses.append(pose)
@@ -319,7 +315,7 @@ RESIDUAL = [Velocity(0.001), Velocity(0.0, 0.0, -1e-7), Velocity(-0.004, 0.0, 0.
 def test_a_robot_with_a_residual_speed_stands(residual: Velocity) -> None:
     prediction = Prediction()
     prediction.report(Pose2D(1.0), residual, 0.0)
-    assert prediction.valid(1e6)
+    assert prediction.can_predict(1e6)
     assert_near(prediction.predict(0.9)[0], Pose2D(1.0))
     prediction.stand()
     assert prediction.predict(1.0) == (Pose2D(1.0), STANDSTILL)

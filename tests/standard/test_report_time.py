@@ -7,14 +7,14 @@ import random
 import pytest
 
 from woosh_robot_agent.ros.standard.odometry import ReportTime
-from woosh_robot_agent.ros.standard.poses import STANDSTILL, Velocity
+from woosh_robot_agent.ros.standard.poses import STANDSTILL, Arc, Velocity
 
 PERIOD = 0.204
 DRIVE = Velocity(0.5, 0.0, 0.5)
 
 
-def arc(seconds: float, velocity: Velocity = DRIVE) -> tuple[float, float, float]:
-    return velocity.forward * seconds, 0.0, velocity.turn * seconds
+def arc(seconds: float, velocity: Velocity = DRIVE) -> Arc:
+    return Arc(velocity.forward * seconds, 0.0, velocity.turn * seconds)
 
 
 def times(delays: list[float], velocity: Velocity = DRIVE, factor: float = 1.0) -> list[float]:
@@ -67,7 +67,7 @@ def test_the_estimate_is_never_after_the_receipt_and_never_goes_back() -> None:
     for _ in range(1000):
         received += rng.choice([0.0, 0.001, PERIOD, 0.3, 3.0])
         velocities = [Velocity(rng.uniform(-1, 1), 0.0, rng.uniform(-1, 1)) for _ in range(2)]
-        moved = (rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-1, 1))
+        moved = Arc(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-1, 1))
         time = clock.next(received, moved, *velocities)
         assert last <= time <= received
         last = time

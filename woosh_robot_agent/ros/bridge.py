@@ -41,11 +41,11 @@ class LoopThread:
         self._thread.start()
 
     @property
-    def held(self) -> tuple[float, float]:
+    def longest_turns(self) -> tuple[float, float]:
         """Longest turn of the event loop in the last one or two minutes, and ever, in seconds.
 
-        During a turn, velocities wait. A long turn comes from a long callback in this thread, or
-        from another thread that kept the GIL.
+        A turn is the time between two waits for sockets and timers; commands wait meanwhile. A long
+        turn comes from a long callback in this thread, or from another thread that kept the GIL.
         """
         selector = self._selector
         return max(selector.longest, selector.longest_before), selector.longest_ever
@@ -99,11 +99,11 @@ class _TimedSelector(selectors.DefaultSelector):
 
 
 class LinkThread:
-    """Access to the link thread for the agent of one robot.
+    """The link thread, as the agent of one robot uses it: its work logs to the robot's node.
 
     Args:
         thread: the link thread; it may serve other robots too.
-        context: context in which the work runs; it holds the node's logger (`logs.context_of`).
+        context: context in which all work runs; it holds the node's logger (`logs.context_of`).
     """
 
     def __init__(self, thread: LoopThread, context: Context) -> None:
@@ -114,9 +114,9 @@ class LinkThread:
         """Spawned coroutines that have not ended, and their `on_error`."""
 
     @property
-    def held(self) -> tuple[float, float]:
-        """Longest turns of the event loop; see `LoopThread.held`."""
-        return self._thread.held
+    def longest_turns(self) -> tuple[float, float]:
+        """The `LoopThread.longest_turns` of the link thread."""
+        return self._thread.longest_turns
 
     def call(self, function: Callable[..., object], *args: object) -> None:
         """Schedule a call of `function` in the loop. Thread-safe."""
@@ -147,7 +147,7 @@ class LinkThread:
         Raises:
             TimeoutError: the coroutine took longer than `timeout` seconds and has been cancelled.
         """
-        return outcome(self.begin(work), timeout)
+        return wait_for_result(self.begin(work), timeout)
 
     async def cancel(self) -> None:
         """Cancel all spawned coroutines and wait for their end; call it in the loop."""
@@ -194,7 +194,7 @@ def _cancelled() -> RuntimeError:
     return RuntimeError("the agent is stopping")
 
 
-def outcome(future: Future[T], timeout: float) -> T:
+def wait_for_result(future: Future[T], timeout: float) -> T:
     """Wait for a coroutine of another thread and return its result.
 
     Raises:
@@ -224,8 +224,8 @@ class Reply:
         self._sent = False
 
     @property
-    def number(self) -> int:
-        """Sequence number of the call, assigned by its client."""
+    def sequence_number(self) -> int:
+        """Number of the call, assigned by its client."""
         return int(self._header.request_id.sequence_number)
 
     @property
@@ -239,8 +239,8 @@ class Reply:
     def send(self, response: Any) -> None:
         """Send the response. A second response is a bug: it is logged and not sent."""
         with self._lock:
-            again, self._sent = self._sent, True
-        if again:
+            was_sent, self._sent = self._sent, True
+        if was_sent:
             _LOG.error("a service call was answered twice; second response: %r", response)
             return
         try:
@@ -268,12 +268,11 @@ class Reply:
 class DeferredService:
     """A service whose callback returns at once; the response is sent later, from any thread.
 
+    The node owns the service, so the object need not be kept.
+
     Args:
-        node: owner of the service.
-        srv_type: ROS type of the service.
-        name: name of the service.
         handle: called with the request and the `Reply` in the executor thread; must not block.
-        urgent: handle requests before anything else.
+        urgent: handle requests before all other callbacks (`UrgentCallbackGroup`).
         qos: profile of the service.
     """
 

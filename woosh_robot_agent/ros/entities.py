@@ -84,7 +84,7 @@ class Watched:
 
     @property
     def may_idle(self) -> bool:
-        """True if the entity may become idle, independently of another entity."""
+        """True if the entity may become idle by itself, instead of together with its owner."""
         return self.owner is self and self.kind in (
             Kind.SUBSCRIPTION,
             Kind.SERVICE,
@@ -92,21 +92,24 @@ class Watched:
         )
 
     @property
-    def can_be_asked(self) -> bool:
-        """True if `take` may be called although it is not known to be ready."""
-        return self.kind is Kind.SERVICE or self.kind is Kind.SUBSCRIPTION
+    def is_queue(self) -> bool:
+        """True if it queues messages or requests; `take` may then be called at any time."""
+        return self.kind in (Kind.SERVICE, Kind.SUBSCRIPTION)
 
     @property
-    def may_have_more(self) -> bool:
-        """True if it may hold several messages or requests."""
-        return self.can_be_asked and self.entity.qos_profile.depth != 1
+    def may_hold_several(self) -> bool:
+        """True if several messages or requests may be queued."""
+        return self.is_queue and self.entity.qos_profile.depth != 1
 
     def rank(self) -> tuple[bool, int, int]:
         """Return the sort key that determines the order of callbacks in a turn."""
         return not self.is_urgent, self.kind, self.last_turn
 
     def take(self, executor: Any) -> Callable[[], Any] | None:
-        """Take a message, request, ...; return a function that runs the callback, or None."""
+        """Take a message, request, ...; return a function that runs the callback with it.
+
+        None if there is nothing to take.
+        """
         entity = self.entity
         try:
             if self.kind is Kind.SERVICE:
@@ -141,6 +144,7 @@ def _takes_info(callback: Callable[..., Any]) -> bool:
 
 
 def _serve(service: Any, request: Any, header: Any) -> Any:
+    """Run the callback of a service; return a coroutine that replies, if the callback is one."""
     callback = service.callback
     if isinstance(callback, DeferredCallback):
         callback.handle(request, header)
@@ -170,19 +174,21 @@ class WaitSet:
         self._waitables: list[Watched] = []
         for each in watched:
             (self._waitables if each.kind is Kind.WAITABLE else entities).append(each)
+        # in the order of the arguments of rclpy's WaitSet
         counts = dict.fromkeys(
             ("subscription", "guard_condition", "timer", "client", "service", "event"), 0
         )
         for each in entities:
             counts[each.kind.name.lower()] += 1
         self._kinds = [name for name, count in counts.items() if count]
+        """Kinds of the entities, other than waitables, by rclpy's names."""
         counts["guard_condition"] += len(guards)
         for each in self._waitables:
             parts = each.entity.get_num_entities()
             for name in counts:
                 counts[name] += getattr(parts, f"num_{name}s")
         self._wait_set = rclpy_private.WaitSet(*counts.values(), context.handle)
-        self._handles = [
+        self._handles = [  # each with the function that adds it to the wait set
             (each.entity.handle, getattr(self._wait_set, f"add_{each.kind.name.lower()}"))
             for each in entities
         ]

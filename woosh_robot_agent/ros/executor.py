@@ -71,18 +71,19 @@ class Executor:
         self._guard = GuardCondition(None, None, self._context)
         """Wakes the thread that spins."""
         self._signal_guard = SignalHandlerGuardCondition(self._context)
+        """Wakes the thread that spins when rclpy's signal handler runs."""
         self._tasks: deque[Any] = deque()
         """Tasks for the next turn."""
         self._is_shutdown = False
         self._lock = threading.RLock()
         """Protects the attributes from here to `_idle`."""
         self._nodes: set[Any] = set()
-        self._changed = False
-        """True if the nodes' entities may have changed."""
+        self._are_entities_outdated = False
+        """True if the nodes' entities may differ from `_watched`."""
         self._watched: dict[Any, Watched] = {}
-        """The nodes' entities."""
+        """The nodes' entities, by rclpy's object."""
         self._wait_set: WaitSet | None = None
-        """The entities in use; None if they have changed."""
+        """The entities in use; None if it has to be made again."""
         self._idle = _IdleThread(self._context, self._lock, self._guard)
         self._spinning = threading.RLock()
         """Held by the thread that spins, which alone uses the attributes from here on."""
@@ -133,9 +134,9 @@ class Executor:
             return list(self._nodes)
 
     def wake(self) -> None:
-        """Look at the nodes again. A node calls it when it has created or destroyed an entity."""
+        """Read the nodes' entities again. rclpy calls it when one was created or destroyed."""
         with self._lock:
-            self._changed = True
+            self._are_entities_outdated = True
             self._idle.wake()
         self._interrupt()
 
@@ -201,13 +202,6 @@ class Executor:
         """
         self._spin_once(timeout_sec, lambda: False)
 
-    def spin_once_until_future_complete(
-        self, future: Any, timeout_sec: float | None = None
-    ) -> None:
-        """Wait for a callback and run it, as `spin_once`; return when a future is done before."""
-        future.add_done_callback(lambda _: self._interrupt())
-        self._spin_once(timeout_sec, lambda: _is_done(future))
-
     def spin_until_future_complete(self, future: Any, timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done, or for `timeout_sec` seconds."""
         future.add_done_callback(lambda _: self._interrupt())
@@ -252,11 +246,11 @@ class Executor:
 
     def _entities_in_use(self) -> WaitSet:
         with self._lock:
-            if self._changed:
+            if self._are_entities_outdated:
                 self._update()
             if self._wait_set is None:
                 self._urgent = [
-                    each for each in self._watched.values() if each.is_urgent and each.can_be_asked
+                    each for each in self._watched.values() if each.is_urgent and each.is_queue
                 ]
                 in_use = (
                     each
@@ -267,8 +261,8 @@ class Executor:
             return self._wait_set
 
     def _update(self) -> None:
-        """Update `_watched` from the entities of the nodes. Call it with the lock."""
-        self._changed = False
+        """Update `_watched` from the entities of the nodes. The caller holds the lock."""
+        self._are_entities_outdated = False
         known, self._watched = self._watched, {}
         for node in self._nodes:
             for kind, entity in entities_of(node):
@@ -285,7 +279,7 @@ class Executor:
         self._watch_idle()
 
     def _use_reported(self) -> list[Watched]:
-        """Return the entities that the second thread has reported; they are in use from now on."""
+        """Put the entities that the second thread has reported in use, and return them."""
         with self._lock:
             reported = self._idle.take_reported()
             for each in reported:
@@ -295,7 +289,7 @@ class Executor:
         return reported
 
     def _limit_use(self) -> bool:
-        """Limit the number of entities in use; return True if some have become idle."""
+        """Limit the number of entities in use; return True if there were too many."""
         self._wait_set = None
         in_use = [each for each in self._watched.values() if each.may_idle and not each.is_idle]
         if len(in_use) <= _MAX_IN_USE:
@@ -310,7 +304,7 @@ class Executor:
         self._idle.watch([each for each in self._watched.values() if each.owner.is_idle])
 
     def _run_next(self) -> bool:
-        """Run the next callback of this turn; return False if there is none."""
+        """Run the next callback of this turn; return False if the turn is over."""
         if self._has_run and self._queue:
             for urgent in self._urgent:
                 if self._run(urgent):
@@ -322,13 +316,10 @@ class Executor:
                 self._run_task(each)
                 return True
             if self._run(each):
-                if each.may_have_more and time.monotonic() < self._turn_ends:
+                if each.may_hold_several and time.monotonic() < self._turn_ends:
                     self._queue.append(each)
                 return True
-        return self._resume_tasks()
-
-    def _resume_tasks(self) -> bool:
-        """Resume the suspended tasks until one of them ends; return False if none does."""
+        # resume each suspended task once, until one of them ends
         return any(self._run_task(self._suspended.popleft()) for _ in range(len(self._suspended)))
 
     def _run_task(self, task: Any) -> bool:
@@ -342,7 +333,7 @@ class Executor:
         return True
 
     def _run(self, watched: Watched) -> bool:
-        """Run the callback of an entity; return False if there is nothing to do."""
+        """Run the callback of an entity, if it is ready; return True if it has run."""
         entity = watched.entity
         if not watched.is_present:
             return False
@@ -390,6 +381,7 @@ def _deadline(timeout: float | None) -> float | None:
 
 
 def _is_done(future: Any) -> bool:
+    """Return True also for a cancelled future, which rclpy does not count as done."""
     return bool(future.done() or future.cancelled())
 
 
@@ -425,7 +417,7 @@ class _IdleThread:
             self._thread.start()
 
     def wake(self) -> None:
-        """Release entities that have been destroyed."""
+        """End the wait, so that entities that have been destroyed are released."""
         if not self._is_closed:
             self._guard.trigger()
 

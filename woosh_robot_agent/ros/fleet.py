@@ -59,7 +59,7 @@ class Fleet:
                 agent.begin_close()
             executor = self.agents[0].node.executor
             if executor is not None:
-                executor.create_task(_end_turn)  # a signal does not interrupt rclpy's wait
+                executor.create_task(lambda: None)  # a signal does not end the executor's wait
 
         loop.call_soon_threadsafe(loop.add_reader, fd, begin)
 
@@ -77,12 +77,8 @@ class Fleet:
         self._thread.stop(_STOP_TIMEOUT)
 
 
-def _end_turn() -> None:
-    """Do nothing, so that the executor's turn ends."""
-
-
 def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
-    """Return the namespaces of the robots by their names.
+    """Return the absolute namespace of each robot, by the robot's name.
 
     Args:
         names: names of the robots; relative names are resolved in the namespace `own`.
@@ -91,7 +87,7 @@ def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
     Raises:
         ValueError: a name is invalid, or two robots have the same namespace.
     """
-    found: dict[str, str] = {}
+    by_name: dict[str, str] = {}
     for name in names:
         namespace = name if name.startswith("/") else f"{own.rstrip('/')}/{name}"
         try:
@@ -101,10 +97,10 @@ def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
                 f"robots: {name!r} is not a namespace; use letters, digits, underscores and "
                 f"slashes, e.g. robots: [r1, /hall/r2] ({error})"
             ) from error
-        if namespace in found.values():
+        if namespace in by_name.values():
             raise ValueError(f"robots: give each robot its own name; two have {namespace}")
-        found[name] = namespace
-    return found
+        by_name[name] = namespace
+    return by_name
 
 
 def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list[ParameterNode]:
@@ -134,7 +130,7 @@ def _create_node(name: str, namespace: str, options: dict[str, Any]) -> Paramete
     frames = name.strip("/")
     defaults = {
         "ip": "",  # invalid: the default address cannot be right for several robots
-        "frame_prefix": f"{frames}/" if frames else "",  # all robots share /tf
+        "frame_prefix": f"{frames}/" if frames else "",  # because all robots share /tf
     }
     try:
         # a node's own remapping overrides the program's

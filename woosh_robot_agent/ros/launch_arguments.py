@@ -25,7 +25,7 @@ DESCRIPTIONS = {
 }
 """Descriptions of the arguments, by name."""
 
-_OF_LAUNCH = {"emulate_tty", "launch-prefix", "launch-prefix-filter"} | {
+_LAUNCH_ARGUMENTS = {"emulate_tty", "launch-prefix", "launch-prefix-filter"} | {
     f"{name}_timeout" for name in ("sigterm", "sigkill")
 }
 """Arguments that `launch` itself takes from the command line."""
@@ -49,18 +49,17 @@ def defaults() -> dict[str, str]:
 
 def declare(*names: str) -> list[DeclareLaunchArgument]:
     """Return the declarations of some of the arguments."""
-    values = defaults()
+    default = defaults()
     return [
-        DeclareLaunchArgument(name, default_value=values[name], description=DESCRIPTIONS[name])
+        DeclareLaunchArgument(name, default_value=default[name], description=DESCRIPTIONS[name])
         for name in names
     ]
 
 
-def given(context: Any, file: str, *names: str) -> dict[str, str]:
-    """Return the values of the arguments of a launch file.
+def values_of(context: Any, file: str, *names: str) -> dict[str, str]:
+    """Return the values of the arguments of a launch file, by name.
 
     Args:
-        context: launch context.
         file: path of the launch file.
         names: all arguments that the launch file declares.
 
@@ -69,7 +68,7 @@ def given(context: Any, file: str, *names: str) -> dict[str, str]:
     """
     if _is_on_command_line(file, sys.argv):
         on_command_line = {each.partition(":=")[0] for each in context.argv}
-        if unknown := sorted(on_command_line - {*names} - _OF_LAUNCH):
+        if unknown := sorted(on_command_line - {*names} - _LAUNCH_ARGUMENTS):
             raise ValueError(
                 f"{Path(file).name} has no argument {', '.join(unknown)}; it has {', '.join(names)}"
             )
@@ -77,7 +76,10 @@ def given(context: Any, file: str, *names: str) -> dict[str, str]:
 
 
 def _is_on_command_line(file: str, command_line: Sequence[str]) -> bool:
-    """Return False if another launch file includes this one; it may have further arguments."""
+    """Return True if the command line starts this launch file itself.
+
+    Otherwise, another launch file includes it, and the command line may have further arguments.
+    """
     path = Path(file)
     return (PACKAGE, path.name) in pairwise(command_line) or any(
         word.endswith(path.name) and Path(word).is_file() and path.samefile(word)
@@ -85,7 +87,7 @@ def _is_on_command_line(file: str, command_line: Sequence[str]) -> bool:
     )
 
 
-def agent(arguments: Mapping[str, str], **parameters: object) -> Node:
+def agent_node(arguments: Mapping[str, str], **parameters: object) -> Node:
     """Return the node of the agent.
 
     Args:
@@ -101,8 +103,10 @@ def agent(arguments: Mapping[str, str], **parameters: object) -> Node:
     }
     if port := arguments.get("port"):
         values["port"] = port_number(port)
-    if nav2 := arguments.get("nav2"):
-        values["nav2"] = _truth("nav2", nav2)
+    if nav2 := arguments.get("nav2", "").lower():
+        if nav2 not in ("true", "false"):
+            raise ValueError(f"nav2 must be true or false, not {arguments['nav2']!r}")
+        values["nav2"] = nav2 == "true"
     if not Path(arguments["params_file"]).is_file():  # the agent would start without it
         raise ValueError(f"params_file is not a file: {arguments['params_file']}")
     return Node(
@@ -124,14 +128,3 @@ def port_number(text: str) -> int:
     if not text.isdecimal() or int(text) > 65535:
         raise ValueError(f"port must be a whole number from 0 to 65535, not {text!r}")
     return int(text)
-
-
-def _truth(name: str, text: str) -> bool:
-    """Return the value of an argument that is true or false.
-
-    Raises:
-        ValueError: the text is neither true nor false.
-    """
-    if text.lower() not in ("true", "false"):
-        raise ValueError(f"{name} must be true or false, not {text!r}")
-    return text.lower() == "true"

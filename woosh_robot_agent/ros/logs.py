@@ -30,7 +30,7 @@ _SEVERITIES = (
     (logging.WARNING, LoggingSeverity.WARN),
     (logging.INFO, LoggingSeverity.INFO),
 )
-"""ROS severities by the lowest level of `logging` that they stand for."""
+"""Levels of `logging`, highest first, and the ROS severity from each level on."""
 
 _FORMATTER = logging.Formatter()
 _NODE_LOGGER = contextvars.ContextVar[Any]("node_logger", default=None)
@@ -41,14 +41,17 @@ _CLOSING: set[str] = set()
 """Names of the loggers of the nodes that are closing."""
 
 
-def expect_losses(logger: Any, *, expected: bool) -> None:
+def set_closing(logger: Any, *, closing: bool) -> None:
     """Log a node's warnings at INFO while the node closes, because a lost link is expected then.
 
     Args:
         logger: logger of the node.
-        expected: True when the node begins to close, False when it is closed.
+        closing: True when the node begins to close, False when it is closed.
     """
-    (_CLOSING.add if expected else _CLOSING.discard)(logger.name)
+    if closing:
+        _CLOSING.add(logger.name)
+    else:
+        _CLOSING.discard(logger.name)
 
 
 def log_as(logger: Any) -> None:
@@ -73,7 +76,10 @@ class RosLogHandler(logging.Handler):
                 text += "\n" + _FORMATTER.formatException(record.exc_info)
             logger = _NODE_LOGGER.get() or get_logger(_PACKAGE)
             place = record.funcName or "", record.pathname, record.lineno
-            severity = _severity(record.levelno)
+            severity = next(
+                (ros for lowest, ros in _SEVERITIES if record.levelno >= lowest),
+                LoggingSeverity.DEBUG,
+            )
             if severity is LoggingSeverity.WARN and logger.name in _CLOSING:
                 severity = LoggingSeverity.INFO
             rclpy_private.log(logger.name, severity, text, *place)
@@ -81,15 +87,10 @@ class RosLogHandler(logging.Handler):
             self.handleError(record)
 
 
-def _severity(level: int) -> LoggingSeverity:
-    """Return the ROS severity of a level of `logging`."""
-    return next((s for least, s in _SEVERITIES if level >= least), LoggingSeverity.DEBUG)
-
-
 _HANDLER = RosLogHandler()
 
 
-def with_possible_log_files(arguments: Sequence[str]) -> list[str]:
+def init_arguments(arguments: Sequence[str]) -> list[str]:
     """Return arguments for `rclpy.init` that turn log files off if their folder is not writable.
 
     With log files, rclpy would not start then. A warning on stderr tells the reason.

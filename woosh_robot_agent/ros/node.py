@@ -28,13 +28,13 @@ from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.actions.actions import Actions
-from woosh_robot_agent.ros.bridge import LinkThread, LoopThread, outcome
+from woosh_robot_agent.ros.bridge import LinkThread, LoopThread, wait_for_result
 from woosh_robot_agent.ros.context import RobotContext
-from woosh_robot_agent.ros.logs import context_of, expect_losses, log_as, log_to_ros
+from woosh_robot_agent.ros.logs import context_of, log_as, log_to_ros, set_closing
 from woosh_robot_agent.ros.rclpy_private import parameter_overrides
 from woosh_robot_agent.ros.releases import on_parameters_set
 from woosh_robot_agent.ros.second_agent import SecondAgent
-from woosh_robot_agent.ros.services import Services
+from woosh_robot_agent.ros.services import create_services
 from woosh_robot_agent.ros.standard.layer import StandardLayer
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.topics import Topics
@@ -59,7 +59,6 @@ class ParameterNode(Node):
 
     def __init__(self, defaults: Mapping[str, Any] | None = None, **options: Any) -> None:
         super().__init__("agent", **options)
-        self._callback: Callable[[Settings], None] | None = None
         try:
             for warning in check_names(parameter_overrides(self)):
                 self.get_logger().warning(warning)
@@ -77,12 +76,17 @@ class ParameterNode(Node):
         Args:
             callback: called after each change with the previous settings.
         """
-        self._callback = callback
-        on_parameters_set(self, self._check_change, self._apply_change)
 
-    def _values(self, changed: list[RosParameter] | None = None) -> dict[str, Any]:
+        def apply(changed: list[RosParameter]) -> None:
+            before, self.settings = self.settings, check(self._values(changed))
+            callback(before)
+
+        on_parameters_set(self, self._check_change, apply)
+
+    def _values(self, changed: Sequence[RosParameter] = ()) -> dict[str, Any]:
+        """Return the current values by name, with the changed ones in their place."""
         values = {p.name: self._value(p) for p in PARAMETERS}
-        values.update((p.name, p.value) for p in changed or () if p.name in values)
+        values.update((p.name, p.value) for p in changed if p.name in values)
         return values
 
     def _value(self, parameter: Parameter) -> Any:
@@ -97,11 +101,6 @@ class ParameterNode(Node):
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
-
-    def _apply_change(self, changed: list[RosParameter]) -> None:
-        before, self.settings = self.settings, check(self._values(changed))
-        if self._callback is not None:
-            self._callback(before)
 
 
 _LOG = logging.getLogger(__name__)
@@ -131,7 +130,7 @@ class Agent:
         node: the node; by default a new one.
         thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
             after closing the agent.
-        link: fields of `LinkConfig` that are no parameters, e.g. `backoff_min`.
+        link: values for fields of `LinkConfig` that are no parameters, e.g. `backoff_min`.
         options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
 
     Raises:
@@ -161,7 +160,7 @@ class Agent:
         watch = Watch(chassis, gate, last_known, explainer, lambda: self.actions.accepted_goals)
         requests = RequestMaker(self.settings.link.robot_id)
         self.robot = RobotContext(self.node, link_thread, chassis, gate, last_known, requests)
-        self._services = Services(
+        create_services(
             self.robot, watch.velocities, lambda: self.settings.standard.velocity_limits
         )
         self.actions = Actions(
@@ -171,21 +170,23 @@ class Agent:
             self.settings.result_timeout,
         )
         self._second_agent = SecondAgent(self.node)
-        parts = PartContext(self.robot, watch, self._second_agent, lambda: self.settings.standard)
-        self._standard = StandardLayer(parts)
-        self._nav2 = self._create_nav2(parts) if self.settings.nav2 else None
+        context = PartContext(self.robot, watch, self._second_agent, lambda: self.settings.standard)
+        self._standard = StandardLayer(context)
+        self._nav2 = self._create_nav2(context) if self.settings.nav2 else None
         self._lock = threading.Lock()
+        """Held while `_end` is set, because `begin_close` may be called from any thread."""
         self._end: Future[None] | None = None
-        self.node.on_change(self._change)
+        """Done when the robot, the goals and the link are stopped; None until `begin_close`."""
+        self.node.on_change(self._settings_changed)
         if self.settings.observe_only:
-            chassis.permit_only(only_reads, self._observes_only)
+            chassis.permit_only(only_reads, self._observe_only_reason)
         link_thread.call(chassis.start)
         self._standard.start()
         link_thread.spawn(self._second_agent.run)
         if self._nav2 is not None:
             self._nav2.start()
 
-    def _create_nav2(self, parts: PartContext) -> Nav2Layer | None:
+    def _create_nav2(self, context: PartContext) -> Nav2Layer | None:
         """Create Nav2's interfaces; None if their definitions are not installed."""
         if find_spec("nav2_msgs") is None:
             self.node.get_logger().error(
@@ -197,7 +198,7 @@ class Agent:
         from woosh_robot_agent.ros.nav2.layer import Nav2Layer
 
         return Nav2Layer(
-            parts,
+            context,
             self.actions,
             lambda: self._standard.map_to_odom,
             self.settings.result_timeout,
@@ -251,7 +252,7 @@ class Agent:
         """
         with self._lock:
             if self._end is None:
-                expect_losses(self.node.get_logger(), expected=True)
+                set_closing(self.node.get_logger(), closing=True)
                 self._end = self.robot.thread.begin(self._close())
 
     def close(self, spin_once: Callable[[], None]) -> None:
@@ -269,10 +270,11 @@ class Agent:
         self.node.destroy_node()
 
     async def _close(self) -> None:
-        # every step runs; stopping gets more time than the gate, whose error is more specific
-        await self._end_step("stopping the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
-        await self._end_step("aborting the goals", self._abort_goals, _GOALS_TIMEOUT)
-        await self._end_step("closing the link", self.robot.chassis.close, _LINK_TIMEOUT)
+        # each step runs, even if the one before failed; the first one gets twice the timeout of
+        # `gate.close`, whose own error says more than a timeout here
+        await self._close_step("stopping the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
+        await self._close_step("aborting the goals", self._abort_goals, _GOALS_TIMEOUT)
+        await self._close_step("closing the link", self.robot.chassis.close, _LINK_TIMEOUT)
 
     async def _abort_goals(self) -> None:
         await self.actions.stop()
@@ -288,7 +290,7 @@ class Agent:
             )
 
     @staticmethod
-    async def _end_step(
+    async def _close_step(
         name: str, work: Callable[[], Coroutine[Any, Any, None]], timeout: float
     ) -> None:
         try:
@@ -299,34 +301,35 @@ class Agent:
             _LOG.exception("%s failed", name)
 
     @property
-    def _observes_only(self) -> str:
-        """Reason why `observe_only` refuses commands, and how to allow them."""
+    def _observe_only_reason(self) -> str:
+        """Why commands are refused while `observe_only` is true, and how to allow them."""
         name = self.node.get_fully_qualified_name()
         return (
             "this agent only observes the robot; to allow commands, call "
             f"`ros2 param set {name} observe_only false`"
         )
 
-    def _change(self, before: Settings) -> None:
+    def _settings_changed(self, before: Settings) -> None:
         settings = self.settings
         if settings.observe_only != before.observe_only:
-            # not a task: it would begin after commands that come right after this change
-            self.robot.thread.call(self._set_observing, settings.observe_only)
+            # called directly: a task would begin after commands that come right after this change
+            self.robot.thread.call(self._set_observe_only, settings.observe_only)
         if settings.link != before.link:
             self.robot.thread.spawn(partial(self._reconfigure, self._link_config()))
 
     def _link_config(self) -> LinkConfig:
         return replace(self.settings.link, **self._link_fields)
 
-    def _set_observing(self, observe_only: bool) -> None:
+    def _set_observe_only(self, observe_only: bool) -> None:
         if not observe_only:
             self.robot.chassis.permit_only(None)
             _LOG.info("observe_only is false: commands are sent to the robot")
             return
-        self.robot.chassis.permit_only(only_reads, self._observes_only)
-        self.actions.give_up(f"{self._observes_only}; the robot may still be executing the goal")
+        reason = self._observe_only_reason
+        self.robot.chassis.permit_only(only_reads, reason)
+        self.actions.give_up(f"{reason}; the robot may still be executing the goal")
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
-        self.robot.thread.spawn(partial(self.robot.gate.leave, self._observes_only, _ZERO_TIMEOUT))
+        self.robot.thread.spawn(partial(self.robot.gate.leave, reason, _ZERO_TIMEOUT))
 
     async def _reconfigure(self, config: LinkConfig) -> None:
         self.robot.requests.robot_id = config.robot_id
@@ -340,12 +343,14 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
     for agent in agents:
         agent.begin_close()
     ends = [agent._end for agent in agents if agent._end is not None]
-    _spin_while(lambda: not all(end.done() for end in ends), spin_once, _CLOSE_TIMEOUT)
+    until = time.monotonic() + _CLOSE_TIMEOUT
+    while time.monotonic() < until and not all(end.done() for end in ends):
+        spin_once()
     rests = [(agent, agent.robot.thread.begin(agent.robot.thread.cancel())) for agent in agents]
     until = time.monotonic() + _REST_TIMEOUT
     for agent, rest in rests:
         try:
-            outcome(rest, max(until - time.monotonic(), 0.0))
+            wait_for_result(rest, max(until - time.monotonic(), 0.0))
         except TimeoutError:
             agent.node.get_logger().error("the agent's tasks did not end in time")
     for agent in agents:
@@ -353,12 +358,4 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
             agent._own_thread.stop(_REST_TIMEOUT)
         if agent.node.executor is not None:  # otherwise it would keep the node's entities alive
             agent.node.executor.remove_node(agent.node)
-        expect_losses(agent.node.get_logger(), expected=False)
-
-
-def _spin_while(
-    condition: Callable[[], bool], spin_once: Callable[[], None], timeout: float
-) -> None:
-    until = time.monotonic() + timeout
-    while condition() and time.monotonic() < until:
-        spin_once()
+        set_closing(agent.node.get_logger(), closing=False)

@@ -21,7 +21,9 @@ from woosh_robot_agent.ros.releases import count_services
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """Name that rmw reports for the node of an endpoint before it has discovered the node."""
 _LOG = logging.getLogger(__name__)
-_LEASE = 25.0
+_PERIOD = 2.0
+"""Period of the checks of the ROS graph, in seconds."""
+_MAX_LEASE = 25.0
 """Time after which a process that was killed has certainly left the graph, in seconds.
 
 The middleware notices it after 20 s.
@@ -31,40 +33,36 @@ The middleware notices it after 20 s.
 class SecondAgent:
     """Looks for other nodes that offer the same topics and services as this agent.
 
-    Args:
-        node: the agent's node.
-        period: period of the checks of the ROS graph, in seconds.
-
     Attributes:
         warning: description of the other agent, and what to do; empty if there is none.
     """
 
-    def __init__(self, node: Any, period: float = 2.0) -> None:
+    def __init__(self, node: Any) -> None:
         self.warning = ""
         self._node = node
-        self._period = period
         self._topic = node.resolve_topic_name(TOPICS[0].name)
         self._service = node.resolve_service_name(QUERIES[0].name)
-        self._seen = 0.0
+        self._seen_since = 0.0
         """Monotonic time at which another agent was first seen; 0 while there is none."""
 
     async def run(self) -> None:
         """Check the ROS graph periodically, until cancelled."""
         while True:
-            self._look()
-            await asyncio.sleep(self._period)
+            self._check_graph()
+            await asyncio.sleep(_PERIOD)
 
-    def _look(self) -> None:
+    def _check_graph(self) -> None:
         """Check the ROS graph now, and log a second agent that was not there at the last check."""
         before, self.warning = self.warning, ""
         # these counts are cheap; naming the nodes is not
         publishers = self._node.count_publishers(self._topic)
         if max(publishers, count_services(self._node, self._service)) < 2:
-            self._seen = 0.0
+            self._seen_since = 0.0
             return
-        self._seen = self._seen or time.monotonic()
+        self._seen_since = self._seen_since or time.monotonic()
         if others := sorted(self._others()):
-            runs = "runs" if time.monotonic() - self._seen > _LEASE else "runs, or has just ended,"
+            is_alive = time.monotonic() - self._seen_since > _MAX_LEASE
+            runs = "runs" if is_alive else "runs, or has just ended,"
             self.warning = (
                 f"another agent {runs} in the same namespace: node {', node '.join(others)}. Both "
                 "respond to each call, and each executes every command unless its observe_only is "
@@ -76,7 +74,7 @@ class SecondAgent:
     def _others(self) -> Iterator[str]:
         """Yield the names of the other nodes that publish the topic or offer the service."""
         own = self._node.get_fully_qualified_name()
-        found = Counter(
+        agents = Counter(
             _path(each.node_name, each.node_namespace)
             for each in self._node.get_publishers_info_by_topic(self._topic)
             if each.node_name != UNKNOWN_NODE  # its name will be known the next time
@@ -87,10 +85,10 @@ class SecondAgent:
             except NodeNameNonExistentError:  # it has just left the graph
                 continue
             path = _path(name, namespace)
-            if self._service in dict(services) and not found[path]:
-                found[path] = 1
-        found[own] -= 1  # another node may have the same name
-        yield from (name for name, count in found.items() if count > 0)
+            if self._service in dict(services) and not agents[path]:
+                agents[path] = 1
+        agents[own] -= 1  # another node may have the same name
+        yield from (name for name, count in agents.items() if count > 0)
 
 
 def _path(name: str, namespace: str) -> str:

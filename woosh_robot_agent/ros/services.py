@@ -1,4 +1,4 @@
-"""The services of the table: queries and commands, forwarded to the chassis."""
+"""The services in `endpoints.QUERIES` and `endpoints.COMMANDS`, forwarded to the chassis."""
 
 from __future__ import annotations
 
@@ -35,53 +35,36 @@ from woosh_robot_agent.ros.context import RobotContext
 
 _LOG = logging.getLogger(__name__)
 _LIMITED = "the velocity was limited by cmd_vel_max_linear or cmd_vel_max_angular"
-
-
 _LARGE_VALUE = LARGE // 8
 """Size from which a protobuf message counts as large, in bytes: its JSON can be eight times as
 long."""
 
 
-class Services:
-    """Servers of all services in the table.
+def create_services(
+    robot: RobotContext, velocities: VelocitySources, limits: Callable[[], VelocityLimits]
+) -> None:
+    """Create the services; the node owns them.
 
     Args:
-        robot: the objects of the robot.
-        velocities: gets the calls that command velocities.
+        velocities: gets each call that commands a velocity.
         limits: returns the limits of velocities.
-
-    Attributes:
-        last_known: the last known values.
     """
-
-    def __init__(
-        self,
-        robot: RobotContext,
-        velocities: VelocitySources,
-        limits: Callable[[], VelocityLimits],
-    ) -> None:
-        self.last_known = robot.last_known
-        self._servers: list[DeferredService] = []
-        for query in QUERIES:
-            query_handler = _QueryHandler(query, robot)
-            self._servers.append(
-                DeferredService(robot.node, query_handler.srv, query.name, query_handler.handle)
-            )
-        for command in COMMANDS:
-            command_handler = _CommandHandler(command, robot, velocities, limits)
-            self._servers.append(
-                DeferredService(
-                    robot.node,
-                    command_handler.srv,
-                    command.name,
-                    command_handler.handle,
-                    urgent=command.request == Twist.DESCRIPTOR.full_name,
-                )
-            )
+    for query in QUERIES:
+        query_handler = _QueryHandler(query, robot)
+        DeferredService(robot.node, query_handler.srv, query.name, query_handler.handle)
+    for command in COMMANDS:
+        command_handler = _CommandHandler(command, robot, velocities, limits)
+        DeferredService(
+            robot.node,
+            command_handler.srv,
+            command.name,
+            command_handler.handle,
+            urgent=command.request == Twist.DESCRIPTOR.full_name,
+        )
 
 
 class _QueryHandler:
-    """Handler of one query.
+    """Handler of a service that reads a value of the chassis.
 
     If the chassis gives no usable answer, the response holds the last known value, or is blank if
     there is none. The log says why.
@@ -103,7 +86,7 @@ class _QueryHandler:
 
     async def _answer(self, request: Any, reply: Reply) -> None:
         try:
-            value = await self._ask(request)
+            value = await self._request_value(request)
         except TooManyRequestsError as error:  # the link warns of it, once for all services
             _LOG.debug("%s: %s", self._fallback, error)
             value = await self._last_value()
@@ -115,8 +98,8 @@ class _QueryHandler:
         response = filled(self.srv.Response, **{self._endpoint.field: value.message})
         await _send(reply, response, is_large=value.is_large)
 
-    async def _ask(self, request: Any) -> _Value:
-        """Request the value from the chassis; return it."""
+    async def _request_value(self, request: Any) -> _Value:
+        """Request the value from the chassis; raise an error without a usable answer."""
         answer = await self._robot.chassis.request(self._message(request))
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.msg}")
@@ -138,9 +121,10 @@ class _QueryHandler:
         return f"{name} answers with the last known value"
 
     async def _last_value(self) -> _Value:
+        """Return the last known value, or a blank one."""
         last = self._robot.last_known.get(self._endpoint.request) or self._proto()
         if last.ByteSize() < _LARGE_VALUE:
-            return _Value(self._convert.to_ros(last), False)
+            return _Value(self._convert.to_ros(last), is_large=False)
         if self._converting is None or self._converting[0] is not last:
             # all calls that come while it is converted share the result
             task = start_task(
@@ -148,7 +132,7 @@ class _QueryHandler:
             )
             self._converting = (last, task)
             task.add_done_callback(self._converted)
-        return _Value(await asyncio.shield(self._converting[1]), True)
+        return _Value(await asyncio.shield(self._converting[1]), is_large=True)
 
     def _converted(self, task: asyncio.Task[Any]) -> None:
         if self._converting is not None and self._converting[1] is task:
@@ -181,7 +165,7 @@ class _UnusableAnswerError(Exception):
 
 
 class _CommandHandler:
-    """Handler of one command: forwards it to the chassis, and the answer to the client."""
+    """Handler of a service that sends a command: forwards its request, and the answer."""
 
     def __init__(
         self,
@@ -198,6 +182,7 @@ class _CommandHandler:
         arg_type = self.srv.Request.get_fields_and_field_types()["arg"]
         self._convert = converter(class_of(arg_type, "msg"), message_type(endpoint.request))
         self._convert_ret: Converter | None = None
+        """Converter of the field `ret` in the response; None if the response has none."""
         if endpoint.answer:
             ret_type = self.srv.Response.get_fields_and_field_types()["ret"]
             self._convert_ret = converter(class_of(ret_type, "msg"), message_type(endpoint.answer))
@@ -205,21 +190,20 @@ class _CommandHandler:
 
     def handle(self, request: Any, reply: Reply) -> None:
         try:
-            message = self._robot.requests.make(self._convert, request.arg)
-            wanted = message
+            requested = message = self._robot.requests.make(self._convert, request.arg)
             if isinstance(message, Twist):
                 message = self._limits().apply(message)
         except (BadFieldError, UnusableVelocityError) as error:
             reply.send(self._response(False, f"arg.{error}; nothing was sent"))
             return
-        note = "" if message == wanted else _LIMITED
+        note = "" if message == requested else _LIMITED
         published = self._clock.published(*reply.times, time.monotonic())
         self._robot.thread.spawn(partial(self._answer, message, reply, published, note), reply.fail)
 
     async def _answer(self, message: Message, reply: Reply, published: float, note: str) -> None:
         address = self._robot.chassis.config.address
         if isinstance(message, Twist) and may_move(message):
-            self._velocities.called(self._endpoint.name, reply.number)
+            self._velocities.called(self._endpoint.name, reply.sequence_number)
         try:
             answer = await self._robot.gate.request(
                 message, sender=Sender(self._endpoint.name, published)
@@ -230,7 +214,7 @@ class _CommandHandler:
         except LinkError as error:
             reply.send(self._response(False, str(error)))
             return
-        response = await self._answered(answer)
+        response = await self._response_for(answer)
         if note and answer.ok:
             response.msg = f"{response.msg}; {note}" if response.msg else note
         await _send(reply, response, is_large=answer.raw.is_large)
@@ -241,11 +225,10 @@ class _CommandHandler:
             f"{self._endpoint.request}: {error}; whether it took effect is not known"
         )
 
-    async def _answered(self, answer: Answer) -> Any:
-        """Return the response for an answer of the chassis."""
+    async def _response_for(self, answer: Answer) -> Any:
         if self._convert_ret is None:
             return self._response(answer.ok, answer.msg)
-        ret, defect = await self._ret(self._convert_ret, answer.raw)
+        ret, defect = await self._read_ret(self._convert_ret, answer.raw)
         if defect and answer.ok:
             if self._endpoint.reads:
                 return self._response(False, f"no usable answer: {defect}")
@@ -253,8 +236,8 @@ class _CommandHandler:
                 _LOG.warning("%s: accepted, but %s", self._endpoint.name, answer.defect)
         return self._response(answer.ok, answer.msg, ret)
 
-    async def _ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
-        """Return `ret`, converted from an answer; None and the reason if that is not possible."""
+    async def _read_ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
+        """Return the field `ret` from an answer and "", or None and why it cannot be read."""
         endpoint = self._endpoint
         if endpoint.two_types and body.type == endpoint.request:
             body = body.as_type(endpoint.answer)
@@ -266,6 +249,7 @@ class _CommandHandler:
             return None, f"the answer cannot be read: {error}"
 
     def _response(self, ok: bool, msg: str, ret: Any = None) -> Any:
+        """Return a response; its field `ret`, if it has one, is blank by default."""
         if self._convert_ret is None:
             return self.srv.Response(ok=ok, msg=msg)
         if ret is None:

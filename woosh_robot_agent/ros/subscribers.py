@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -32,10 +33,6 @@ class Subscribers:
 
     The middleware reports each subscriber that comes or goes by an event. Humble and some
     middleware have no such events; there, the subscribers are counted every `POLL_PERIOD`.
-
-    Args:
-        node: owner of the publishers.
-        thread: the link thread.
     """
 
     def __init__(self, node: Any, thread: LinkThread) -> None:
@@ -57,7 +54,9 @@ class Subscribers:
         # once, and subscribers sometimes do not discover that one.
         publisher = create_publisher(self._node, message_class, name, profile)
         try:
-            handlers = subscriber_event_handlers(self._node, publisher, self._notify)
+            handlers = subscriber_event_handlers(
+                self._node, publisher, partial(self._thread.call, self._changed.set)
+            )
         except UnsupportedEventTypeError:
             self._has_events = False
         else:
@@ -79,15 +78,15 @@ class Subscribers:
             self._valid_until = _next_poll(now)
         return self._present
 
-    async def wait(self, present: bool) -> None:
-        """Wait until there is at least one subscriber, or none."""
+    async def wait(self, *, present: bool) -> None:
+        """Wait until there is at least one subscriber, or until there is none."""
         while self.present != present:
             if self._has_events:
                 await self._changed.wait()
             else:
-                found = asyncio.get_running_loop().create_future()
-                self._poll(present, found)
-                await found
+                reached = asyncio.get_running_loop().create_future()
+                self._poll(present, reached)
+                await reached
 
     async def repeat(
         self, rate: Callable[[], float], work: Callable[[float], Coroutine[Any, Any, None]]
@@ -102,28 +101,25 @@ class Subscribers:
             work: called with the loop time. Its exceptions end the repetition.
         """
         while True:
-            await self.wait(True)
+            await self.wait(present=True)
             repetition = _Repetition(self, rate, work)
             try:
                 await repetition.ended
             finally:
                 repetition.cancel()
 
-    def _poll(self, present: bool, found: asyncio.Future[None]) -> None:
-        """Set a future as soon as the subscribers are as awaited.
+    def _poll(self, present: bool, reached: asyncio.Future[None]) -> None:
+        """Set `reached` as soon as `self.present` is `present`; check it every `POLL_PERIOD`.
 
         Checks are made at multiples of the period, so those of all sets wake the loop only once.
         """
-        if found.done():  # cancelled
+        if reached.done():  # cancelled
             return
         if self.present == present:
-            found.set_result(None)
+            reached.set_result(None)
             return
-        loop = found.get_loop()
-        loop.call_at(_next_poll(loop.time()), self._poll, present, found)
-
-    def _notify(self) -> None:
-        self._thread.call(self._changed.set)
+        loop = reached.get_loop()
+        loop.call_at(_next_poll(loop.time()), self._poll, present, reached)
 
 
 def _next_poll(now: float) -> float:
@@ -137,7 +133,6 @@ class _Repetition:
     the event loop.
 
     Args:
-        subscribers: the subscribers.
         rate: as in `Subscribers.repeat`.
         work: as in `Subscribers.repeat`.
 

@@ -1,4 +1,4 @@
-"""The topics of the table: pushes of the chassis, and AgentInfo.
+"""The topics in `endpoints.TOPICS`, with the pushes of the chassis, and the topic AgentInfo.
 
 All are published directly from the link thread.
 """
@@ -22,20 +22,17 @@ from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
 
 
 class Topics:
-    """Publishers of all topics in the table.
+    """Publishers of the topics.
 
-    Each topic of the chassis gets its first value from RobotInfo, then each push once, in order.
-
-    Args:
-        node: the agent's node.
-        thread: the link thread.
-        chassis: the link; used in its event loop only.
+    Each topic gets its first value from RobotInfo, then each push once, in order. A topic that is
+    published on demand only gets pushes.
     """
 
     def __init__(self, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
         self._first: dict[str, tuple[Any, Converter]] = {}
-        """Publisher and converter of each topic that gets its first value from RobotInfo."""
-        chassis.on_snapshot(self._snapshot, self._serialized_parts)
+        """Publisher and converter of each topic that gets its first value from RobotInfo, by the
+        protobuf full name of its pushes."""
+        chassis.on_snapshot(self._publish_parts, self._serialized_parts)
         for topic in TOPICS:
             if topic.on_demand:
                 _OnDemand(topic, node, thread, chassis)
@@ -49,16 +46,16 @@ class Topics:
         _AgentInfo(node, chassis)
 
     def _serialized_parts(self, info: RobotInfo) -> list[tuple[Any, bytes]]:
-        found = []
+        messages = []
         for part in parts_of(info):
             # StatusCodes has no topic: old codes would look like new ones on robot/StatusCode
             if first := self._first.get(full_name(part)):
                 publisher, convert = first
-                found.append((publisher, serialize(convert.to_ros(part))))
-        return found
+                messages.append((publisher, serialize(convert.to_ros(part))))
+        return messages
 
-    def _snapshot(self, parts: list[tuple[Any, bytes]]) -> None:
-        for publisher, message in parts:
+    def _publish_parts(self, messages: list[tuple[Any, bytes]]) -> None:
+        for publisher, message in messages:
             publisher.publish(message)
 
 
@@ -80,11 +77,11 @@ class _OnDemand:
 
     async def _run(self) -> None:
         while True:
-            await self._subscribers.wait(True)
+            await self._subscribers.wait(present=True)
             unsubscribe = self._chassis.subscribe_raw(
                 self._proto_class, self._publisher.publish, partial(_serialized, self._convert)
             )
-            await self._subscribers.wait(False)
+            await self._subscribers.wait(present=False)
             unsubscribe()
 
 

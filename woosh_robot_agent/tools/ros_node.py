@@ -11,7 +11,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from woosh_robot_agent.ros.executor import Executor
-from woosh_robot_agent.ros.logs import with_possible_log_files
+from woosh_robot_agent.ros.logs import init_arguments
 
 _TIMEOUT = 0.1
 """Maximum delay before the thread notices `stop`, in seconds."""
@@ -37,7 +37,7 @@ class NodeThread:
         self, name: str, namespace: str, args: Sequence[str] = (), domain: int | None = None
     ) -> None:
         context = Context()
-        rclpy.init(args=with_possible_log_files(args), context=context, domain_id=domain)
+        rclpy.init(args=init_arguments(args), context=context, domain_id=domain)
         try:
             self.node = Node(name, namespace=namespace, context=context)
         except BaseException:

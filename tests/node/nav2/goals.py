@@ -13,6 +13,7 @@ from tests.harness import Client, Collector, wait_future
 from tests.node.goals import START
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
+from woosh_robot_agent.simulator import SimulatorThread
 
 SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
 CANCELED = GoalStatus.STATUS_CANCELED
@@ -107,6 +108,15 @@ def pose(x: float, y: float, theta: float = 0.0, frame: str = "map") -> PoseStam
     message.pose.orientation.z = math.sin(theta / 2)
     message.pose.orientation.w = math.cos(theta / 2)
     return message
+
+
+def stands(simulator: SimulatorThread) -> bool:
+    return not simulator.call(lambda sim: sim.chassis.base.moving)
+
+
+def says(result: Any, text: str) -> bool:
+    """Return True if the error message of a result has a text, or if results have none: Humble."""
+    return text in getattr(result, "error_msg", text)
 
 
 def go(client: Client, distance: float, **fields: Any) -> Nav2Client:

@@ -13,6 +13,7 @@ from tests.node.nav2.goals import (
     SUCCEEDED,
     Nav2Client,
     pose,
+    stands,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
@@ -122,7 +123,7 @@ def test_undocking_is_cancelled(client: Client, simulator: SimulatorThread) -> N
     goal.cancel()
     status, result = goal.result()
     assert (status, result.success, result.error_code) == (CANCELED, False, 0)
-    assert not simulator.call(lambda sim: sim.chassis.base.moving)
+    assert stands(simulator)
 
 
 def test_the_way_to_the_charger_takes_too_long(client: Client, simulator: SimulatorThread) -> None:

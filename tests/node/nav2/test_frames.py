@@ -151,13 +151,9 @@ class TestFrames:
 
 
 def test_frames_with_a_prefix(
-    client: Client,
-    simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
-    logs: Collector,
+    client: Client, connect: Callable[..., RunningAgent], logs: Collector
 ) -> None:
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, nav2=True, frame_prefix="r1/")
-    agent.wait_connected()
+    connect(nav2=True, frame_prefix="r1/")
     goal = go(client, ahead(0.5, "r1/map"))
     goal.feedback.wait(lambda each: each.current_pose.header.frame_id == "r1/map")
     assert goal.result()[0] == SUCCEEDED

@@ -9,9 +9,9 @@ from collections.abc import Callable
 import pytest
 from rcl_interfaces.srv import GetParameters
 
-from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
+from tests.harness import HUMBLE, Client, Program, RunningAgent, wait_until
 from tests.node.goals import slow_down
-from tests.node.nav2.goals import ABORTED, Nav2Client, go
+from tests.node.nav2.goals import ABORTED, Nav2Client, go, says
 from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -61,10 +61,8 @@ def test_there_are_the_definitions_that_basic_navigator_imports() -> None:
     assert [name for name in services if not hasattr(nav2_services, name)] == []
 
 
-def test_it_is_off_by_default(
-    client: Client, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
-) -> None:
-    start_agent(ip="127.0.0.1", port=simulator.port).wait_connected()
+def test_it_is_off_by_default(client: Client, connect: Callable[..., RunningAgent]) -> None:
+    connect()
     wait_until(lambda: "agent/get_parameters" in services(client), "the agent")
     client.wait_known(GetParameters, client.path("agent/get_parameters"))
     assert not {each.name for each in NAV2} & set(services(client))
@@ -73,14 +71,12 @@ def test_it_is_off_by_default(
 
 def test_without_its_definitions_there_is_one_clear_line(
     client: Client,
-    simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
-    logs: Collector,
+    connect: Callable[..., RunningAgent],
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setitem(sys.modules, "nav2_msgs", None)
-    start_agent(ip="127.0.0.1", port=simulator.port, nav2=True).wait_connected()
+    connect(nav2=True)
     wait_until(lambda: "agent/get_parameters" in services(client), "the agent")
     assert not {each.name for each in NAV2} & set(services(client))
     said = capfd.readouterr().err
@@ -88,31 +84,27 @@ def test_without_its_definitions_there_is_one_clear_line(
 
 
 def test_an_agent_that_observes_sends_no_goals(
-    client: Client, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+    client: Client, simulator: SimulatorThread, connect: Callable[..., RunningAgent]
 ) -> None:
-    agent = start_agent(ip="127.0.0.1", port=simulator.port, nav2=True, observe_only=True)
-    agent.wait_connected()
+    connect(nav2=True, observe_only=True)
     for goal in (go(client, 1.0), Nav2Client(client, "spin", target_yaw=1.0)):
         status, result = goal.result()
         assert status == ABORTED
-        assert "only observes" in getattr(result, "error_msg", "only observes")
+        assert says(result, "only observes")
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
 def test_a_lost_link_aborts_a_goal(
-    client: Client, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+    client: Client, simulator: SimulatorThread, connect: Callable[..., RunningAgent]
 ) -> None:
-    agent = start_agent(
-        ip="127.0.0.1", port=simulator.port, nav2=True, goal_link_timeout=0.2, backoff_min=0.1
-    )
-    agent.wait_connected()
+    connect(nav2=True, goal_link_timeout=0.2)
     slow_down(simulator)
     goal = go(client, 5.0)
     goal.feedback.wait(lambda _: True)
     simulator.inject("off")
     status, result = goal.result()
     assert status == ABORTED
-    assert "the link was lost" in getattr(result, "error_msg", "the link was lost")
+    assert says(result, "the link was lost")
 
 
 def test_a_program_with_it_ends_cleanly(
@@ -128,4 +120,4 @@ def test_a_program_with_it_ends_cleanly(
     program.end()
     status, result = goal.result()
     assert status == ABORTED
-    assert "stopping" in getattr(result, "error_msg", "stopping")
+    assert says(result, "stopping")

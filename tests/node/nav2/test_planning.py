@@ -10,7 +10,16 @@ import pytest
 
 from tests.harness import Client, Collector
 from tests.node.goals import START
-from tests.node.nav2.goals import ABORTED, CANCELED, SUCCEEDED, Nav2Client, ahead, pose, poses_field
+from tests.node.nav2.goals import (
+    ABORTED,
+    CANCELED,
+    SUCCEEDED,
+    Nav2Client,
+    ahead,
+    pose,
+    poses_field,
+    says,
+)
 from tests.node.nav2.test_behaviors import code, error_code
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -70,8 +79,7 @@ def test_without_a_path_the_reason_is_told(client: Client) -> None:
     ):
         status, result = goal.result()
         assert (status, error_code(result)) == (ABORTED, code(result, "NO_VALID_PATH"))
-        text = "to (1000.00, 1000.00): choose a goal on free floor"
-        assert text in getattr(result, "error_msg", text)
+        assert says(result, "to (1000.00, 1000.00): choose a goal on free floor")
     status, result = through_poses(client, []).result()
     assert (status, error_code(result)) == (ABORTED, code(result, "NO_VIAPOINTS_GIVEN"))
 

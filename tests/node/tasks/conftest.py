@@ -58,7 +58,7 @@ def robot(agent: RunningAgent, chassis: ScriptedChassis) -> Iterator[ScriptedRob
 @pytest.fixture
 def normal(robot: ScriptedRobot) -> None:
     """Poll often, and let the chassis start the test in its normal state."""
-    robot.agent.agent.actions.timing = GoalTiming(poll_period=0.1, in_doubt_poll_factor=0.5)
+    robot.agent.agent.actions.timing = GoalTiming(poll_period=0.1, unknown_state_poll_factor=0.5)
     chassis = robot.chassis
     chassis.refused.clear()
     chassis.silent.clear()

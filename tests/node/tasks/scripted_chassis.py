@@ -132,6 +132,11 @@ class ScriptedChassis:
 
     # Link
 
+    @property
+    def subscribed(self) -> set[str]:
+        """Types of which a connected client gets the pushes."""
+        return {topic for client in list(self._clients) for topic in list(client.topics)}
+
     def listen(self) -> None:
         """Accept connections, on the same port as before."""
         self._run(self._listen())

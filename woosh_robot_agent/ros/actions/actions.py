@@ -16,6 +16,7 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.protos import full_name, message_type
+from woosh_robot_agent.link.reports import RecentDict
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
@@ -31,18 +32,17 @@ from woosh_robot_agent.ros.actions.goal import (
     LinkChanged,
     Pushed,
 )
-from woosh_robot_agent.ros.actions.run import STOPPING, Context, GoalRun, OpenGoals
+from woosh_robot_agent.ros.actions.run import STOPPING, GoalContext, GoalRun, OpenGoals
 from woosh_robot_agent.ros.actions.server import Goal, GoalServer
-from woosh_robot_agent.ros.actions.tasks import LastReports, TaskGoal, TaskIds, TaskSetGoal
+from woosh_robot_agent.ros.actions.tasks import TaskGoal, TaskSetGoal, unused_task_ids
 from woosh_robot_agent.ros.context import RobotContext
 
-
-def _ignore(_report: Message) -> None:
-    """Ignore a report."""
+_MAX_REPORTS = 100
+"""Maximum number of tasks whose last report is remembered."""
 
 
 class AgentGoal:
-    """A goal that the agent itself has started, e.g. for goal_pose. Use it in the link thread.
+    """A goal that the agent itself has started, e.g. for a goal of Nav2. Use it in the link thread.
 
     Args:
         on_report: called with each report of the chassis on the goal.
@@ -67,7 +67,7 @@ class AgentGoal:
         self._on_cancel()
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
-        """Call `callback` when the goal is to be cancelled."""
+        """Set the function that `cancel` calls."""
         self._on_cancel = callback
 
     def feedback(self, report: Message) -> None:
@@ -79,38 +79,36 @@ class AgentGoal:
 
 
 class _RosClient:
-    """The client of a goal of an action server: converts reports to the messages of the action.
+    """The client of a goal of an action server: wraps reports in the messages of the action.
 
     Args:
-        feedback: converts a report to the action's feedback.
-        result: converts the last report to the action's result.
-        goal: the goal in the action server.
+        action_class: ROS class of the action.
+        convert: converts reports to the type of the fields `fb` and `ret`.
     """
 
-    def __init__(
-        self, feedback: Callable[[Message], Any], result: Callable[[Message], Any], goal: Goal
-    ) -> None:
+    def __init__(self, action_class: Any, convert: Converter, goal: Goal) -> None:
         self.published = goal.published
         self.on_cancel = goal.on_cancel
-        self._feedback = feedback
-        self._result = result
+        self._action_class = action_class
+        self._convert = convert
         self._goal = goal
 
     def feedback(self, report: Message) -> None:
-        self._goal.feedback(self._feedback(report))
+        feedback = filled(self._action_class.Feedback, fb=self._convert.to_ros(report))
+        self._goal.feedback(feedback)
 
     def finish(self, end: End) -> None:
-        self._goal.finish(end.outcome, self._result(end.result))
+        result = filled(self._action_class.Result, ret=self._convert.to_ros(end.result))
+        self._goal.finish(end.outcome, result)
 
 
 @dataclass(frozen=True)
 class _Action:
-    """The objects that the goals of one action share, whoever starts them."""
+    """The objects from which the goals of one action are made."""
 
     make_kind: Callable[..., GoalKind]
     """Makes the kind of a goal from its command."""
-    context: Context
-    """Objects shared by the goals whose commands are messages of the chassis."""
+    context: GoalContext
 
 
 class Actions:
@@ -134,7 +132,6 @@ class Actions:
         link_timeout: Callable[[], float],
         result_timeout: int,
     ) -> None:
-        self._link_timeout = link_timeout
         self._open_goals: defaultdict[str, OpenGoals] = defaultdict(OpenGoals)
         """The open goals of each member of CallAction; all tasks have the key ""."""
         self._runs: dict[asyncio.Task[None], GoalRun] = {}
@@ -146,26 +143,24 @@ class Actions:
         self.servers: list[GoalServer] = []
         self.timing = GoalTiming()
         self._actions: dict[str, _Action] = {}
-        """All actions, by the protobuf full name of their command."""
-        self._last_reports = LastReports()
-        task_ids = TaskIds()
+        """All actions for the goals of the agent, by the protobuf full name of their command."""
+        self._last_reports: RecentDict[int, TaskProc] = RecentDict(_MAX_REPORTS)
+        """The last report on each of the latest tasks, by task id."""
+        task_ids = unused_task_ids()
         for action in ACTIONS:
             action_class = class_of(action.action, "action")
-            arg, fb = (
-                converter(_field_class(part, name), message_type(proto_name))
-                for part, name, proto_name in (
-                    (action_class.Goal, "arg", action.arg),
-                    (action_class.Feedback, "fb", action.feedback),
-                )
+            command = converter(_field_class(action_class.Goal, "arg"), message_type(action.arg))
+            report = converter(
+                _field_class(action_class.Feedback, "fb"), message_type(action.feedback)
             )
-            context = Context(
-                robot.chassis,
-                robot.gate,
-                self._open_goals[action.member],
-                self._timing,
-                partial(robot.requests.make, arg),
-                robot.requests.empty,
-                explain,
+            context = GoalContext(
+                chassis=robot.chassis,
+                gate=robot.gate,
+                open_goals=self._open_goals[action.member],
+                timing=lambda: replace(self.timing, link_timeout=link_timeout()),
+                to_proto=partial(robot.requests.make, command),
+                empty=robot.requests.empty,
+                explain=explain,
             )
             make_kind: Callable[..., GoalKind]
             if action.member:
@@ -180,30 +175,26 @@ class Actions:
             else:
                 make_kind = partial(
                     TaskGoal,
-                    ids=task_ids,
+                    unused_ids=task_ids,
                     last_known=robot.last_known,
                     last_reports=self._last_reports,
                 )
+            # the commands of the agent's own goals are messages of the chassis already
             self._actions[action.arg] = _Action(
                 make_kind, replace(context, to_proto=robot.requests.address)
             )
-            accepted = partial(
-                self._accepted,
-                make_kind,
-                context,
-                partial(
-                    _RosClient,
-                    partial(_wrapped, action_class.Feedback, "fb", fb),
-                    partial(_wrapped, action_class.Result, "ret", fb),
-                ),
+            start = partial(
+                self._start_for_ros_client,
+                _Action(make_kind, context),
+                partial(_RosClient, action_class, report),
             )
             self.servers.append(
                 GoalServer(
-                    robot.node, robot.thread, action_class, action.name, accepted, result_timeout
+                    robot.node, robot.thread, action_class, action.name, start, result_timeout
                 )
             )
-        for report in (TaskProc, RobotState, Feedbacks):
-            robot.chassis.subscribe(report, self._pushed)
+        for pushed in (TaskProc, RobotState, Feedbacks):
+            robot.chassis.subscribe(pushed, self._pushed)
         robot.chassis.on_state(self._link_changed)
 
     async def stop(self) -> None:
@@ -223,7 +214,7 @@ class Actions:
     def start(
         self,
         command: Message,
-        on_report: Callable[[Message], None] = _ignore,
+        on_report: Callable[[Message], None] = lambda _report: None,
         published: float | None = None,
     ) -> AgentGoal:
         """Start a goal of the agent itself. Call it in the link thread.
@@ -233,10 +224,8 @@ class Actions:
             on_report: called with each report of the chassis on the goal.
             published: as in `AgentGoal`.
         """
-        action = self._actions[full_name(command)]
         goal = AgentGoal(on_report, published)
-        run = self._start(goal, action.make_kind(command, context=action.context), action.context)
-        goal.accepted = run.accepted
+        goal.accepted = self._start(goal, self._actions[full_name(command)], command).accepted
         return goal
 
     @property
@@ -246,29 +235,23 @@ class Actions:
 
     @property
     def running_goals(self) -> int:
-        """Number of goals that the robot may be executing; in the link thread."""
+        """Number of goals that the robot may be executing, also paused; in the link thread."""
         return sum(len(open_goals) for open_goals in self._open_goals.values())
 
     @property
     def accepted_goals(self) -> list[str]:
         """Names of the goals that the chassis has accepted; in the link thread."""
-        open_goals = self._open_goals.values()
-        return [name for each in open_goals for name in each.accepted_names]
+        return [name for each in self._open_goals.values() for name in each.accepted_names]
 
-    def _timing(self) -> GoalTiming:
-        return replace(self.timing, link_timeout=self._link_timeout())
-
-    def _accepted(
-        self,
-        make_kind: Callable[..., GoalKind],
-        context: Context,
-        make_client: Callable[[Goal], _RosClient],
-        goal: Goal,
+    def _start_for_ros_client(
+        self, action: _Action, make_client: Callable[[Goal], _RosClient], goal: Goal
     ) -> None:
-        self._start(make_client(goal), make_kind(goal.request.arg, context=context), context)
+        self._start(make_client(goal), action, goal.request.arg)
 
-    def _start(self, client: GoalClient, kind: GoalKind, context: Context) -> GoalRun:
-        run = GoalRun(client, kind, context)
+    def _start(self, client: GoalClient, action: _Action, command: Any) -> GoalRun:
+        """Start a goal, whose command is a ROS message or, if the agent starts it, a protobuf."""
+        kind = action.make_kind(command, context=action.context)
+        run = GoalRun(client, kind, action.context)
         client.on_cancel(partial(run.post, CancelRequested()))
         if self._is_stopping:
             run.abort(STOPPING)
@@ -282,23 +265,18 @@ class Actions:
         self._post(Pushed(message))
         if isinstance(message, Feedbacks):
             self._last_feedback.update((feedback.action, feedback) for feedback in message.fbs)
-        elif isinstance(message, TaskProc):
-            self._last_reports.add(message)
+        elif isinstance(message, TaskProc) and message.robot_task_id:  # not an empty report
+            self._last_reports[message.robot_task_id] = message
 
     def _link_changed(self, state: LinkState) -> None:
-        ready = state is LinkState.READY
-        if ready != self._is_link_ready:
-            self._is_link_ready = ready
-            self._post(LinkChanged(ready))
+        is_ready = state is LinkState.READY
+        if is_ready != self._is_link_ready:
+            self._is_link_ready = is_ready
+            self._post(LinkChanged(is_ready))
 
     def _post(self, event: Event) -> None:
         for open_goals in self._open_goals.values():
             open_goals.post(event)
-
-
-def _wrapped(ros_class: Any, field: str, convert: Converter, report: Message) -> Any:
-    """Return a ROS message whose only field is the converted report."""
-    return filled(ros_class, **{field: convert.to_ros(report)})
 
 
 def _field_class(part: Any, name: str) -> Any:

@@ -16,13 +16,13 @@ from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
 from woosh_robot_agent.ros.actions.goal import (
     Attribution,
-    Findings,
     Order,
     Outcome,
+    PollResult,
     Report,
     Start,
 )
-from woosh_robot_agent.ros.actions.run import Context
+from woosh_robot_agent.ros.actions.run import GoalContext
 
 _OUTCOMES = {
     ros_pack_pb2.kRosSuccess: Outcome.SUCCEEDED,
@@ -30,19 +30,21 @@ _OUTCOMES = {
     ros_pack_pb2.kRosExecuteFailed: Outcome.ABORTED,
     ros_pack_pb2.kRosCancel: Outcome.CANCELED,
 }
+"""Outcome by the state in feedback. An action in any other state has not ended."""
 _NOT_OF_ACTIONS = (ros_pack_pb2.kRosWiFiCode, ros_pack_pb2.kRosWiFiJson)
 """States of feedback that does not concern an action."""
-_RUNNING = (
+_ACTIVE = (
     ros_pack_pb2.kRosExecuting,
     ros_pack_pb2.kRosPause,
     ros_pack_pb2.kRosPauseFailed,
     ros_pack_pb2.kRosErrMsg,
 )
 """States of an action that has begun and not ended."""
-_ONLY_CANCELS = (
+_CANCEL_HINT = (
     "action 0 (K_CANCEL, also the default) only cancels; to execute the command, set "
     "action: {value: 1}"
 )
+"""Added to the result of each cancel, because clients often leave the field `action` blank."""
 
 
 class CallActionGoal:
@@ -50,7 +52,6 @@ class CallActionGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: objects shared by all goals of the action.
         member: member of the oneof of CallAction.
         action: protobuf full name of the command, under which the chassis reports on it.
         last_feedback: the last feedback on each action, by the full name of the action's command.
@@ -59,7 +60,7 @@ class CallActionGoal:
     def __init__(
         self,
         arg: Any,
-        context: Context,
+        context: GoalContext,
         *,
         member: str,
         action: str,
@@ -76,27 +77,30 @@ class CallActionGoal:
         """True if the command is a cancel; set by `request`."""
         predecessors = context.open_goals.possibly_running(action)
         previous = last_feedback.get(action)
-        self._may_run = bool(predecessors) or (previous is not None and previous.state in _RUNNING)
-        """True if the action was running when the goal came, as far as is known."""
+        was_active = previous is not None and previous.state in _ACTIVE
+        self._may_be_active = was_active or predecessors > 0
+        """True if the action may have been running or paused when the goal came."""
         self.attribution = Attribution(
             predecessors,
             # another program's action may still report its cancel
-            inherited=Outcome if predecessors else (Outcome.CANCELED,),
+            inherited=tuple(Outcome) if predecessors else (Outcome.CANCELED,),
             repeats_ends=True,
             previous=previous,
         )
 
     def request(self) -> Start | Order:
         self._command = self._read_command()
-        if not _has_action(self._command):  # a setting, such as NavigationMode: nothing to report
-            return Order(self._call(), self._success)
+        if "action" not in self._command.DESCRIPTOR.fields_by_name:
+            # a setting, such as NavigationMode: the chassis only answers
+            return Order(self._call_action(), self._success)
         if self._command.action == action_pb2.kExecute:
-            return Start(self._call())
+            return Start(self._call_action())
         self._is_cancel = self._command.action == action_pb2.kCancel
-        needs_report = self._is_cancel and not self._may_run
-        return Order(self._call(), self._success, needs_cancel_report=needs_report)
+        needs_report = self._is_cancel and not self._may_be_active
+        return Order(self._call_action(), self._success, needs_cancel_report=needs_report)
 
     def _read_command(self) -> Message:
+        """Return the command as a message for the chassis; a cancel is blank if it is invalid."""
         try:
             return self._context.to_proto(self._arg)
         except BadFieldError:
@@ -106,7 +110,7 @@ class CallActionGoal:
             return self._context.to_proto(type(self._arg)())  # nothing may prevent a cancel
 
     def cancel_request(self) -> Message:
-        return self._call(action_pb2.kCancel)
+        return self._call_action(action_pb2.kCancel)
 
     def read(self, message: Message) -> Iterable[Report]:
         if not isinstance(message, Feedbacks):
@@ -120,15 +124,16 @@ class CallActionGoal:
     def is_displaced(self, message: Message) -> bool:
         return False  # feedback on one action tells nothing about the others
 
-    async def poll(self, found: Callable[[Findings], None]) -> None:
-        request = self._context.empty(Feedbacks)
-        await self._context.chassis.request(request, tap=lambda answer: found(self._read(answer)))
+    async def poll(self, on_result: Callable[[PollResult], None]) -> None:
+        await self._context.chassis.request(
+            self._context.empty(Feedbacks), tap=lambda answer: on_result(self._read_poll(answer))
+        )
 
-    def _read(self, answer: Answer) -> Findings:
+    def _read_poll(self, answer: Answer) -> PollResult:
         body = answer.body
         if not answer.ok or body is None:
-            return Findings()  # the chassis refuses polls: rely on its pushes
-        return Findings(tuple(self.read(body)))
+            return PollResult()  # the chassis refuses polls: rely on its pushes
+        return PollResult(tuple(self.read(body)))
 
     def failure(self, reason: str) -> Message:
         return self._result(ros_pack_pb2.kRosFailure, reason)
@@ -138,18 +143,14 @@ class CallActionGoal:
 
     def _result(self, state: ros_pack_pb2.State, text: str) -> Feedback:
         if self._is_cancel:
-            text = f"{text}; {_ONLY_CANCELS}" if text else _ONLY_CANCELS
+            text = f"{text}; {_CANCEL_HINT}" if text else _CANCEL_HINT
         return Feedback(action=self.name, state=state, msg=text)
 
-    def _call(self, action: int | None = None) -> CallAction:
+    def _call_action(self, action: int | None = None) -> CallAction:
+        """Return the request with the command, whose field `action` is replaced if given."""
         call = CallAction()
         command: Any = getattr(call, self._member)
         command.CopyFrom(self._command)
         if action is not None:
             command.action = action
         return call
-
-
-def _has_action(command: Message) -> bool:
-    """Return True if a command can be executed, paused, resumed and cancelled."""
-    return "action" in command.DESCRIPTOR.fields_by_name

@@ -23,16 +23,16 @@ class Cancellation:
     Args:
         name: name of the goal, for the log.
         send: sends the cancel request to the chassis.
-        replaced: waits until it is known if a newer goal replaced this one; returns True if so.
-        accepted: called when the chassis has accepted the cancel.
+        is_replaced: waits until it is known if a newer goal replaced this one; returns True if so.
+        on_accepted: called when the chassis has accepted the cancel.
     """
 
     def __init__(
         self,
         name: str,
         send: Callable[[], Awaitable[Answer]],
-        replaced: Callable[[], Awaitable[bool]],
-        accepted: Callable[[], None],
+        is_replaced: Callable[[], Awaitable[bool]],
+        on_accepted: Callable[[], None],
     ) -> None:
         self.requested = False
         """True once the client has requested a cancel, even if `GoalRun` has not handled it yet."""
@@ -40,8 +40,8 @@ class Cancellation:
         """True if a cancel has to be sent."""
         self._name = name
         self._send = send
-        self._replaced = replaced
-        self._accepted = accepted
+        self._is_replaced = is_replaced
+        self._on_accepted = on_accepted
         self._task: asyncio.Task[None] | None = None
 
     def send_soon(self) -> None:
@@ -55,7 +55,7 @@ class Cancellation:
             self._task.cancel()
 
     async def _run(self) -> None:
-        if await self._replaced():
+        if await self._is_replaced():
             return  # the cancel would hit the newer goal, and this one is over
         while self.pending:  # repeat if the client has asked again meanwhile
             self.pending = False
@@ -71,7 +71,7 @@ class Cancellation:
                 )
                 return
             if answer.ok:
-                self._accepted()
+                self._on_accepted()
             else:
                 _LOG.warning(
                     "the chassis refused to cancel %s, which is still running: %s",
@@ -85,7 +85,7 @@ _CHECK = "check the robot, and stop it with the `stop` service if necessary"
 
 
 class GiveUp:
-    """Decides when to give up on a goal. Any of four limits can end the wait for its end.
+    """Decides when to give up on a goal whose end the chassis does not report, by four limits.
 
     - A deadline, set when the link or the answer to the start request is lost, or when the chassis
       falls silent. There is only one: a later cause replaces an earlier one, except that silence
@@ -96,7 +96,6 @@ class GiveUp:
       not count while a deadline is set.
 
     Args:
-        timing: the timeouts.
         clock: returns the time in seconds.
     """
 
@@ -127,8 +126,8 @@ class GiveUp:
         return self._cancel_deadline if self._deadline is None else self._deadline
 
     @property
-    def in_doubt(self) -> bool:
-        """True if the state of the goal is unknown, and a poll may find it out."""
+    def is_state_unknown(self) -> bool:
+        """True if it is unknown whether the chassis still executes the goal; a poll may tell."""
         return self._deadline is not None or self._unknown_polls > 0
 
     def overdue(self) -> str | None:
@@ -150,16 +149,16 @@ class GiveUp:
     def link_lost(self, error: object) -> None:
         """Start the deadline within which the link must return and a report must come."""
         self._is_link_lost = True
-        self._limit(f"the link was lost ({error})")
+        self._set_deadline(f"the link was lost ({error})")
 
     def link_restored(self) -> None:
         """Restart the deadline, within which a report must come: polls are possible again."""
         self._is_link_lost = False
-        self._limit("the link was lost")
+        self._set_deadline("the link was lost")
 
     def answer_lost(self, error: object) -> None:
         """Start the deadline for a first report, which confirms the goal like an answer."""
-        self._limit(f"no answer to the goal: {error}")
+        self._set_deadline(f"no answer to the goal: {error}")
 
     def report(self) -> None:
         """Clear the deadline and reset all counts: the chassis reported on the goal."""
@@ -183,7 +182,7 @@ class GiveUp:
     def chassis_silent(self, error: object) -> None:
         """Start the deadline: the chassis sent nothing at all while it was polled."""
         if self._deadline is None:
-            self._limit(f"the chassis does not answer ({error})")
+            self._set_deadline(f"the chassis does not answer ({error})")
             self._is_silent = True
 
     def poll_unanswered(self, error: object) -> str | None:
@@ -192,26 +191,26 @@ class GiveUp:
         Returns:
             The reason to give up; None if there is none.
         """
-        return self._fruitless(str(error))
+        return self._count_fruitless(str(error))
 
-    def poll_answered(self, heard: bool) -> str | None:
+    def poll_answered(self, has_report: bool) -> str | None:
         """Count an answered poll. Call it after handling the reports in the answer.
 
         Args:
-            heard: True if any report on the goal has arrived.
+            has_report: True if any report on the goal has arrived since its start.
 
         Returns:
             The reason to give up; None if there is none.
         """
-        self._answered()
+        self._end_silence()
         self._unknown_polls = 0
-        if not heard:
-            return self._fruitless("its answers do not mention it")
+        if not has_report:
+            return self._count_fruitless("its answers do not mention it")
         if self._deadline is None:
             self._fruitless_polls = 0  # an answer suffices: reports are rare during long steps
         return None
 
-    def poll_unknown(self, reason: str, heard: bool) -> str | None:
+    def poll_unknown(self, reason: str, has_report: bool) -> str | None:
         """Count a poll that found the goal unknown to the chassis, although it had accepted it.
 
         One such poll is no proof: the chassis reports on a goal only some time after it accepted
@@ -219,29 +218,29 @@ class GiveUp:
 
         Args:
             reason: what the chassis said.
-            heard: True if any report on the goal has arrived.
+            has_report: True if any report on the goal has arrived since its start.
 
         Returns:
             The reason to give up; None if there is none.
         """
-        self._answered()
+        self._end_silence()
         now = self._clock()
         if not self._unknown_polls:
             self._unknown_since = now
         self._unknown_polls += 1
         if self._unknown_polls < self._timing.unknown_polls:
             return None
-        if not heard and now - self._unknown_since < self._timing.first_report_timeout:
+        if not has_report and now - self._unknown_since < self._timing.first_report_timeout:
             return None
         return reason
 
-    def _answered(self) -> None:
+    def _end_silence(self) -> None:
         """Clear the deadline if it was set because the chassis sent nothing at all."""
         if self._is_silent:
             self._is_silent = False
             self._deadline = None
 
-    def _fruitless(self, reason: str) -> str | None:
+    def _count_fruitless(self, reason: str) -> str | None:
         if self._deadline is not None:
             return None
         now = self._clock()
@@ -259,7 +258,7 @@ class GiveUp:
             f"report on it ({reason}); the robot may still be executing it: {_CHECK}"
         )
 
-    def _limit(self, cause: str) -> None:
+    def _set_deadline(self, cause: str) -> None:
         self._is_silent = False
         self._cause = cause
         self._deadline = self._clock() + self._timing.link_timeout

@@ -51,7 +51,7 @@ class Phase(Enum):
 
 
 class Step(Enum):
-    """An event that moves a goal to another phase."""
+    """Something that moves a goal to another phase; a handled `Event` may make such a step."""
 
     START_SENT = "start sent"
     ORDER_SENT = "order sent"
@@ -140,8 +140,8 @@ class GoalTiming:
     parameter `goal_link_timeout`. Most losses on a factory's Wi-Fi last 4 to 9 s."""
     poll_period: float = 5.0
     """Time without a report after which the chassis is polled, in case a push was lost."""
-    in_doubt_poll_factor: float = 0.2
-    """Factor that shortens `poll_period` while the state of the goal is in doubt."""
+    unknown_state_poll_factor: float = 0.2
+    """Factor that shortens `poll_period` while the state of the goal is unknown."""
     fruitless_polls: int = 3
     """Number of consecutive polls without a report after which a goal may be given up."""
     first_report_timeout: float = 5.0
@@ -168,7 +168,7 @@ class GoalTiming:
 class Attribution:
     """Decides which reports with the name of a goal belong to that goal.
 
-    Each decision may affect later ones: ask once for each report, in the order of arrival.
+    Call `attribute` once for each report, in the order of arrival: it remembers its decisions.
 
     Args:
         predecessors: number of earlier goals with the same name that may still be running.
@@ -187,15 +187,15 @@ class Attribution:
         repeats_ends: bool = False,
         previous: object = None,
     ) -> None:
-        self.heard = False
+        self.has_report = False
         """True once a report has been attributed to this goal."""
         self._predecessors = predecessors
         self._inherited = frozenset(inherited)
         self._repeats_ends = repeats_ends
         self._previous = previous
 
-    def is_mine(self, outcome: Outcome | None, phase: Phase, cancel_requested: bool) -> bool:
-        """Return True if a report belongs to this goal.
+    def attribute(self, outcome: Outcome | None, phase: Phase, *, cancel_requested: bool) -> bool:
+        """Decide if a report belongs to this goal; return True if it does.
 
         Args:
             outcome: reported outcome; None if the goal is still running.
@@ -203,30 +203,33 @@ class Attribution:
             cancel_requested: True if the client of this goal asked to cancel it.
         """
         if outcome is None:
-            mine = self._progress_is_mine(phase)
+            is_own = self._attribute_progress(phase)
         else:
-            mine = self._end_is_mine(outcome, phase, cancel_requested)
-        self.heard |= mine
-        return mine
+            is_own = self._attribute_end(outcome, phase, cancel_requested)
+        self.has_report |= is_own
+        return is_own
 
-    def is_news(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
-        """Return True if a report in a poll's answer may belong to this goal: `is_mine` decides.
+    def admit_polled(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
+        """Return True if a report in a poll's answer is to be passed to `attribute`.
+
+        The end of an earlier goal, which the chassis repeats, is not. Call this once for each
+        report: after the start is accepted, the same end is rejected only once.
 
         Args:
-            report: the report.
             outcome: reported outcome; None if the goal is still running.
             phase: phase of this goal.
         """
-        if self.heard or outcome is None or not self._repeats_ends:
+        if self.has_report or outcome is None or not self._repeats_ends:
             return True
         previous = self._previous
         if phase.accepted:
-            # if the same end is reported again, this goal ended like the earlier one
+            # from now on, the same end means that this goal ended like the earlier one
             self._previous = None
             return report != previous
         return previous is not None and report != previous
 
-    def _progress_is_mine(self, phase: Phase) -> bool:
+    def _attribute_progress(self, phase: Phase) -> bool:
+        """Decide on a report that the goal is running."""
         if self._predecessors and not phase.accepted:
             return False
         if phase.answered:
@@ -234,7 +237,8 @@ class Attribution:
             self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
         return True
 
-    def _end_is_mine(self, outcome: Outcome, phase: Phase, cancel_requested: bool) -> bool:
+    def _attribute_end(self, outcome: Outcome, phase: Phase, cancel_requested: bool) -> bool:
+        """Decide on a report that the goal has ended."""
         inherited = self._inherited
         if phase.answered or self._predecessors < 2:
             self._inherited = frozenset()
@@ -245,7 +249,7 @@ class Attribution:
             return True
         if phase.accepted and phase.answered:
             return outcome not in inherited
-        # an end before the answer belongs to an earlier goal, if any; a poll will tell
+        # an end before the answer belongs to an earlier goal, if any; polls find the own end later
         return not inherited
 
 
@@ -263,8 +267,8 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Findings:
-    """Result of a poll."""
+class PollResult:
+    """What the chassis answered when it was asked for the state of a goal."""
 
     reports: Sequence[Report] = ()
     """Reports with the name of the goal."""
@@ -292,7 +296,7 @@ class Order:
 
 
 class GoalKind(Protocol):
-    """The differences between tasks and goals of CallAction; one object for each goal."""
+    """A goal's messages: tasks, sets of tasks and CallAction differ in them. One for each goal."""
 
     @property
     def name(self) -> str:
@@ -322,14 +326,14 @@ class GoalKind(Protocol):
     def is_displaced(self, message: Message) -> bool:
         """Return True if `message` shows that the chassis is executing something else, or nothing.
 
-        The end of the goal may have been reported while nobody listened.
+        Then the report of the goal's end may have been lost.
         """
 
-    async def poll(self, found: Callable[[Findings], None]) -> None:
+    async def poll(self, on_result: Callable[[PollResult], None]) -> None:
         """Ask the chassis for the state of the goal.
 
         Args:
-            found: called once with the result, in order with the pushes.
+            on_result: called once with the result, in order with the pushes.
 
         Raises:
             LinkError: the chassis gave no answer.
@@ -364,7 +368,7 @@ class StartAnswered:
 class Polled:
     """The chassis answered a poll."""
 
-    findings: Findings
+    result: PollResult
 
 
 @dataclass(frozen=True)
@@ -372,8 +376,8 @@ class PollFailed:
     """A poll got no answer."""
 
     error: LinkError
-    silent: bool
-    """True if the poll timed out and no frame at all arrived meanwhile."""
+    is_silent: bool
+    """True if the poll timed out and the chassis sent nothing at all meanwhile."""
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ from woosh_robot_agent.ros.actions.goal import (
 
 _LOG = logging.getLogger(__name__)
 
+# Texts of the results of aborted goals
 REPLACED = "replaced by a newer goal that the chassis accepted"
 STOPPING = "the agent is stopping; the robot may still be executing the goal"
 _DISPLACED = "the chassis stopped executing the goal, but did not report how it ended"
@@ -60,7 +61,7 @@ _NO_REASON = "the chassis refused the goal without giving a reason"
 
 
 @dataclass(frozen=True)
-class Context:
+class GoalContext:
     """Objects shared by the goals of one action; used in the link thread only."""
 
     chassis: ChassisClient
@@ -72,7 +73,7 @@ class Context:
     timing: Callable[[], GoalTiming]
     """Returns the timing of a goal that starts now."""
     to_proto: Callable[[Any], Message]
-    """Converts the command of a goal, as its client gave it, to the chassis's message."""
+    """Converts the command of a goal, as its client gave it, to a message for the chassis."""
     empty: Callable[[type[Message]], Message]
     """Makes an empty request of a message class."""
     explain: Callable[[str], Awaitable[str]]
@@ -92,10 +93,9 @@ class GoalRun:
     Args:
         client: gets the reports and the end.
         kind: behaviour of this kind of goal.
-        context: objects shared by all goals of the action.
     """
 
-    def __init__(self, client: GoalClient, kind: GoalKind, context: Context) -> None:
+    def __init__(self, client: GoalClient, kind: GoalKind, context: GoalContext) -> None:
         loop = asyncio.get_running_loop()
         self.phase = Phase.NEW
         """Phase of the goal; only `_advance` changes it."""
@@ -117,8 +117,8 @@ class GoalRun:
         self._cancellation = Cancellation(
             kind.name,
             send=lambda: context.gate.request(kind.cancel_request(), sender=Sender(GOAL_CANCEL)),
-            replaced=lambda: context.open_goals.newer_accepted(self),
-            accepted=self._give_up.cancel_accepted,
+            is_replaced=lambda: context.open_goals.newer_accepted(self),
+            on_accepted=self._give_up.cancel_accepted,
         )
         self._is_displaced = False
         """True if a push after the last report shows that the chassis has left this goal."""
@@ -134,15 +134,22 @@ class GoalRun:
         """Name under which the chassis reports on the goal."""
         return self._kind.name
 
+    @property
+    def was_accepted(self) -> bool | None:
+        """The result of `accepted`; None while it is not decided."""
+        return self.accepted.result() if self.accepted.done() else None
+
     def post(self, event: Event) -> None:
-        """Hand an event to the goal; in the link thread."""
-        if isinstance(event, CancelRequested):
+        """Queue an event for the goal; in the link thread."""
+        if isinstance(
+            event, CancelRequested
+        ):  # reports that are already queued take it into account
             self._cancellation.requested = True
         self._events.put_nowait(event)
 
     async def run(self) -> None:
         """Run the goal; it has ended when this returns."""
-        self._context.open_goals.add(self)
+        self._context.open_goals.append(self)
         try:
             end = await self._send()
         except BadFieldError as error:
@@ -293,32 +300,32 @@ class GoalRun:
         return None
 
     def _pushed(self, message: Message) -> End | None:
-        end = self._read(self._kind.read(message))
-        if end is None and self._attribution.heard and self._kind.is_displaced(message):
+        end = self._take_reports(self._kind.read(message))
+        if end is None and self._attribution.has_report and self._kind.is_displaced(message):
             self._is_displaced = True
             self._poll_soon()  # the report of the end may have been lost
         return end
 
-    def _read(self, reports: Iterable[Report]) -> End | None:
+    def _take_reports(self, reports: Iterable[Report]) -> End | None:
         """Publish the reports on this goal as feedback; return its end if one reports it."""
         for report in reports:
-            if not self._attribution.is_mine(
-                report.outcome, self.phase, self._cancellation.requested
+            if not self._attribution.attribute(
+                report.outcome, self.phase, cancel_requested=self._cancellation.requested
             ):
                 continue
             self._last_report = report.message
             if report.begins_part and self._cancellation.requested:
                 self._cancellation.pending = True
                 self._give_up.part_begun()
-            cause = Cause.LATE_REPORT if self._give_up.in_doubt else Cause.REPORT
-            self._heard()
+            cause = Cause.LATE_REPORT if self._give_up.is_state_unknown else Cause.REPORT
+            self._note_report()
             self._feedback_times.append(self._clock())
             self._client.feedback(report.message)
             if report.outcome is not None:
                 return End(report.outcome, report.message, cause)
         return None
 
-    def _heard(self) -> None:
+    def _note_report(self) -> None:
         """Note a report on this goal, even an old one that the answer to a poll repeats."""
         self._give_up.report()
         self._is_displaced = False
@@ -340,7 +347,7 @@ class GoalRun:
                     self.name,
                     answer,
                 )
-                if not self._attribution.heard:
+                if not self._attribution.has_report:
                     self._give_up.answer_lost(answer)
                 self._poll_soon()
             case LinkError():  # nothing was sent
@@ -368,41 +375,42 @@ class GoalRun:
         """Poll the state of the goal if that is possible now, and schedule the next poll."""
         self._schedule_poll()
         # before the start is answered, a poll may return the state of an earlier goal
-        ready = self.phase.answered and self._context.chassis.state is LinkState.READY
-        if ready and (self._polling is None or self._polling.done()):
+        can_poll = self.phase.answered and self._context.chassis.state is LinkState.READY
+        if can_poll and (self._polling is None or self._polling.done()):
             loop = asyncio.get_running_loop()
             self._polling = loop.create_task(self._poll(), name="goal: poll")
 
     def _schedule_poll(self) -> None:
-        in_doubt = self._give_up.in_doubt or self._cancellation.pending or self._is_displaced
-        factor = self._timing.in_doubt_poll_factor if in_doubt else 1.0
-        self._next_poll = self._clock() + self._timing.poll_period * factor
+        period = self._timing.poll_period
+        if self._give_up.is_state_unknown or self._cancellation.pending or self._is_displaced:
+            period *= self._timing.unknown_state_poll_factor
+        self._next_poll = self._clock() + period
 
     def _polled(self, polled: Polled) -> End | None:
-        for report in polled.findings.reports:
+        for report in polled.result.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:
                     # a task set: the push about its last task told only of that task
                     return End(report.outcome, report.message, Cause.REPORT)
-                self._heard()
-            elif self._attribution.is_news(report.message, report.outcome, self.phase):
-                end = self._read([report])
+                self._note_report()
+            elif self._attribution.admit_polled(report.message, report.outcome, self.phase):
+                end = self._take_reports([report])
                 if end is not None:
                     return end
-        unknown = polled.findings.unknown
+        unknown = polled.result.unknown
         if unknown is None and self._is_displaced:  # the chassis refuses such polls
             unknown = _DISPLACED
-        heard = self._attribution.heard
+        has_report = self._attribution.has_report
         # until the goal is accepted, its start request may still be on its way
         if unknown is None or not self.phase.accepted:
-            return self._aborted_if(self._give_up.poll_answered(heard))
-        end = self._aborted_if(self._give_up.poll_unknown(unknown, heard))
+            return self._aborted_if(self._give_up.poll_answered(has_report))
+        end = self._aborted_if(self._give_up.poll_unknown(unknown, has_report))
         if end is None:
             self._schedule_poll()
         return end
 
     def _poll_failed(self, failed: PollFailed) -> End | None:
-        if failed.silent:
+        if failed.is_silent:
             self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):
             return self._aborted_if(self._give_up.poll_unanswered(failed.error))
@@ -411,7 +419,7 @@ class GoalRun:
     # Tasks
 
     async def _send_start(self, message: Message) -> None:
-        try:  # the tap delivers the answer in order with the reports
+        try:  # `tap` gets the answer in order with the reports
             await self._context.gate.request(
                 message,
                 tap=lambda answer: self.post(StartAnswered(answer)),
@@ -424,62 +432,45 @@ class GoalRun:
         stats = self._context.chassis.stats
         received = stats.rx
         try:
-            await self._kind.poll(lambda findings: self.post(Polled(findings)))
+            await self._kind.poll(lambda result: self.post(Polled(result)))
         except LinkError as error:
             _LOG.debug("cannot poll the chassis for the state of %s: %s", self.name, error)
             timed_out = isinstance(error, RequestTimeoutError)
-            self.post(PollFailed(error, silent=timed_out and stats.rx == received))
+            self.post(PollFailed(error, is_silent=timed_out and stats.rx == received))
 
 
-class OpenGoals:
-    """The goals that have not ended, oldest first: the goals of one call action, or all tasks.
+class OpenGoals(list[GoalRun]):
+    """The goals of one action that have not ended, oldest first; all tasks count as one action.
 
     The chassis executes only one of them at a time.
     """
 
-    def __init__(self) -> None:
-        self._goals: list[GoalRun] = []
-
-    def __len__(self) -> int:
-        return len(self._goals)
-
-    def add(self, goal: GoalRun) -> None:
-        """Add a goal as the newest one."""
-        self._goals.append(goal)
-
-    def remove(self, goal: GoalRun) -> None:
-        """Remove a goal that ended."""
-        self._goals.remove(goal)
-
     def post(self, event: Event) -> None:
-        """Hand an event to every goal."""
-        for goal in self._goals:
+        """Queue an event for every goal."""
+        for goal in self:
             goal.post(event)
 
     def possibly_running(self, name: str) -> int:
         """Return the number of goals of this name that the chassis may be executing."""
-        return sum(
-            goal.name == name and (not goal.accepted.done() or goal.accepted.result())
-            for goal in self._goals
-        )
+        return sum(goal.name == name and goal.was_accepted is not False for goal in self)
 
     @property
     def accepted_names(self) -> list[str]:
         """Names of the goals that the chassis has accepted."""
-        return [g.name for g in self._goals if g.accepted.done() and g.accepted.result()]
+        return [goal.name for goal in self if goal.was_accepted]
 
     def replace_older(self, goal: GoalRun) -> None:
         """Tell all older goals that the chassis accepted `goal` in their place."""
-        for older in self._goals[: self._goals.index(goal)]:
+        for older in self[: self.index(goal)]:
             older.post(Replaced())
 
     async def newer_accepted(self, goal: GoalRun) -> bool:
         """Return True if the chassis accepts a newer goal; wait until it has decided."""
         while True:
-            newer = [other.accepted for other in self._goals[self._goals.index(goal) + 1 :]]
-            if any(accepted.done() and accepted.result() for accepted in newer):
+            newer = self[self.index(goal) + 1 :]
+            if any(other.was_accepted for other in newer):
                 return True
-            pending = [accepted for accepted in newer if not accepted.done()]
+            pending = [other.accepted for other in newer if other.was_accepted is None]
             if not pending:
                 return False
             await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)

@@ -27,8 +27,9 @@ from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS
 from woosh_robot_agent.ros.subscribers import create_publisher
 
 _LOG = logging.getLogger(__name__)
-_RUNNING = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
-"""States in which a goal can be cancelled, even repeatedly: the chassis may refuse a cancel."""
+_ACTIVE = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
+"""States of a goal that has not ended. In both, a client can cancel it: the chassis may have
+refused an earlier cancel."""
 
 
 class Goal:
@@ -39,7 +40,7 @@ class Goal:
         info: id, and time of the acceptance.
         request: the goal as the client gave it.
         published: loop time at which the client sent it, as far as that is known.
-        objection: why it cannot be executed, if the server accepts such goals; otherwise empty.
+        objection: why it cannot be executed, if the server accepts such goals; empty if it can.
 
     Attributes:
         status: state of the goal, a constant of action_msgs/GoalStatus.
@@ -51,7 +52,7 @@ class Goal:
         info: GoalInfo,
         request: Any,
         published: float,
-        objection: str = "",
+        objection: str,
     ) -> None:
         self.info = info
         self.request = request
@@ -66,17 +67,17 @@ class Goal:
         self._on_cancel: Callable[[], None] | None = None
 
     @property
-    def is_running(self) -> bool:
+    def is_active(self) -> bool:
         """True until `finish` is called."""
-        return self.status in _RUNNING
+        return self.status in _ACTIVE
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
-        """Call `callback` whenever a client asks to cancel the goal, or now if one has asked."""
+        """Call `callback` whenever a client asks to cancel the goal; at once if one already has."""
         self._on_cancel = callback
         if self.status == GoalStatus.STATUS_CANCELING:
             callback()
 
-    def cancel(self) -> None:
+    def cancel_requested(self) -> None:
         """Note that a client asks to cancel the goal."""
         self.status = GoalStatus.STATUS_CANCELING
         if self._on_cancel is not None:
@@ -84,7 +85,7 @@ class Goal:
 
     def feedback(self, feedback: Any) -> None:
         """Publish a message of the action's type Feedback; does nothing once the goal has ended."""
-        if self.is_running:
+        if self.is_active:
             self._server.publish_feedback(self.info, feedback)
 
     def finish(self, outcome: Outcome, result: Any) -> None:
@@ -94,7 +95,7 @@ class Goal:
             outcome: final state. `CANCELED` without a client that asked for it becomes `ABORTED`.
             result: message of the action's type Result.
         """
-        if not self.is_running:
+        if not self.is_active:
             return
         if outcome is Outcome.SUCCEEDED:
             self.status = GoalStatus.STATUS_SUCCEEDED
@@ -105,7 +106,7 @@ class Goal:
         self._result = self._server.action_type.Impl.GetResultService.Response(
             status=self.status, result=result
         )
-        self._server.ended(self)
+        self._server.goal_ended(self)
         for reply in self._waiting:
             reply.send(self._result)
         self._waiting.clear()
@@ -123,23 +124,19 @@ class RejectedError(Exception):
 
 
 async def _accept(_request: Any) -> None:
-    """Accept a goal as it is."""
+    """Accept every goal."""
 
 
 class GoalServer:
     """Server of one action. It accepts every request to cancel.
 
     Args:
-        node: owner of the services and topics.
-        thread: the link thread.
-        action_type: ROS type of the action.
-        name: name of the action.
         start: called with each accepted goal in the link thread; must not block.
         result_timeout: time for which the result of a goal is kept, in seconds.
         check: called with each goal before it is accepted; may change the goal, and raises a
             RejectedError to reject it. By default, every goal is accepted.
-        rejects: False to accept what `check` rejects, too, with the reason as its `objection`: a
-            rejection cannot carry a text.
+        rejects: False to accept what `check` rejects, too, with the reason as its `objection`,
+            because a rejection cannot carry a text. `start` then ends the goal with that text.
         services: profile of the services.
         feedback: profile of the feedback.
     """
@@ -168,7 +165,7 @@ class GoalServer:
         """Held while a goal is checked, so that goals are accepted in the order of arrival."""
         self._result_timeout = result_timeout
         self._goals: dict[bytes, Goal] = {}
-        """Goals that run or whose results are kept, by the bytes of their ids."""
+        """Goals that are active or whose results are kept, by the bytes of their ids."""
         self._clock = SenderClock()
         parts = action_type.Impl
         self._services = [
@@ -195,14 +192,14 @@ class GoalServer:
     @property
     def open_goals(self) -> int:
         """Number of goals that have not ended."""
-        return sum(goal.is_running for goal in tuple(self._goals.values()))
+        return sum(goal.is_active for goal in tuple(self._goals.values()))
 
     def publish_feedback(self, info: GoalInfo, feedback: Any) -> None:
         """Publish feedback on a goal."""
         message = self.action_type.Impl.FeedbackMessage(goal_id=info.goal_id, feedback=feedback)
         self._publish(self._feedback, message)
 
-    def ended(self, goal: Goal) -> None:
+    def goal_ended(self, goal: Goal) -> None:
         """Publish the final state of a goal, and forget the goal after `result_timeout`."""
         self._publish_status()
         asyncio.get_running_loop().call_later(
@@ -222,7 +219,7 @@ class GoalServer:
                 reply.send(response)
                 return
             objection = str(error)
-        if bytes(request.goal_id.uuid) in self._goals:  # not accepted: the id is in use
+        if bytes(request.goal_id.uuid) in self._goals:  # the id is in use: reject the goal
             reply.send(response)
             return
         response.accepted = True
@@ -237,8 +234,8 @@ class GoalServer:
     async def _cancel_requested(self, request: Any, reply: Reply, _taken: float) -> None:
         response = CancelGoal.Response()
         for goal in self._selected(request.goal_info):
-            if goal.is_running:
-                goal.cancel()
+            if goal.is_active:
+                goal.cancel_requested()
                 response.goals_canceling.append(goal.info)
         if not response.goals_canceling and any(request.goal_info.goal_id.uuid):
             is_known = _key(request.goal_info) in self._goals
@@ -252,19 +249,19 @@ class GoalServer:
 
     def _selected(self, info: GoalInfo) -> list[Goal]:
         """Return the goals that a cancel request selects, by action_msgs/srv/CancelGoal."""
-        wanted = _key(info)
-        until = _nanoseconds(info)
-        if not any(wanted) and not until:
+        goal_id = _key(info)
+        accepted_until = _nanoseconds(info)
+        if not any(goal_id) and not accepted_until:
             return list(self._goals.values())
         return [
             goal
             for key, goal in self._goals.items()
-            if key == wanted or _nanoseconds(goal.info) <= until
+            if key == goal_id or _nanoseconds(goal.info) <= accepted_until
         ]
 
     async def _result_requested(self, request: Any, reply: Reply, _taken: float) -> None:
         goal = self._goals.get(bytes(request.goal_id.uuid))
-        if goal is None:  # the status of the response is STATUS_UNKNOWN
+        if goal is None:  # a blank response has the status STATUS_UNKNOWN
             reply.send(self.action_type.Impl.GetResultService.Response())
         else:
             goal.send_result(reply)

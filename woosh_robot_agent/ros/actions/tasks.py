@@ -8,14 +8,13 @@ a second. Until then, its state is still that of a robot with a task.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.reports import RecentDict
 from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecPreTask, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskHistory, TaskProc
@@ -24,27 +23,26 @@ from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.who_drives import TASKS_PER_SET
 from woosh_robot_agent.ros.actions.goal import (
     Attribution,
-    Findings,
     Outcome,
+    PollResult,
     Report,
     Start,
 )
-from woosh_robot_agent.ros.actions.run import Context
+from woosh_robot_agent.ros.actions.run import GoalContext
 
 
 async def poll_tasks(
-    context: Context,
-    found: Callable[[Findings], None],
-    read_current: Callable[[TaskProc], Findings | None],
-    read_history: Callable[[Iterable[TaskProc], TaskProc], Findings],
+    context: GoalContext,
+    on_result: Callable[[PollResult], None],
+    read_current: Callable[[TaskProc], PollResult | None],
+    read_history: Callable[[Iterable[TaskProc], TaskProc], PollResult],
 ) -> None:
     """Request the current task, and also the ended tasks if the current one is not of the goal.
 
     Args:
-        context: objects shared by all tasks.
-        found: called with the findings as soon as an answer is read.
+        on_result: called once with the result, in order with the pushes.
         read_current: reads the report on the current task; returns None if the task is not of the
-            goal.
+            goal. It may be called twice.
         read_history: called with the last reports on ended tasks and the report on the current
             task.
 
@@ -52,27 +50,34 @@ async def poll_tasks(
         LinkError: the chassis did not answer.
     """
 
-    def tap_current(answer: Answer) -> None:
+    def current_received(answer: Answer) -> None:
         current = answer.body
         if not answer.ok or not isinstance(current, TaskProc):
-            found(Findings())
-        elif (findings := read_current(current)) is not None:
-            found(findings)
+            on_result(PollResult())
+        elif (result := read_current(current)) is not None:
+            on_result(result)
 
-    answer = await context.chassis.request(context.empty(TaskProc), tap=tap_current)
+    answer = await context.chassis.request(context.empty(TaskProc), tap=current_received)
     task = answer.body
+    # `current_received` may still be queued behind pushes, so the answer is read here, too
     if not answer.ok or not isinstance(task, TaskProc) or read_current(task) is not None:
         return
 
-    def tap_history(answer: Answer, current: TaskProc = task) -> None:
-        known = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
-        found(read_history(known, current))
+    def history_received(answer: Answer, current: TaskProc = task) -> None:
+        ended = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
+        on_result(read_history(ended, current))
 
-    await context.chassis.request(context.empty(TaskHistory), tap=tap_history)
+    await context.chassis.request(context.empty(TaskHistory), tap=history_received)
 
 
-_EXECUTING = (robot_pb2.kTask, robot_pb2.kParking)
+_WITH_TASK = (robot_pb2.kTask, robot_pb2.kParking)
 """States of a robot that executes a task, or is about to begin the next one of a set."""
+OUTCOMES = {
+    task_pb2.kCompleted: Outcome.SUCCEEDED,
+    task_pb2.kFailed: Outcome.ABORTED,
+    task_pb2.kCanceled: Outcome.CANCELED,
+}
+"""Outcome by the state of a task. A task in any other state has not ended."""
 
 
 class TaskSetGoal:
@@ -80,13 +85,12 @@ class TaskSetGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: objects shared by all tasks.
         last_known: last values that the chassis reported.
     """
 
     request_type = full_name(ExecPreTask)
 
-    def __init__(self, arg: Any, context: Context, *, last_known: LastKnown) -> None:
+    def __init__(self, arg: Any, context: GoalContext, *, last_known: LastKnown) -> None:
         self._arg = arg
         self._context = context
         self._last_known = last_known
@@ -114,40 +118,40 @@ class TaskSetGoal:
         before, self._last = self._last, message
         self._polls_outside = 0
         # whether the end of a task is the end of the set is known only after a poll
-        begins = before.state in OUTCOMES and self._is_executing(message)
-        return [Report(message, None, begins_part=begins)]
+        is_next_task = before.state in OUTCOMES and self._is_executing(message)
+        return [Report(message, None, begins_part=is_next_task)]
 
     def is_displaced(self, message: Message) -> bool:
         if isinstance(message, RobotState):
-            return message.state not in _EXECUTING
+            return message.state not in _WITH_TASK
         return isinstance(message, TaskProc) and not self._is_executing(message)
 
-    async def poll(self, found: Callable[[Findings], None]) -> None:
-        await poll_tasks(self._context, found, self._read_current, self._read_history)
+    async def poll(self, on_result: Callable[[PollResult], None]) -> None:
+        await poll_tasks(self._context, on_result, self._read_current, self._read_history)
 
-    def _read_current(self, current: TaskProc) -> Findings | None:
+    def _read_current(self, current: TaskProc) -> PollResult | None:
         """Return the report on the current task; None if the robot executes nothing of the set."""
         if self._is_executing(current):
-            return Findings(tuple(self.read(current)))
+            return PollResult(tuple(self.read(current)))
         state = self._last_known.value(RobotState)
-        if not is_running(current) and state is not None and state.state in _EXECUTING:
+        if not is_running(current) and state is not None and state.state in _WITH_TASK:
             # between two tasks of the set
-            return Findings([Report(self._last, None)] if self.attribution.heard else ())
+            return PollResult([Report(self._last, None)] if self.attribution.has_report else ())
         return None
 
-    def _read_history(self, known: Iterable[TaskProc], _current: TaskProc) -> Findings:
+    def _read_history(self, ended: Iterable[TaskProc], _current: TaskProc) -> PollResult:
         """Return the end of the set, if the chassis has left it for good."""
         self._polls_outside += 1
-        end = self._end(old for old in known if self._is_of_set(old) and old.state in OUTCOMES)
+        end = self._end(old for old in ended if self._is_of_set(old) and old.state in OUTCOMES)
         # a single poll can fall between two tasks
         if end is not None and self._polls_outside > 1:
-            return Findings([Report(end, OUTCOMES[end.state])])
-        return Findings(unknown="the chassis does not execute the task set any more")
+            return PollResult([Report(end, OUTCOMES[end.state])])
+        return PollResult(unknown="the chassis does not execute the task set any more")
 
     def _end(self, ended: Iterable[TaskProc]) -> TaskProc | None:
-        """Return the report on the last task of the set, from the chassis's ended tasks."""
+        """Return the report on the last of the set's ended tasks; None if there is none."""
         last = self._last
-        if not self.attribution.heard:
+        if not self.attribution.has_report:
             candidates = [old for old in ended if old.time > self._since]
         elif last.state in OUTCOMES:
             candidates = [last, *(old for old in ended if old.time > last.time)]
@@ -172,48 +176,12 @@ class TaskSetGoal:
         return self._is_of_set(report) and report.state not in OUTCOMES
 
 
-OUTCOMES = {
-    task_pb2.kCompleted: Outcome.SUCCEEDED,
-    task_pb2.kFailed: Outcome.ABORTED,
-    task_pb2.kCanceled: Outcome.CANCELED,
-}
-"""Outcomes of the states in which a task has ended."""
-_MAX_REPORTS = 100
-"""Maximum number of tasks whose last report is remembered."""
-
-
-class TaskIds:
-    """Generator of unused task ids: Unix time in seconds, as other clients use it."""
-
-    def __init__(self) -> None:
-        self._last = 0
-        """The last id that was returned."""
-
-    def next(self) -> int:
-        """Return an id above all earlier ids."""
-        self._last = max(self._last + 1, int(time.time()))
-        return self._last
-
-
-class LastReports:
-    """The last report on each of the latest tasks.
-
-    The last known TaskProc is not enough: after the end of a task, the chassis sends an empty
-    TaskProc.
-    """
-
-    def __init__(self) -> None:
-        self._reports: RecentDict[int, TaskProc] = RecentDict(_MAX_REPORTS)
-        """Reports by task id."""
-
-    def add(self, report: TaskProc) -> None:
-        """Remember a report, unless it is empty."""
-        if report.robot_task_id:
-            self._reports[report.robot_task_id] = report
-
-    def get(self, task_id: int) -> TaskProc | None:
-        """Return the last report on a task; None if there is none."""
-        return self._reports.get(task_id)
+def unused_task_ids() -> Iterator[int]:
+    """Yield rising task ids: Unix time in seconds, as other clients use it."""
+    last = 0
+    while True:
+        last = max(last + 1, int(time.time()))
+        yield last
 
 
 class TaskGoal:
@@ -221,10 +189,10 @@ class TaskGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: objects shared by all tasks.
-        ids: generates an id for a task that has none.
+        unused_ids: yields an id for a task that has none.
         last_known: last values that the chassis reported.
-        last_reports: last reports on tasks, of all clients.
+        last_reports: last report on each of the latest tasks, by task id. The last known TaskProc
+            is not enough: after the end of a task, the chassis sends an empty TaskProc.
     """
 
     request_type = full_name(ExecTask)
@@ -232,16 +200,16 @@ class TaskGoal:
     def __init__(
         self,
         arg: Any,
-        context: Context,
+        context: GoalContext,
         *,
-        ids: TaskIds,
+        unused_ids: Iterator[int],
         last_known: LastKnown,
-        last_reports: LastReports,
+        last_reports: Mapping[int, TaskProc],
     ) -> None:
         self._arg = arg
         self._type: Any = getattr(arg.type, "value", arg.type)  # in ROS, an enum is a message
         self._context = context
-        self._id: int = arg.task_id or ids.next()
+        self._id: int = arg.task_id or next(unused_ids)
         self.name = f"task {self._id}"
         predecessors = context.open_goals.possibly_running(self.name)
         self._previous = last_reports.get(self._id)
@@ -256,9 +224,9 @@ class TaskGoal:
             predecessors = max(predecessors, int(last.state not in OUTCOMES))
         elif last is not None:
             self._since = last.time
-        # after an empty report, no more reports on an earlier task come
-        is_reused = predecessors > 0 or is_current
-        self.attribution = Attribution(predecessors, Outcome if is_reused else ())
+        # once the chassis has left an earlier task of this id, it sends no more reports on it
+        may_be_reported = predecessors > 0 or is_current
+        self.attribution = Attribution(predecessors, tuple(Outcome) if may_be_reported else ())
 
     def request(self) -> Start:
         request: Any = self._context.to_proto(self._arg)
@@ -276,22 +244,22 @@ class TaskGoal:
     def is_displaced(self, message: Message) -> bool:
         return isinstance(message, TaskProc) and message.robot_task_id != self._id
 
-    async def poll(self, found: Callable[[Findings], None]) -> None:
-        await poll_tasks(self._context, found, self._read_current, self._read_history)
+    async def poll(self, on_result: Callable[[PollResult], None]) -> None:
+        await poll_tasks(self._context, on_result, self._read_current, self._read_history)
 
-    def _read_current(self, current: TaskProc) -> Findings | None:
+    def _read_current(self, current: TaskProc) -> PollResult | None:
         """Return the report on the current task; None if it is another task."""
         if current.robot_task_id == self._id and current != self._previous:
-            return Findings([_report(current)])
+            return PollResult([_report(current)])
         return None
 
-    def _read_history(self, known: Iterable[TaskProc], current: TaskProc) -> Findings:
+    def _read_history(self, ended: Iterable[TaskProc], current: TaskProc) -> PollResult:
         """Return the end of this task in the history of the chassis."""
-        ended = [old for old in known if self._may_be_end(old)]
-        if ended:
-            return Findings([_report(max(ended, key=lambda old: old.time))])
+        ends = [old for old in ended if self._may_be_end(old)]
+        if ends:
+            return PollResult([_report(max(ends, key=lambda old: old.time))])
         doing = f"task {current.robot_task_id}" if current.robot_task_id else "no task"
-        return Findings(
+        return PollResult(
             unknown=f"the chassis does not know the task any more; it is executing {doing}"
         )
 
@@ -311,9 +279,9 @@ class TaskGoal:
             and old.state in OUTCOMES
             and old != self._previous
             and old.time >= (self._previous.time if self._previous is not None else 0)
-            and (self.attribution.heard or not self._since or old.time > self._since)
+            and (self.attribution.has_report or not self._since or old.time > self._since)
         )
 
 
-def _report(proc: TaskProc) -> Report:
-    return Report(proc, OUTCOMES.get(proc.state))
+def _report(message: TaskProc) -> Report:
+    return Report(message, OUTCOMES.get(message.state))

@@ -21,49 +21,43 @@ from woosh_robot_agent.ros.nav2.goals import (
     Nav2Action,
     Nav2Context,
     Nav2Goal,
-    duration,
-    seconds_of,
+    to_duration,
+    to_seconds,
 )
+from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.qos import reliable
 from woosh_robot_agent.ros.standard.cmd_vel import stamp_objection
-from woosh_robot_agent.ros.standard.poses import Pose2D
 
 _TURN_SPEED = 0.8
 """Speed of a turn, in rad/s, unless `cmd_vel_max_angular` is less."""
 
 
-def _overdue(seconds: float) -> GoalEnd:
-    return GoalEnd(f"it has taken longer than its time_allowance of {seconds:g} s", "TIMEOUT")
-
-
-def _limit(goal: Nav2Goal) -> None:
+def _limit_time(goal: Nav2Goal) -> None:
     """End a goal at the end of its time_allowance."""
-    allowance = seconds_of(goal.request.time_allowance)
-    goal.limit(allowance, _overdue(allowance))
+    seconds = to_seconds(goal.request.time_allowance)
+    late = f"it has taken longer than its time_allowance of {seconds:g} s"
+    goal.set_timeout(seconds, GoalEnd(late, "TIMEOUT"))
 
 
 class _Travelled:
-    """Distance and angle that the robot has travelled since this object was created.
+    """Distance and angle that the robot has travelled since this object was created."""
 
-    Args:
-        pose: returns the robot's pose; None if it is unknown.
-    """
-
-    def __init__(self, pose: Callable[[], Pose2D | None]) -> None:
-        self._pose = pose
-        self._start = self._last = pose()
+    def __init__(self, robot_pose: RobotPose) -> None:
+        self._robot_pose = robot_pose
+        self._start = self._last = robot_pose.pose
         self._turned = 0.0
 
-    @property
     def distance(self) -> float:
-        """Distance from the start, in metres."""
-        pose, start = self._pose(), self._start
+        """Return the distance from the start, in metres."""
+        pose, start = self._robot_pose.pose, self._start
         return 0.0 if pose is None or start is None else pose.seen_from(start).distance
 
-    @property
     def turned(self) -> float:
-        """Angle turned, counter-clockwise, in radians. Read it often: it adds up small turns."""
-        pose = self._pose()
+        """Return the angle turned since the start, counter-clockwise, in radians.
+
+        Call it often: it adds up the turns between the calls, each of less than half a turn.
+        """
+        pose = self._robot_pose.pose
         if pose is not None and self._last is not None:
             self._turned += math.remainder(pose.theta - self._last.theta, math.tau)
         self._last = pose
@@ -73,14 +67,16 @@ class _Travelled:
 class _Behavior(Nav2Action):
     """An action that is one step of the chassis."""
 
-    def travelled(self) -> _Travelled:
-        """Begin to measure what the robot travels."""
-        return _Travelled(lambda: self.context.pose.pose)
-
     async def step(
         self, goal: Nav2Goal, tick: Callable[[], None], mode: Any, value: float, speed: float
     ) -> None:
-        """Let the chassis make a step: `value` in metres or radians, `speed` in m/s or rad/s.
+        """Let the chassis make a step.
+
+        Args:
+            tick: called ten times a second, to publish feedback.
+            mode: mode of the step, a `StepControl.Step.Mode`.
+            value: length of the step, in metres or radians.
+            speed: speed of the step, in m/s or rad/s.
 
         Raises:
             GoalEnd: the step was not made.
@@ -89,15 +85,11 @@ class _Behavior(Nav2Action):
             raise GoalEnd(
                 f"a step of {value:g} at a speed of {speed:g} is not possible", "INVALID_INPUT"
             )
-        _limit(goal)
+        _limit_time(goal)
         step = StepControl.Step(mode=mode, value=value, speed=speed)
         unchecked = getattr(goal.request, "disable_collision_checks", False)
         command = StepControl(action=kExecute, steps=[step], avoid=int(unchecked))
-        await goal.drive(command, tick=tick)
-
-    def max_linear(self) -> float:
-        """Return the highest linear speed that the parameters allow, in m/s."""
-        return self.context.part.settings().velocity_limits.max_linear
+        await goal.run_command(command, tick=tick)
 
 
 class Spin(_Behavior):
@@ -108,11 +100,11 @@ class Spin(_Behavior):
     async def execute(self, goal: Nav2Goal) -> None:
         if not goal.request.target_yaw:
             return  # the chassis takes 5 s to turn by nothing
-        travelled = self.travelled()
+        travelled = _Travelled(self.context.pose)
         speed = min(_TURN_SPEED, self.context.part.settings().velocity_limits.max_angular)
         await self.step(
             goal,
-            lambda: goal.feedback(angular_distance_traveled=travelled.turned),
+            lambda: goal.feedback(angular_distance_traveled=travelled.turned()),
             StepControl.Step.kRotate,
             goal.request.target_yaw,
             speed,
@@ -145,11 +137,12 @@ class DriveOnHeading(_Behavior):
                 f"the robot drives straight only: the target has y {target.y:g} and z {target.z:g}",
                 "INVALID_INPUT",
             )
-        travelled = self.travelled()
-        speed = min(abs(goal.request.speed), self.max_linear())
+        travelled = _Travelled(self.context.pose)
+        limits = self.context.part.settings().velocity_limits
+        speed = min(abs(goal.request.speed), limits.max_linear)
         await self.step(
             goal,
-            lambda: goal.feedback(distance_traveled=travelled.distance),
+            lambda: goal.feedback(distance_traveled=travelled.distance()),
             StepControl.Step.kStraight,
             distance,
             speed,
@@ -172,12 +165,12 @@ class Wait(Nav2Action):
     drives = False
 
     async def execute(self, goal: Nav2Goal) -> None:
-        seconds = seconds_of(goal.request.time)
+        seconds = to_seconds(goal.request.time)
         over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         timer = asyncio.get_running_loop().call_later(seconds, over.set_result, None)
         try:
-            await goal.follow(
-                lambda: goal.feedback(time_left=duration(seconds - goal.elapsed)), over
+            await goal.wait_for(
+                over, lambda: goal.feedback(time_left=to_duration(seconds - goal.elapsed))
             )
         finally:
             timer.cancel()
@@ -202,7 +195,7 @@ class AssistedTeleop(Nav2Action):
         self._goal: Nav2Goal | None = None
         """The running goal."""
         self._preempted: asyncio.Future[None]
-        """Done when a client ends the goal with success; set while there is a goal."""
+        """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
         robot.gate.on_stop(self._stopped)
         stamped = part.settings().cmd_vel_stamped
         velocity = "geometry_msgs/TwistStamped" if stamped else BY_NAME["cmd_vel_teleop"].type
@@ -225,21 +218,21 @@ class AssistedTeleop(Nav2Action):
         await self._driver.run()
 
     async def execute(self, goal: Nav2Goal) -> None:
-        _limit(goal)
+        _limit_time(goal)
         self._preempted = asyncio.get_running_loop().create_future()
         self._goal = goal
 
         def tick() -> None:
             if reason := self._prevention():
                 goal.stop(GoalEnd(reason))
-            goal.feedback(current_teleop_duration=duration(goal.elapsed))
+            goal.feedback(current_teleop_duration=to_duration(goal.elapsed))
 
         try:
-            await goal.follow(tick, self._preempted)
+            await goal.wait_for(self._preempted, tick)
         finally:
             self._goal = None
-            self._driver.drive(0.0, 0.0, 0.0)
-            await self.context.pose.wait_standing()
+            self._driver.drive(0.0, 0.0, 0.0)  # stop the robot at once
+            await self.context.pose.wait_until_standing()
 
     def _prevention(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
@@ -259,7 +252,7 @@ class AssistedTeleop(Nav2Action):
         if self._goal is None:
             return
         twist = message
-        if hasattr(message, "header"):
+        if hasattr(message, "header"):  # a TwistStamped, by the parameter cmd_vel_stamped
             twist = message.twist
             if objection := stamp_objection(self.context.part, message.header.stamp):
                 self._driver.refuse("age", objection)

@@ -18,8 +18,8 @@ from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, kExecute
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import is_charging
-from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, duration
-from woosh_robot_agent.ros.nav2.navigation import bring_all
+from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, to_duration
+from woosh_robot_agent.ros.nav2.navigation import transform_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
 _NEAR = 1.0
@@ -30,7 +30,8 @@ _PHASES = {
     action.kStepCtrl: ("CONTROLLING", "FAILED_TO_CONTROL"),
     action.kCharge: ("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
 }
-"""By the action of the charging task: state in the feedback, and error code if it fails."""
+"""State in the feedback, and error code if the goal fails then, by the action of the charging task
+that the chassis executes."""
 
 
 class _Docking(Nav2Action):
@@ -55,11 +56,11 @@ class _Docking(Nav2Action):
             )
         except LinkError as error:
             raise GoalEnd(str(error)) from None
-        found: dict[str, tuple[float, float]] = {}
+        positions: dict[str, tuple[float, float]] = {}
         for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
             pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
-            found[charger.identity.no] = (pose.x, pose.y)
-        return found
+            positions[charger.identity.no] = (pose.x, pose.y)
+        return positions
 
 
 class DockRobot(_Docking):
@@ -69,50 +70,47 @@ class DockRobot(_Docking):
 
     async def check(self, request: Any) -> None:
         if not request.use_dock_id:
-            await bring_all(self.context.frames, [request.dock_pose])
-        self.say_unused(request, "dock_type")
+            await transform_all(self.context.frames, [request.dock_pose])
+        self.log_unused(request, "dock_type")
 
     async def execute(self, goal: Nav2Goal) -> None:
         request = goal.request
         chargers = await self.chargers()
-        mark = self._find(request, chargers)
+        mark = self._find_mark(request, chargers)
         here = self.context.pose.pose
         if self.is_charging and here is not None:
             distance, docked_at = _nearest(chargers, here)
             if distance <= _NEAR and mark == docked_at:
                 return
-        most = float(request.max_staging_time)
-        late = GoalEnd(
-            f"the robot has not come to the charger within max_staging_time, {most:g} s",
-            "FAILED_TO_STAGE",
-        )
-        goal.limit(most, late)
+        seconds = float(request.max_staging_time)
+        late = f"the robot has not come to the charger within max_staging_time, {seconds:g} s"
+        goal.set_timeout(seconds, GoalEnd(late, "FAILED_TO_STAGE"))
         phase = action.kNav
-        is_held_up = False
+        is_paused = False
 
-        def reported(report: Message) -> None:
-            nonlocal phase, is_held_up
+        def on_report(report: Message) -> None:
+            nonlocal phase, is_paused
             if not isinstance(report, TaskProc):
                 return
-            is_held_up = report.state == task.kPaused
+            is_paused = report.state == task.kPaused
             if report.action.type in _PHASES:
                 phase = report.action.type
                 if phase != action.kNav:
-                    goal.limit(0.0, late)
+                    goal.clear_timeout()
 
-        def publish() -> None:
-            if is_held_up and (reasons := self.context.preventions):
+        def tick() -> None:
+            if is_paused and (reasons := self.context.preventions):
                 # otherwise the task stays paused for ever, or the robot drives on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback
             state = getattr(feedback, _PHASES[phase][0])
-            goal.feedback(state=state, docking_time=duration(goal.elapsed))
+            goal.feedback(state=state, docking_time=to_duration(goal.elapsed))
 
         try:
-            await goal.drive(
+            await goal.run_command(
                 ExecTask(type=task.kCharge, mark_no=mark),
-                tick=publish,
-                on_report=reported,
+                tick=tick,
+                on_report=on_report,
                 is_done=lambda: phase == action.kCharge and self.is_charging,
             )
         except GoalEnd as end:
@@ -120,7 +118,7 @@ class DockRobot(_Docking):
                 end.code = _PHASES[phase][1]
             raise
 
-    def _find(self, request: Any, chargers: Mapping[str, tuple[float, float]]) -> str:
+    def _find_mark(self, request: Any, chargers: Mapping[str, tuple[float, float]]) -> str:
         """Return the mark of the requested charger; empty if the robot must choose a charger.
 
         Raises:
@@ -159,17 +157,17 @@ class UndockRobot(_Docking):
     name = "undock_robot"
 
     async def check(self, request: Any) -> None:
-        self.say_unused(request, "dock_type")
+        self.log_unused(request, "dock_type")
 
     async def execute(self, goal: Nav2Goal) -> None:
-        most = float(goal.request.max_undocking_time)
-        late = f"undocking has taken longer than max_undocking_time, {most:g} s"
-        goal.limit(most, GoalEnd(late, "TIMEOUT"))
+        seconds = float(goal.request.max_undocking_time)
+        late = f"undocking has taken longer than max_undocking_time, {seconds:g} s"
+        goal.set_timeout(seconds, GoalEnd(late, "TIMEOUT"))
         await self._check_docked()
         await self._end_task(goal)
         command = ChargeControl(execute_mode=ChargeControl.kExit, action=kExecute)
         try:
-            await goal.drive(command, tick=lambda: None)
+            await goal.run_command(command)
         except GoalEnd as end:
             if end.code == "UNKNOWN":
                 end.code = "FAILED_TO_CONTROL"
@@ -183,7 +181,7 @@ class UndockRobot(_Docking):
         Raises:
             GoalEnd: the robot is in no charger.
         """
-        if self.is_charging or self._charges():
+        if self.is_charging or self._has_charging_task():
             return
         here = self.context.pose.pose
         if here is None:
@@ -203,17 +201,17 @@ class UndockRobot(_Docking):
             GoalEnd: the chassis does not cancel the task, or the goal has ended before.
         """
         robot = self.context.part.robot
-        if not self._charges():
+        if not self._has_charging_task():
             return
         try:
             answer = await robot.gate.request(ActionOrder(order=action.kCancel))
         except LinkError as error:
             raise GoalEnd(str(error)) from None
-        if not answer.ok and self._charges():
+        if not answer.ok and self._has_charging_task():
             raise GoalEnd(f"the chassis refused to end the charging task: {answer.msg}")
-        await goal.wait_until(lambda: not self._charges())
+        await goal.wait_until(lambda: not self._has_charging_task())
 
-    def _charges(self) -> bool:
+    def _has_charging_task(self) -> bool:
         """Return True while the chassis executes a charging task."""
         report = self.context.part.robot.last_known.value(TaskProc)
         return report is not None and report.type == task.kCharge and is_running(report)

@@ -74,6 +74,7 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def _rotated(q: Quaternion, v: Vector) -> Vector:
+    """Return a vector rotated by a quaternion."""
     x, y, z, _ = _product(_product(q, (*v, 0.0)), (-q[0], -q[1], -q[2], q[3]))
     return x, y, z
 
@@ -93,13 +94,13 @@ def _transform(shift: Any, rotation: Any) -> Transform:
     return Transform(v, (x, y, z, w))
 
 
-def _of(pose: Pose2D) -> Transform:
+def _from_pose2d(pose: Pose2D) -> Transform:
     z, w = pose.quaternion
     return Transform((pose.x, pose.y, 0.0), (0.0, 0.0, z, w))
 
 
 _IDENTITY = Transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-_UNKNOWN = (
+_UNKNOWN_POSE = (
     "the pose of the frame {} in the map is not known: wait for the link to the robot, and keep "
     "the part odom switched on for the frame of the odometry"
 )
@@ -152,7 +153,7 @@ class Frames:
         """Set when a transform has come."""
         self._is_subscribed = False
 
-    async def bring(self, stamped: PoseStamped) -> None:
+    async def to_map_frame(self, stamped: PoseStamped) -> None:
         """Transform a pose, in place, into the frame of the map.
 
         Raises:
@@ -180,30 +181,30 @@ class Frames:
         loop = asyncio.get_running_loop()
         until = loop.time() + _WAIT
         while True:
-            found = self._look_up(frame)
-            if isinstance(found, Transform):
-                return found
-            if frame in self._own:
-                raise ValueError(found)
+            pose_or_reason = self._look_up(frame)
+            if isinstance(pose_or_reason, Transform):
+                return pose_or_reason
+            if frame in self._own:  # /tf cannot tell it
+                raise ValueError(pose_or_reason)
             self._subscribe()
             self._changed.clear()
             timer = loop.call_at(until, self._changed.set)
             await self._changed.wait()
             timer.cancel()
             if loop.time() >= until:
-                raise ValueError(found)
+                raise ValueError(pose_or_reason)
 
     def _look_up(self, frame: str) -> Transform | str:
         """Return the pose of a frame in the map, or the reason why there is none."""
         try:
-            above = dict(self._climb(frame))
-            for own, find in self._own.items():
+            above = dict(self._climb(frame))  # poses of `frame` in the frames above it
+            for own, find_pose in self._own.items():
                 for ancestor, own_pose in self._climb(own):
-                    if ancestor in above:
-                        pose = find()
+                    if ancestor in above:  # this frame connects `frame` with `own`
+                        pose = find_pose()
                         if pose is None:
-                            return _UNKNOWN.format(own)
-                        return _of(pose) * own_pose.inverse * above[ancestor]
+                            return _UNKNOWN_POSE.format(own)
+                        return _from_pose2d(pose) * own_pose.inverse * above[ancestor]
         except ValueError as error:
             return str(error)
         top = list(above)[-1]

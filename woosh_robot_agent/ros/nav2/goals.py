@@ -77,8 +77,8 @@ class GoalEnd(Exception):
         self.is_logged = is_logged
 
 
-class Cancels:
-    """Remembers who last cancelled a task or an action, apart from the clients of the goals.
+class CancelLog:
+    """Remembers what last cancelled a task or an action, apart from the clients of the goals.
 
     Used in the link thread.
 
@@ -87,22 +87,25 @@ class Cancels:
     """
 
     def __init__(self, gate: MotionGate) -> None:
-        self._last = ""
-        """Name of the endpoint that was used for the last cancel."""
+        self._last_source = ""
+        """Name of the service, topic or action through which the last cancel came."""
         self._time = -math.inf
         """Loop time of that cancel."""
         gate.on_stop(lambda: self._note("the service stop"))
         gate.on_answered(self._answered)
 
-    async def who(self, since: float) -> str:
-        """Return who has cancelled something since a loop time; wait a little for the answer."""
+    async def source(self, since: float) -> str:
+        """Return what has cancelled something since a loop time.
+
+        The report of a cancel may come before the answer to its request, so this waits a little.
+        """
         clock = asyncio.get_running_loop().time
         until = clock() + _ANSWER_DELAY
         while self._time < since:
             if clock() > until:
                 return "the robot itself or another client of it"
             await asyncio.sleep(_ANSWER_DELAY / 10)
-        return self._last
+        return self._last_source
 
     def _answered(self, command: AnsweredCommand) -> None:
         message = command.message
@@ -113,8 +116,8 @@ class Cancels:
         if is_cancel and command.answer.ok and command.source != GOAL_CANCEL:
             self._note(command_name(command))
 
-    def _note(self, who: str) -> None:
-        self._last, self._time = who, asyncio.get_running_loop().time()
+    def _note(self, source: str) -> None:
+        self._last_source, self._time = source, asyncio.get_running_loop().time()
 
 
 class FailedCommand(GoalEnd):
@@ -122,7 +125,7 @@ class FailedCommand(GoalEnd):
 
     Args:
         end: end of the command.
-        canceller: who has cancelled it; empty if it was not cancelled.
+        canceller: what has cancelled it; empty if it was not cancelled.
 
     Attributes:
         cause: who decided the end.
@@ -142,13 +145,12 @@ class FailedCommand(GoalEnd):
         self.status_code = code
 
 
+def _nothing() -> None:
+    """Do nothing."""
+
+
 class Nav2Goal:
     """A running goal of a Nav2 action. Use it in the link thread.
-
-    Args:
-        goal: the goal in the action server.
-        action_type: ROS type of the action.
-        context: the context that the actions share.
 
     Attributes:
         request: the goal as the client gave it.
@@ -170,12 +172,12 @@ class Nav2Goal:
         self._context = context
         self._published: float | None = goal.published
         """Loop time at which the client sent the goal; None once the first command was sent."""
-        self._stop: asyncio.Future[GoalEnd] = loop.create_future()
-        """Done when something ends the goal before the chassis does."""
-        self._running: AgentGoal | None = None
-        """The goal that the chassis executes for this one."""
+        self._reason: asyncio.Future[GoalEnd] = loop.create_future()
+        """Why the goal ends; done when something other than the chassis ends it."""
+        self._chassis_goal: AgentGoal | None = None
+        """The goal that the chassis executes for this one now."""
         self._older: Nav2Goal | None = None
-        """The navigation that goes on until the chassis has accepted this goal; or None."""
+        """The navigation that this goal replaces once the chassis has accepted it; else None."""
         self._timer: asyncio.TimerHandle | None = None
 
     @property
@@ -184,9 +186,9 @@ class Nav2Goal:
         return asyncio.get_running_loop().time() - self.started
 
     @property
-    def is_running(self) -> bool:
+    def is_executing(self) -> bool:
         """True while the chassis executes a command for the goal, as far as is known."""
-        return self._running is not None
+        return self._chassis_goal is not None
 
     def feedback(self, **fields: Any) -> None:
         """Publish feedback with these fields."""
@@ -194,40 +196,43 @@ class Nav2Goal:
 
     def stop(self, reason: GoalEnd) -> None:
         """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
-        if not self._stop.done():
-            self._stop.set_result(reason)
-        if self._running is not None:
-            self._running.cancel()
+        if not self._reason.done():
+            self._reason.set_result(reason)
+        if self._chassis_goal is not None:
+            self._chassis_goal.cancel()
 
-    def limit(self, seconds: float, reason: GoalEnd) -> None:
-        """End the goal for a reason after a time; 0 removes the limit."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+    def set_timeout(self, seconds: float, reason: GoalEnd) -> None:
+        """End the goal for a reason after a time; 0 or less is no limit."""
+        self.clear_timeout()
         if seconds > 0.0:
             loop = asyncio.get_running_loop()
             self._timer = loop.call_later(seconds, self.stop, reason)
 
+    def clear_timeout(self) -> None:
+        """Remove the timeout, if there is one."""
+        if self._timer is not None:
+            self._timer.cancel()
+
     def replace(self, older: Nav2Goal) -> None:
         """Replace a navigation without a stop, once the chassis has accepted this goal."""
         self._older = older
-        if not older._stop.done():
-            older._stop.set_result(GoalEnd(_REPLACED))  # but the robot drives on for now
+        if not older._reason.done():  # unlike `stop`, this lets the robot drive on for now
+            older._reason.set_result(GoalEnd(_REPLACED))
 
-    def check(self) -> None:
+    def raise_if_ending(self) -> None:
         """Raise the reason that ends the goal, if there is one.
 
         Raises:
             GoalEnd: the goal is ending.
         """
-        if self._stop.done():
-            raise self._stop.result()
+        if self._reason.done():
+            raise self._reason.result()
 
-    async def drive(
+    async def run_command(
         self,
         command: Message,
         *,
-        tick: Callable[[], None],
+        tick: Callable[[], None] = _nothing,
         on_report: Callable[[Message], None] = lambda _report: None,
         is_done: Callable[[], bool] = lambda: False,
     ) -> Cause | None:
@@ -247,55 +252,59 @@ class Nav2Goal:
             GoalEnd: the goal has ended before the command did.
             FailedCommand: the command has failed.
         """
-        self.check()
+        self.raise_if_ending()
         sent = asyncio.get_running_loop().time()
-        running = self._context.actions.start(command, on_report, self._published)
-        self._running, self._published = running, None
+        chassis_goal = self._context.actions.start(command, on_report, self._published)
+        self._chassis_goal, self._published = chassis_goal, None
         if (older := self._older) is not None:
             self._older = None
-            running.accepted.add_done_callback(
-                lambda accepted: None if accepted.result() else older.stop(GoalEnd(_REPLACED))
-            )
+
+            def stop_unless_replaced(accepted: asyncio.Future[bool]) -> None:
+                if not accepted.result():
+                    older.stop(GoalEnd(_REPLACED))
+
+            chassis_goal.accepted.add_done_callback(stop_unless_replaced)
         try:
-            await self._repeat(tick, running.ended, is_done)
+            await self._repeat(tick, chassis_goal.ended, is_done)
         except Exception:
-            running.cancel()
+            chassis_goal.cancel()
             raise
         finally:
-            self._running = None
-        if not running.ended.done():
+            self._chassis_goal = None
+        if not chassis_goal.ended.done():
             return None
-        end = running.ended.result()
+        end = chassis_goal.ended.result()
         if end.outcome is Outcome.SUCCEEDED:
             return end.cause
-        if not self._stop.done():
+        if not self._reason.done():
             raise await self._failure(end, sent)
-        reason = self._stop.result()
+        reason = self._reason.result()
         if end.outcome is Outcome.CANCELED:
-            await self._context.pose.wait_standing()
+            await self._context.pose.wait_until_standing()
             raise reason
         if reason.outcome is Outcome.CANCELED or reason.code == "TIMEOUT":
-            raise await self._failure(end, sent)  # the robot may go on
+            raise await self._failure(end, sent)  # says that the robot may go on
         raise reason
 
     async def _failure(self, end: End, sent: float) -> FailedCommand:
         """Return the failure of a command that was sent at a loop time."""
         is_cancelled = getattr(end.result, "state", None) in _CANCELLED
-        return FailedCommand(end, await self._context.cancels.who(sent) if is_cancelled else "")
+        return FailedCommand(end, await self._context.cancels.source(sent) if is_cancelled else "")
 
-    async def follow(self, tick: Callable[[], None], *ends: asyncio.Future[Any]) -> None:
-        """Wait until one of some futures is done.
+    async def wait_for(
+        self, future: asyncio.Future[Any], tick: Callable[[], None] = _nothing
+    ) -> None:
+        """Wait until a future is done.
 
         Args:
             tick: called ten times a second, to publish feedback.
-            ends: the futures.
 
         Raises:
             GoalEnd: the goal has ended before.
         """
-        await self._repeat(tick, self._stop, lambda: any(each.done() for each in ends), *ends)
-        if not any(each.done() for each in ends):
-            self.check()
+        await self._repeat(tick, self._reason, future.done, future)
+        if not future.done():
+            self.raise_if_ending()
 
     async def wait_until(self, condition: Callable[[], bool]) -> None:
         """Wait until a condition holds; it is checked ten times a second.
@@ -303,9 +312,9 @@ class Nav2Goal:
         Raises:
             GoalEnd: the goal has ended before.
         """
-        await self._repeat(_nothing, self._stop, condition)
+        await self._repeat(_nothing, self._reason, condition)
         if not condition():
-            self.check()
+            self.raise_if_ending()
 
     async def _repeat(
         self,
@@ -314,6 +323,10 @@ class Nav2Goal:
         is_done: Callable[[], bool],
         *wakes: asyncio.Future[Any],
     ) -> None:
+        """Call `tick` ten times a second until `end` is done or `is_done` returns True.
+
+        `is_done` is called with the same period, and when one of `wakes` is done.
+        """
         clock = asyncio.get_running_loop().time
         due = clock()
         while not (end.done() or is_done()):
@@ -323,14 +336,13 @@ class Nav2Goal:
             await asyncio.wait(waited, timeout=due - clock(), return_when=asyncio.FIRST_COMPLETED)
 
     def finish(self, reason: GoalEnd | None) -> None:
-        """End the goal: with success, or for a reason."""
-        if self._timer is not None:
-            self._timer.cancel()
-        if self._older is not None:  # this one was not sent
+        """End the goal: with success if the reason is None."""
+        self.clear_timeout()
+        if self._older is not None:  # no command of this goal has replaced that of the older one
             self._older.stop(GoalEnd(_REPLACED))
         result = self.result
         if hasattr(result, "total_elapsed_time"):
-            result.total_elapsed_time = duration(self.elapsed)
+            result.total_elapsed_time = to_duration(self.elapsed)
         if reason is not None and hasattr(result, "success"):
             result.success = False
         if reason is not None and reason.outcome is Outcome.ABORTED:
@@ -346,14 +358,14 @@ class Nav2Goal:
 
 
 class Slot:
-    """A place for one goal at a time: a new goal ends the goals before it."""
+    """Lets one goal run at a time: a new goal ends the goals before it."""
 
     def __init__(self) -> None:
         self._goals: list[tuple[Nav2Goal, bool]] = []
         """The goals that have not ended, each with True if it navigates; the oldest first."""
 
     async def take(self, goal: Nav2Goal, *, navigates: bool) -> None:
-        """Give the place to a goal, and end the goals before it.
+        """Let a goal run, and end the goals before it.
 
         A navigation replaces another one without a stop in between, because the chassis can do so.
         In all other cases, the goals before are cancelled, and have ended when this returns.
@@ -369,18 +381,14 @@ class Slot:
         for each, _ in older:
             each.stop(GoalEnd(_REPLACED))
         for each, _ in older:
-            await goal.follow(_nothing, each.ended)
+            await goal.wait_for(each.ended)
 
     def stop(self, reason: GoalEnd) -> bool:
-        """End what the chassis executes for a reason; return False if it executes nothing."""
-        running = [each for each, _ in self._goals if each.is_running]
+        """End the goal that the chassis executes, for a reason; return False if there is none."""
+        running = [each for each, _ in self._goals if each.is_executing]
         for each in running:
             each.stop(reason)
         return bool(running)
-
-
-def _nothing() -> None:
-    """Do nothing."""
 
 
 @dataclass(frozen=True)
@@ -396,9 +404,9 @@ class Nav2Context:
     pose: RobotPose
     """The robot's pose."""
     driving: Slot
-    """The place for the goal that moves the robot."""
-    cancels: Cancels
-    """Knows who has cancelled a goal, besides its client."""
+    """Lets one goal at a time move the robot."""
+    cancels: CancelLog
+    """Tells what has cancelled a goal, besides its client."""
 
     @property
     def preventions(self) -> list[Objection]:
@@ -411,7 +419,6 @@ class Nav2Action(ABC):
     """One of Nav2's actions. Its goals run in the link thread.
 
     Args:
-        context: the context that the actions share.
         result_timeout: time for which results are kept, in seconds.
 
     Attributes:
@@ -432,8 +439,8 @@ class Nav2Action(ABC):
         self._slot = context.driving if self.drives else Slot()
         self._tasks: dict[asyncio.Task[None], Nav2Goal] = {}
         """The goals that have not ended, by the asyncio task that runs the goal."""
-        self._said: set[str] = set()
-        """Fields without an effect that were logged."""
+        self._logged_fields: set[str] = set()
+        """Fields of which `log_unused` has logged that they have no effect."""
         robot = context.part.robot
         self.server = GoalServer(
             robot.node,
@@ -473,12 +480,11 @@ class Nav2Action(ABC):
         for goal in tasks.values():  # a task that had not started has ended no goal
             goal.finish(GoalEnd(STOPPING))
 
-    def say_unused(self, request: Any, *fields: str) -> None:
-        """Log that a field of the request has no effect, once for each field that a client sets."""
-        for field in fields:
-            if getattr(request, field, "") and field not in self._said:
-                self._said.add(field)
-                _LOG.info("%s: %s has no effect: the robot plans by itself", self.name, field)
+    def log_unused(self, request: Any, field: str) -> None:
+        """Log once that a field has no effect, if the request sets it."""
+        if getattr(request, field, "") and field not in self._logged_fields:
+            self._logged_fields.add(field)
+            _LOG.info("%s: %s has no effect: the robot plans by itself", self.name, field)
 
     def _start(self, accepted: Goal) -> None:
         goal = Nav2Goal(accepted, self.action_type, self.context)
@@ -508,12 +514,12 @@ class Nav2Action(ABC):
             goal.finish(reason)
 
 
-def duration(seconds: float) -> Duration:
-    """Return a time in seconds as a message, limited to what the message can hold."""
+def to_duration(seconds: float) -> Duration:
+    """Return a time in seconds as a Duration, limited to what that can hold."""
     nanoseconds = round(min(max(seconds, 0.0), _LONGEST) * 1e9)
     return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
-def seconds_of(message: Duration) -> float:
-    """Return a message as a time in seconds."""
+def to_seconds(message: Duration) -> float:
+    """Return a Duration in seconds."""
     return float(message.sec + message.nanosec / 1e9)

@@ -11,7 +11,7 @@ from woosh_robot_agent.ros.nav2.behaviors import AssistedTeleop, BackUp, DriveOn
 from woosh_robot_agent.ros.nav2.docking import DockRobot, UndockRobot
 from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
 from woosh_robot_agent.ros.nav2.frames import Frames
-from woosh_robot_agent.ros.nav2.goals import Cancels, Nav2Action, Nav2Context, Slot
+from woosh_robot_agent.ros.nav2.goals import CancelLog, Nav2Action, Nav2Context, Slot
 from woosh_robot_agent.ros.nav2.navigation import (
     FollowWaypoints,
     NavigateThroughPoses,
@@ -62,7 +62,7 @@ class Nav2Layer:
     ) -> None:
         pose = RobotPose(part)
         frames = Frames(part, lambda: pose.pose, map_to_odom)
-        self._context = Nav2Context(part, actions, frames, pose, Slot(), Cancels(part.robot.gate))
+        self._context = Nav2Context(part, actions, frames, pose, Slot(), CancelLog(part.robot.gate))
         self._result_timeout = result_timeout
         self._teleop = AssistedTeleop(self._context, result_timeout)
         self._actions: list[Nav2Action] = [self._teleop]

@@ -18,7 +18,6 @@ from woosh_robot_agent.motion import SpeedLimiter
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D as ChassisPose
-from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.ros.actions.goal import Cause
 from woosh_robot_agent.ros.actions.server import RejectedError
 from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
@@ -27,11 +26,11 @@ from woosh_robot_agent.ros.nav2.goals import (
     FailedCommand,
     GoalEnd,
     Nav2Action,
+    Nav2Context,
     Nav2Goal,
     Slot,
-    duration,
+    to_duration,
 )
-from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.qos import reliable
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
@@ -47,12 +46,13 @@ _DRIVING = 0.05
 _STEADY = 0.02
 """Maximum difference of two successive reports that counts as a steady speed, in m/s."""
 _MANY = 100
-"""Number of poses above which they may be too many for a robot. The simulated one accepts 200."""
+"""Number of poses above which a refusal may be due to their number. The simulated robot accepts
+200."""
 _SMOOTHING = 0.02
 """Weight of a reported speed in the average that is the expected speed."""
 
 
-async def bring_all(frames: Frames, poses: Sequence[PoseStamped]) -> None:
+async def transform_all(frames: Frames, poses: Sequence[PoseStamped]) -> None:
     """Transform the poses of a goal, in place, into the frame of the map.
 
     Raises:
@@ -60,7 +60,7 @@ async def bring_all(frames: Frames, poses: Sequence[PoseStamped]) -> None:
     """
     for number, pose in enumerate(poses):
         try:
-            await frames.bring(pose)
+            await frames.to_map_frame(pose)
         except ValueError as error:
             which = f"pose {number} of {len(poses)}: " if len(poses) > 1 else ""
             raise RejectedError(f"{which}{error}") from None
@@ -72,20 +72,18 @@ def chassis_pose(message: PoseStamped) -> ChassisPose:
     return ChassisPose(x=pose.x, y=pose.y, theta=pose.theta)
 
 
-class Way:
-    """The rest of the way to a goal, by the path that the robot reports.
+class Progress:
+    """The poses, the distance and the time that are left of a navigation.
+
+    The distance is measured along the path that the robot reports.
 
     Args:
-        robot_pose: the robot's pose.
-        last_known: last values that the chassis reported, e.g. the path.
-        stops: the poses to pass, the goal last.
+        stops: the poses to pass, the last one being the goal.
     """
 
-    def __init__(
-        self, robot_pose: RobotPose, last_known: LastKnown, stops: Sequence[PoseStamped]
-    ) -> None:
-        self._robot_pose = robot_pose
-        self._last_known = last_known
+    def __init__(self, context: Nav2Context, stops: Sequence[PoseStamped]) -> None:
+        self._robot_pose = context.pose
+        self._last_known = context.part.robot.last_known
         self._stops = [from_pose(each.pose) for each in stops]
         """The poses that are still to be passed, the goal last."""
         self._goal = self._stops[-1]
@@ -93,15 +91,16 @@ class Way:
         """Speed at which the robot is expected to drive, in m/s."""
         self._last_speed = 0.0
         """Speed in the last report, in m/s."""
-        self._heard = robot_pose.received
-        """Loop time of the last report."""
+        self._received = self._robot_pose.received
+        """Loop time of the last report that `_speed` takes into account."""
         self._path: NavPath | None = None
-        """The path that `_points` and `_rests` describe."""
+        """The path that `_points` and `_distances` describe."""
         self._points = numpy.empty((0, 2))
-        self._rests = numpy.empty(0)
+        """Points of the path; none if it does not lead to the goal."""
+        self._distances = numpy.empty(0)
         """Length of the path from each point to its end, in metres."""
         self._segment = 0
-        """Index of the point that the robot has passed last."""
+        """Index of the point of the path that the robot has passed last."""
 
     @property
     def stops_left(self) -> int:
@@ -110,15 +109,15 @@ class Way:
             self._stops.pop(0)
         return len(self._stops)
 
-    def rest(self) -> tuple[float, float]:
+    def left(self) -> tuple[float, float]:
         """Return the remaining distance in metres, and the expected time in seconds."""
         pose = self._robot_pose.pose
         if pose is None:
             return 0.0, 0.0
-        if self._robot_pose.received != self._heard:
-            self._heard = self._robot_pose.received
-            self._learn(abs(self._robot_pose.velocity.forward))
-        distance = self._along_path(pose)
+        if self._robot_pose.received != self._received:
+            self._received = self._robot_pose.received
+            self._adapt_speed(abs(self._robot_pose.velocity.forward))
+        distance = self._distance_along_path(pose)
         if distance is None:  # the robot has not reported its path
             corners = [pose, *self._stops]
             distance = sum(
@@ -126,7 +125,7 @@ class Way:
             )
         return distance, distance / self._speed
 
-    def _learn(self, speed: float) -> None:
+    def _adapt_speed(self, speed: float) -> None:
         """Adapt the expected speed to a reported speed, unless the robot is slowing down."""
         if speed > self._speed:
             self._speed = speed
@@ -138,8 +137,8 @@ class Way:
         pose = self._robot_pose.pose
         return pose is not None and math.hypot(stop.x - pose.x, stop.y - pose.y) < _NEAR
 
-    def _along_path(self, pose: Pose2D) -> float | None:
-        """Return the length of the rest of the path; None if it does not lead to the goal."""
+    def _distance_along_path(self, pose: Pose2D) -> float | None:
+        """Return the length of the rest of the path; None without a path to the goal."""
         path = self._last_known.value(NavPath)
         here = numpy.array((pose.x, pose.y))
         if path is not self._path:
@@ -147,16 +146,17 @@ class Way:
             self._read(path, here)
         if len(self._points) < 2:
             return None
-        ahead, aside = self._projected(self._segment, here)
+        along, offset = self._projected(self._segment, here)
         while self._segment < len(self._points) - 2:
-            next_ahead, next_aside = self._projected(self._segment + 1, here)
-            if next_aside > aside:
+            next_along, next_offset = self._projected(self._segment + 1, here)
+            if next_offset > offset:
                 break
             self._segment += 1
-            ahead, aside = next_ahead, next_aside
-        return float(self._rests[self._segment]) - ahead
+            along, offset = next_along, next_offset
+        return float(self._distances[self._segment]) - along
 
     def _read(self, path: NavPath | None, here: Any) -> None:
+        """Set the points and distances of a path, and the segment nearest to `here`."""
         poses = () if path is None else path.path.poses
         points = numpy.array([(each.x, each.y) for each in poses]).reshape(-1, 2)
         end = (self._goal.x, self._goal.y)
@@ -165,19 +165,19 @@ class Way:
             return
         lengths = numpy.hypot(*numpy.diff(points, axis=0).T)
         self._points = points
-        self._rests = numpy.append(numpy.cumsum(lengths[::-1])[::-1], 0.0)
+        self._distances = numpy.append(numpy.cumsum(lengths[::-1])[::-1], 0.0)
         nearest = int(numpy.hypot(*(points - here).T).argmin())
         self._segment = max(min(nearest, len(points) - 1) - 1, 0)
 
     def _projected(self, segment: int, here: Any) -> tuple[float, float]:
-        """Return a point's distance along a segment, and its distance from it, in metres."""
+        """Return how far along a segment a point is, and how far from the segment, in metres."""
         start, end = self._points[segment], self._points[segment + 1]
         length = math.dist(start, end)
         if not length:
             return 0.0, math.dist(start, here)
-        ahead = float((here - start) @ (end - start)) / length
-        ahead = min(max(ahead, 0.0), length)
-        return ahead, math.dist(start + (end - start) * (ahead / length), here)
+        along = float((here - start) @ (end - start)) / length
+        along = min(max(along, 0.0), length)
+        return along, math.dist(start + (end - start) * (along / length), here)
 
 
 class _Navigation(Nav2Action):
@@ -185,17 +185,13 @@ class _Navigation(Nav2Action):
 
     navigates = True
 
-    def way(self, stops: Sequence[PoseStamped]) -> Way:
-        """Return the way along some poses."""
-        return Way(self.context.pose, self.context.part.robot.last_known, stops)
-
-    def publish(self, goal: Nav2Goal, way: Way, **fields: Any) -> None:
+    def publish(self, goal: Nav2Goal, progress: Progress, **fields: Any) -> None:
         """Publish feedback on a navigation."""
-        distance, time = way.rest()
+        distance, time = progress.left()
         goal.feedback(
             current_pose=self.context.pose.stamped,
-            navigation_time=duration(goal.elapsed),
-            estimated_time_remaining=duration(time),
+            navigation_time=to_duration(goal.elapsed),
+            estimated_time_remaining=to_duration(time),
             distance_remaining=distance,
             **fields,
         )
@@ -207,15 +203,15 @@ class NavigateToPose(_Navigation):
     name = "navigate_to_pose"
 
     async def check(self, request: Any) -> None:
-        await bring_all(self.context.frames, [request.pose])
-        self.say_unused(request, "behavior_tree")
+        await transform_all(self.context.frames, [request.pose])
+        self.log_unused(request, "behavior_tree")
 
     async def execute(self, goal: Nav2Goal) -> None:
         target = goal.request.pose
-        way = self.way([target])
-        await goal.drive(
+        progress = Progress(self.context, [target])
+        await goal.run_command(
             MoveBase(action=kExecute, target_pose=chassis_pose(target)),
-            tick=lambda: self.publish(goal, way),
+            tick=lambda: self.publish(goal, progress),
         )
 
 
@@ -230,14 +226,14 @@ class NavigateThroughPoses(_Navigation):
     name = "navigate_through_poses"
 
     async def check(self, request: Any) -> None:
-        await bring_all(self.context.frames, poses_in(request.poses))
-        self.say_unused(request, "behavior_tree")
+        await transform_all(self.context.frames, poses_in(request.poses))
+        self.log_unused(request, "behavior_tree")
 
     async def execute(self, goal: Nav2Goal) -> None:
         poses = poses_in(goal.request.poses)
         if not poses:
             raise GoalEnd("the goal has no poses: give at least one")
-        way = self.way(poses)
+        progress = Progress(self.context, poses)
         *via, target = map(chassis_pose, poses)
         command = MoveBase(
             action=kExecute,
@@ -247,39 +243,38 @@ class NavigateThroughPoses(_Navigation):
         )
         end: GoalEnd | None = None
         try:
-            await self._drive(goal, command, poses, way)
+            await self._drive(goal, command, poses, progress)
         except GoalEnd as reason:
             end = reason
             raise
         finally:
             if hasattr(goal.result, "waypoint_statuses"):
-                passed = len(poses) if end is None else len(poses) - way.stops_left
+                passed = len(poses) if end is None else len(poses) - progress.stops_left
                 goal.result.waypoint_statuses = _statuses(poses, passed, str(end or ""))
 
     async def _drive(
-        self, goal: Nav2Goal, command: MoveBase, poses: Sequence[PoseStamped], way: Way
+        self, goal: Nav2Goal, command: MoveBase, poses: Sequence[PoseStamped], progress: Progress
     ) -> None:
         try:
-            await goal.drive(command, tick=lambda: self._publish(goal, poses, way))
+            await goal.run_command(command, tick=lambda: self._publish(goal, poses, progress))
         except FailedCommand as failure:
             if failure.cause is Cause.REFUSAL and len(poses) > _MANY:
                 many = f"the goal has {len(poses)} poses, which may be too many: send fewer"
                 raise GoalEnd(f"{failure}; {many}") from None
             raise
 
-    def _publish(self, goal: Nav2Goal, poses: Sequence[PoseStamped], way: Way) -> None:
-        left = way.stops_left
+    def _publish(self, goal: Nav2Goal, poses: Sequence[PoseStamped], progress: Progress) -> None:
+        left = progress.stops_left
         fields: dict[str, Any] = {"number_of_poses_remaining": left}
         if hasattr(goal.result, "waypoint_statuses"):
             fields["waypoint_statuses"] = _statuses(poses, len(poses) - left)
-        self.publish(goal, way, **fields)
+        self.publish(goal, progress, **fields)
 
 
 def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> list[Any]:
-    """Return the states of the poses on a way as WaypointStatus, which exists since Kilted.
+    """Return the states of the poses of a goal as WaypointStatus, which exists since Kilted.
 
     Args:
-        poses: the poses.
         passed: number of poses that the robot has passed.
         failure: why the robot does not reach the other poses; empty while it may reach them.
     """
@@ -308,7 +303,7 @@ class FollowWaypoints(_Navigation):
     name = "follow_waypoints"
 
     async def check(self, request: Any) -> None:
-        await bring_all(self.context.frames, request.poses)
+        await transform_all(self.context.frames, request.poses)
 
     async def execute(self, goal: Nav2Goal) -> None:
         poses = goal.request.poses
@@ -317,8 +312,7 @@ class FollowWaypoints(_Navigation):
             raise GoalEnd(
                 f"there is no waypoint {first}: the goal has {len(poses)}", "NO_VALID_WAYPOINTS"
             )
-        cause: Cause | None = None
-        """Who decided the end of the last drive."""
+        cause: Cause | None = None  # who decided the end of the last drive
         for loop in range(getattr(goal.request, "number_of_loops", 0) + 1):
             for number in range(0 if loop else first, len(poses)):
                 if cause is Cause.LATE_REPORT:
@@ -328,12 +322,12 @@ class FollowWaypoints(_Navigation):
     async def _visit(self, goal: Nav2Goal, number: int, pose: PoseStamped) -> Cause | None:
         """Drive to a waypoint; return who decided the end of the drive, None if it is missed."""
         try:
-            return await goal.drive(
+            return await goal.run_command(
                 MoveBase(action=kExecute, target_pose=chassis_pose(pose)),
                 tick=lambda: goal.feedback(current_waypoint=number),
             )
         except FailedCommand as failure:
-            if not _is_about_the_pose(failure):
+            if not _says_unreachable(failure):
                 raise
             _LOG.warning("%s: waypoint %d is missed: %s", self.name, number, failure)
             goal.result.missed_waypoints.append(_missed(goal.result, number, pose, str(failure)))
@@ -344,10 +338,10 @@ _POSE_CODES = frozenset((13010100001, 13010100002, 13010100005))
 """Status codes for a pose that is occupied or out of reach, without the last digit: that is the
 level, which differs between robots."""
 _POSE_WORDS = ("no free path", "no path", "keep-out area", "too winding to plan")
-"""Parts of a report's text that mean the same."""
+"""Parts of a report's text that mean the same, in lower case."""
 
 
-def _is_about_the_pose(failure: FailedCommand) -> bool:
+def _says_unreachable(failure: FailedCommand) -> bool:
     """Return True if the report that ended a drive says that the pose cannot be reached.
 
     Only the report that ended the drive is considered, not the present state of the robot: an
@@ -389,8 +383,7 @@ class SpeedLimit:
     aborted.
 
     Args:
-        context: the context of the standard layer.
-        driving: the place for the goal that moves the robot.
+        driving: the goal that moves the robot.
     """
 
     def __init__(self, context: PartContext, driving: Slot) -> None:
@@ -417,11 +410,11 @@ class SpeedLimit:
         if not 0.0 <= value < math.inf:
             self._log.warn("value", f"speed_limit is ignored, because it is {value:g}")
             return
-        most = self._context.settings().velocity_limits.max_linear
+        max_linear = self._context.settings().velocity_limits.max_linear
         if message.percentage:
-            limit = value / 100.0 * most if value < 100.0 else math.inf
+            limit = value / 100.0 * max_linear if value < 100.0 else math.inf
         else:
-            limit = value if value < max(most, _HIGHEST_SPEED) else math.inf
+            limit = value if value < max(max_linear, _HIGHEST_SPEED) else math.inf
         if value and not limit:
             text = "speed_limit is ignored: it is a percentage of cmd_vel_max_linear, which is 0"
             self._log.warn("value", text)

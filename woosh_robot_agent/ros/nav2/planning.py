@@ -14,8 +14,8 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
-from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, duration
-from woosh_robot_agent.ros.nav2.navigation import bring_all, chassis_pose, poses_in
+from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, to_duration
+from woosh_robot_agent.ros.nav2.navigation import chassis_pose, poses_in, transform_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 
 
@@ -24,14 +24,14 @@ class _Planning(Nav2Action):
 
     drives = False
 
-    async def bring(self, request: Any, goals: Sequence[PoseStamped]) -> None:
+    async def transform(self, request: Any, goals: Sequence[PoseStamped]) -> None:
         """Transform the poses of a request, in place, into the frame of the map.
 
         Raises:
             RejectedError: a pose is invalid, or in a frame that is not known.
         """
-        await bring_all(self.context.frames, [*goals, *([request.start] * request.use_start)])
-        self.say_unused(request, "planner_id")
+        await transform_all(self.context.frames, [*goals, *([request.start] * request.use_start)])
+        self.log_unused(request, "planner_id")
 
     async def plan(self, goal: Nav2Goal, goals: Sequence[PoseStamped]) -> None:
         """Plan the path to some poses, one after the other.
@@ -39,16 +39,16 @@ class _Planning(Nav2Action):
         Raises:
             GoalEnd: there is no such path.
         """
-        start = goal.request.start if goal.request.use_start else self._here()
+        start = goal.request.start if goal.request.use_start else self._robot_pose()
         planning = start_task(self._path([start, *goals]), name="nav2: path")
         try:
-            await goal.follow(lambda: None, planning)
+            await goal.wait_for(planning)
             goal.result.path = planning.result()
         finally:
             planning.cancel()
-            goal.result.planning_time = duration(goal.elapsed)
+            goal.result.planning_time = to_duration(goal.elapsed)
 
-    def _here(self) -> PoseStamped:
+    def _robot_pose(self) -> PoseStamped:
         if self.context.pose.pose is None:
             raise GoalEnd("the robot's pose is not known: wait for the link to the robot")
         return self.context.pose.stamped
@@ -103,7 +103,7 @@ class ComputePathToPose(_Planning):
     name = "compute_path_to_pose"
 
     async def check(self, request: Any) -> None:
-        await self.bring(request, [request.goal])
+        await self.transform(request, [request.goal])
 
     async def execute(self, goal: Nav2Goal) -> None:
         await self.plan(goal, [goal.request.goal])
@@ -115,7 +115,7 @@ class ComputePathThroughPoses(_Planning):
     name = "compute_path_through_poses"
 
     async def check(self, request: Any) -> None:
-        await self.bring(request, poses_in(request.goals))
+        await self.transform(request, poses_in(request.goals))
 
     async def execute(self, goal: Nav2Goal) -> None:
         goals = poses_in(goal.request.goals)

@@ -24,8 +24,9 @@ _MIN_DISTANCE = 0.25
 _MIN_TURN = 0.2
 """Angle after which amcl_pose is published again, in radians; amcl's default."""
 _SILENCE = 1.0
-"""Time without a report after which the robot stands, in seconds. A moving one reports at 5 Hz."""
-_MAX_ROLLING = 3.0
+"""Time without a report after which the robot stands, in seconds. While it moves, it reports at
+5 Hz."""
+_MAX_WAIT = 3.0
 """Maximum wait until the robot stands, in seconds. Real robots stand 0.9 s after a stop."""
 _CHECK_PERIOD = 0.05
 """Period of the checks whether the robot stands, in seconds."""
@@ -68,14 +69,14 @@ class RobotPose:
             message.pose = to_pose(self.pose)
         return message
 
-    async def wait_standing(self) -> None:
-        """Wait until the robot stands, at most `_MAX_ROLLING`."""
+    async def wait_until_standing(self) -> None:
+        """Wait until the robot stands, at most `_MAX_WAIT`."""
         clock = asyncio.get_running_loop().time
         started = now = clock()
         while (
             self.velocity.moving
-            and now - max(self.received, started) < _SILENCE  # an older silence proves nothing
-            and now - started < _MAX_ROLLING
+            and now - max(self.received, started) < _SILENCE  # silence counts from the call on
+            and now - started < _MAX_WAIT
         ):
             await asyncio.sleep(_CHECK_PERIOD)
             now = clock()
@@ -106,9 +107,9 @@ class RobotPose:
     def _pose_set(self) -> None:
         """Request the pose: a robot that stands does not report a pose that was set."""
         self._published = None
-        self._context.robot.thread.spawn(self._ask)
+        self._context.robot.thread.spawn(self._request_pose)
 
-    async def _ask(self) -> None:
+    async def _request_pose(self) -> None:
         robot = self._context.robot
         try:
             answer = await robot.chassis.request(robot.requests.empty(PoseSpeed))

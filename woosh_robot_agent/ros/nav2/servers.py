@@ -32,7 +32,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Lifecycle:
-    """Services with the states of Nav2's nodes: clients wait until these are active."""
+    """Services with the states of Nav2's nodes, for clients that wait until these are active."""
 
     def __init__(self, context: PartContext) -> None:
         self._robot = context.robot
@@ -84,7 +84,7 @@ async def _manage(name: str, is_active: Callable[[], bool], request: Any, respon
 
 _SUFFIXES = (".yaml", ".yml", ".png", ".pgm")
 """Suffixes of the files of a map."""
-_SWITCHING = 10.0
+_SWITCH_TIMEOUT = 10.0
 """Maximum time until the robot reports its new map, in seconds."""
 _CHECK_PERIOD = 0.1
 """Period of the checks of the reported map, in seconds."""
@@ -114,7 +114,7 @@ class MapServer:
             response.map = await self._grid()
 
     async def _switch(self, name: str, response: Any) -> int:
-        """Let the robot use a map; return the result code of the service.
+        """Let the robot use a map; return a result code of nav2_msgs/LoadMap.
 
         Raises:
             LinkError: the chassis does not answer.
@@ -133,7 +133,7 @@ class MapServer:
         if not answer.ok:  # `RefusalLog` logs the refusals of all commands
             return int(response.RESULT_UNDEFINED_FAILURE)
         clock = asyncio.get_running_loop().time
-        until = clock() + _SWITCHING
+        until = clock() + _SWITCH_TIMEOUT
         while self._scene.map_name != name:
             if clock() > until:
                 _LOG.error(
@@ -145,7 +145,7 @@ class MapServer:
         return int(response.RESULT_SUCCESS)
 
     async def _scene_of(self, name: str) -> str | None:
-        """Return the scene of a map, preferably the current scene; None without such a map.
+        """Return the scene of a map, preferably the current one; log and return None if unclear.
 
         Raises:
             LinkError: the chassis does not answer.
@@ -155,14 +155,16 @@ class MapServer:
         if not answer.ok or not isinstance(answer.body, SceneList):
             return current  # the firmware does not list scenes
         scenes = {each.name: list(each.maps) for each in answer.body.scenes}
-        found = [scene for scene, maps in scenes.items() if name in maps]
-        if current in found:
+        with_map = [scene for scene, maps in scenes.items() if name in maps]
+        if current in with_map:
             return current
-        if len(found) == 1:
-            return found[0]
+        if len(with_map) == 1:
+            return with_map[0]
         known = ", ".join(f"{each} ({scene})" for scene, maps in scenes.items() for each in maps)
-        what = f"several scenes have a map {name}" if found else f"the robot has no map {name}"
-        _LOG.error("map_server/load_map: %s; its maps and their scenes are %s", what, known)
+        problem = (
+            f"several scenes have a map {name}" if with_map else f"the robot has no map {name}"
+        )
+        _LOG.error("map_server/load_map: %s; its maps and their scenes are %s", problem, known)
         return None
 
     @property
@@ -190,14 +192,14 @@ class Costmaps:
     """
 
     def __init__(self, context: PartContext) -> None:
-        self._is_said = False
+        self._is_logged = False
         for name, type_name in CLEARING.items():
             if hasattr(nav2_services, type_name):
                 create_service(context, name, partial(self._clear, name))
 
     async def _clear(self, name: str, _request: Any, _response: Any) -> None:
-        if not self._is_said:
-            self._is_said = True
+        if not self._is_logged:
+            self._is_logged = True
             _LOG.info("%s has no effect: the robot notes obstacles by itself", name)
 
 
@@ -207,8 +209,6 @@ def create_service(
     """Create one of Nav2's services.
 
     Args:
-        context: the context of the standard layer.
-        name: name of the service.
         answer: fills the response to a request, in the link thread.
     """
     service_class = class_of(BY_NAME[name].type, "srv")

@@ -28,7 +28,7 @@ class Stop(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._service = context.service("stop", self._stop_requested, urgent=True)
+        context.service("stop", self._stop_requested, urgent=True)
 
     def _stop_requested(self, _request: Any, reply: Reply) -> None:
         self._context.robot.gate.announce_stop()
@@ -88,16 +88,16 @@ class CmdVel(Part):
         published = self._clock.of_message(info, taken)
         self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z, published)
         now = time.monotonic()
-        alternate = self._publishers.notice(info.get("publication_sequence_number"), now)
+        are_several = self._publishers.notice(info.get("publication_sequence_number"), now)
         velocities = self._context.watch.velocities
-        if alternate and velocities.driving(now) and now - self._reported > _REPORT_PERIOD:
+        if are_several and velocities.driving(now) and now - self._reported > _REPORT_PERIOD:
             self._reported = now
             velocities.report(*self._publisher_names())
 
     def _publisher_names(self) -> list[str]:
         """Return the names of all publishers; the ROS graph does not tell which ones send."""
-        found = self._context.robot.node.get_publishers_info_by_topic(self._topic)
-        names = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
+        publishers = self._context.robot.node.get_publishers_info_by_topic(self._topic)
+        names = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in publishers)
         return [f"{name} (on cmd_vel)" for name in names]
 
 

@@ -28,9 +28,6 @@ from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.second_agent import SecondAgent
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 
-__all__ = ["Diagnostics"]
-
-
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
     DiagnosticStatus.WARN,
@@ -48,16 +45,16 @@ class Status:
         level: level of DiagnosticStatus.
         texts: messages, in the order in which they were added.
         values: key-value pairs shown with the status.
-        fine: message of a status without texts.
+        default: message of a status without texts.
     """
 
     name: str
     level: bytes = OK
     texts: list[str] = field(default_factory=list)
     values: dict[str, object] = field(default_factory=dict)
-    fine: str = "OK"
+    default: str = "OK"
 
-    def tell(self, level: bytes, text: str) -> None:
+    def add(self, level: bytes, text: str) -> None:
         """Add a message, and raise the level to its level."""
         if level > self.level:
             self.level = level
@@ -73,7 +70,7 @@ class Status:
         return DiagnosticStatus(
             level=self.level,
             name=f"{prefix}: {self.name}",
-            message="; ".join(self.texts) or self.fine,
+            message="; ".join(self.texts) or self.default,
             hardware_id=hardware_id,
             values=[KeyValue(key=key, value=str(value)) for key, value in self.values.items()],
         )
@@ -83,18 +80,18 @@ def agents_status(second_agent: SecondAgent) -> Status:
     """Return the status that warns of a second agent in the namespace."""
     status = Status("agents")
     if second_agent.warning:
-        status.tell(WARN, second_agent.warning)
+        status.add(WARN, second_agent.warning)
     return status
 
 
 def battery_status(info: RobotInfo) -> Status:
-    """Return the status of the battery, judged by the thresholds in the robot's settings."""
+    """Return the status of the battery, by the thresholds in the robot's settings."""
     status, battery, power = Status("battery"), info.battery, info.setting.power
     charging = is_charging(battery)
     if not charging and battery.power <= power.alarm:
-        status.tell(ERROR, f"{battery.power} % is at or below the alarm of {power.alarm} %")
+        status.add(ERROR, f"{battery.power} % is at or below the alarm of {power.alarm} %")
     elif not charging and battery.power <= power.low:
-        status.tell(WARN, f"{battery.power} % is low, at or below {power.low} %")
+        status.add(WARN, f"{battery.power} % is low, at or below {power.low} %")
     status.values = {
         "percent": battery.power,
         "charging": enum_name(Battery.ChargeState, battery.charge_state),
@@ -106,11 +103,11 @@ def chassis_status(info: RobotInfo) -> Status:
     """Return the status of the robot: state, modes, and each reason why it would refuse a task."""
     status = Status("chassis")
     for objection in objections(info):
-        status.tell(WARN, str(objection))
+        status.add(WARN, str(objection))
     if (doubt := pose_doubt(info)) is not None:
-        status.tell(WARN, str(doubt))
+        status.add(WARN, str(doubt))
     if info.state == robot.kFault:
-        status.tell(ERROR, "the robot reports a fault")
+        status.add(ERROR, "the robot reports a fault")
     status.values = {
         "state": enum_name(robot.State, info.state),
         "control mode": enum_name(robot.ControlMode, info.mode.ctrl),
@@ -141,7 +138,7 @@ def clock_status(offset: float | None) -> Status:
         return status
     status.values = {"offset": f"{offset:.3f} s"}
     if abs(offset) > TOLERANCE:
-        status.tell(
+        status.add(
             WARN,
             f"the robot's clock is {difference(offset)}: synchronise both with the same time "
             "server (NTP); stamps of ROS messages are not affected, but the times in status codes "
@@ -155,7 +152,7 @@ def codes_status(info: RobotInfo) -> Status:
     status = Status("abnormal codes")
     for code in info.abnormal_codes.scs:
         level = ERROR if code.level == StatusCode.kFault else WARN
-        status.tell(level, explained(code.code, code.msg))
+        status.add(level, explained(code.code, code.msg))
     return status
 
 
@@ -168,7 +165,7 @@ def hardware_status(hardware: HardwareState) -> Status:
         word = enum_name(HardwareState.State, state)
         status.values[name] = word
         if state != HardwareState.kInfo:
-            status.tell(ERROR if state == HardwareState.kFatal else WARN, f"{name}: {word}")
+            status.add(ERROR if state == HardwareState.kFatal else WARN, f"{name}: {word}")
     return status
 
 
@@ -184,22 +181,24 @@ def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
             yield from ((f"{descriptor.name} {i}", each) for i, each in enumerate(value, start=1))
 
 
-def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, float]) -> Status:
+def link_status(
+    chassis: ChassisClient, superseded: int, longest_turns: tuple[float, float]
+) -> Status:
     """Return the status of the link: its state, and counters of traffic and losses.
 
     Args:
-        chassis: the link.
         superseded: number of velocities that were not sent because they were out of date.
-        held: longest turns of the link thread, as `LoopThread.held`.
+        longest_turns: longest turns of the link thread, as `LoopThread.longest_turns`.
     """
     stats, status = chassis.stats, Status("link")
     if chassis.state is not LinkState.READY:
         why = f": {chassis.last_error}" if chassis.last_error else ""
-        status.tell(ERROR, f"{chassis.state.value}{why}")
-    observes_only = bool(chassis.refusal(Twist()))
+        status.add(ERROR, f"{chassis.state.value}{why}")
+    observes_only = bool(chassis.refusal(Twist()))  # any command would do
     if observes_only:
-        status.tell(OK, "observes only: commands are refused")
+        status.add(OK, "observes only: commands are refused")
     round_trip = "unknown" if stats.round_trip is None else f"{stats.round_trip * 1000:.1f} ms"
+    lately, ever = (f"{seconds * 1000:.1f} ms" for seconds in longest_turns)
     status.values = {
         "state": chassis.state.value,
         "address": chassis.config.address,
@@ -213,17 +212,17 @@ def link_status(chassis: ChassisClient, superseded: int, held: tuple[float, floa
         "drops": sum(stats.dropped_pushes.values()),
         "refused requests": sum(stats.refused_requests.values()),
         "superseded velocities": superseded,
-        "link thread held": f"{held[0] * 1000:.1f} ms, {held[1] * 1000:.1f} ms since the start",
+        "link thread held": f"{lately}, {ever} since the start",
         "timeouts": sum(stats.timeouts.values()),
         "late answers": stats.late_answers,
     }
-    for what, counter in (
+    for subject, counter in (
         ("parse errors", stats.bad_frames),
         ("drops", stats.dropped_pushes),
         ("refused requests", stats.refused_requests),
         ("timeouts", stats.timeouts),
     ):
-        status.values.update({f"{what}: {kind}": count for kind, count in counter.items()})
+        status.values.update({f"{subject}: {kind}": count for kind, count in counter.items()})
     return status
 
 
@@ -231,12 +230,12 @@ def motion_status(watch: Watch) -> Status:
     """Return the status of the motion: what drives the robot, and commands without effect."""
     status = Status("motion")
     driver = watch.who_drives.now()
-    status.fine = f"{driver.name}: {driver.detail}" if driver.detail else driver.name
+    status.default = f"{driver.name}: {driver.detail}" if driver.detail else driver.name
     status.values = {"driver": driver.name, "detail": driver.detail}
     if sources := watch.velocities.simultaneous:
-        status.tell(WARN, who_drives.warning(sources))
+        status.add(WARN, who_drives.warning(sources))
     if warning := watch.standstill.warning:
-        status.tell(WARN, warning)
+        status.add(WARN, warning)
     return status
 
 
@@ -259,13 +258,12 @@ class Diagnostics(Part):
         self._publisher.publish(self._message())
 
     def _message(self) -> DiagnosticArray:
-        chassis = self._context.robot.chassis
-        info = self._context.robot.last_known.value(RobotInfo)
-        robot = self._context.robot
-        statuses = [link_status(chassis, robot.gate.superseded, robot.thread.held)]
-        serial = ""
+        context = self._context.robot
+        chassis, info = context.chassis, context.last_known.value(RobotInfo)
+        statuses = [link_status(chassis, context.gate.superseded, context.thread.longest_turns)]
+        hardware_id = ""
         if info is not None:
-            serial = str(info.robot_id or info.genral.serial_number)
+            hardware_id = str(info.robot_id or info.genral.serial_number)
             of_robot = [
                 chassis_status(info),
                 battery_status(info),
@@ -280,7 +278,7 @@ class Diagnostics(Part):
                     status.texts.insert(0, "no link; last known values")
             statuses += of_robot
         statuses.append(agents_status(self._context.second_agent))
-        prefix = self._context.robot.node.get_fully_qualified_name().lstrip("/")
-        message = DiagnosticArray(status=[each.message(prefix, serial) for each in statuses])
+        prefix = context.node.get_fully_qualified_name().lstrip("/")
+        message = DiagnosticArray(status=[each.message(prefix, hardware_id) for each in statuses])
         message.header.stamp = self._context.now()
         return message

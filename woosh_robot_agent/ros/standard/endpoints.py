@@ -169,7 +169,3 @@ def markdown() -> str:
     rows = ["| Name | Type | Kind | Meaning |", "| --- | --- | --- | --- |"]
     rows += [f"| `{e.name}` | `{e.type}` | {e.kind.value} | {e.meaning} |" for e in STANDARD]
     return "\n".join(rows)
-
-
-if __name__ == "__main__":
-    print(markdown())

@@ -66,6 +66,7 @@ class InitialPose(Part):
 
 
 (_MOVE_BASE,) = (action for action in ACTIONS if action.arg == full_name(MoveBase))
+"""The agent's action that navigates to a pose."""
 
 
 class GoalPose(Part):
@@ -85,12 +86,12 @@ class GoalPose(Part):
         self._handle: Any = None
         """Handle of the newest goal while it is active."""
         self._sending = False
-        """True until the action server has accepted the newest goal."""
-        self._cancels: list[Reply] = []
+        """True from a goal_pose until the action server has accepted its goal."""
+        self._waiting_cancels: list[Reply] = []
         """Cancel requests that wait until the action server has accepted the newest goal."""
         self._clock = SenderClock()
         context.subscribe("goal_pose", self._received, in_executor=True, with_info=True)
-        self._service = context.service("cancel", self._cancel_requested)
+        context.service("cancel", self._cancel_requested)
 
     def close(self) -> None:
         self._client.destroy()  # `Node.destroy_node` leaves it, and the node stays in the graph
@@ -128,9 +129,9 @@ class GoalPose(Part):
         if number == self._newest:
             self._sending = False
             self._handle = handle if handle.accepted else None
-            waiting, self._cancels = self._cancels, []
-            for reply in waiting:
+            for reply in self._waiting_cancels:
                 self._cancel(reply)
+            self._waiting_cancels.clear()
         if handle.accepted:  # always true, except during shutdown
             result = handle.get_result_async()
             result.add_done_callback(lambda future: self._ended(number, handle, future))
@@ -146,7 +147,7 @@ class GoalPose(Part):
 
     def _cancel_requested(self, _request: Any, reply: Reply) -> None:
         if self._sending:
-            self._cancels.append(reply)
+            self._waiting_cancels.append(reply)
         else:
             self._cancel(reply)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 
 from woosh_robot_agent.ros.standard.cmd_vel import CmdVel, Stop
@@ -44,15 +44,14 @@ PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
 
 
 class StandardLayer:
-    """The enabled parts of the standard layer.
-
-    Args:
-        context: the context that the parts share.
-    """
+    """The enabled parts of the standard layer."""
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._parts = list(_parts(context))
+        settings = context.settings()
+        self._parts = [
+            create(context) for create, names in PARTS if any(map(settings.enables, names))
+        ]
 
     def start(self) -> None:
         """Start all parts. Thread-safe."""
@@ -79,10 +78,3 @@ async def _keep_running(part: Part) -> None:
         except Exception:
             _LOG.exception("%s of the standard layer failed; restarting it", type(part).__name__)
             await asyncio.sleep(_RESTART_DELAY)
-
-
-def _parts(context: PartContext) -> Iterator[Part]:
-    settings = context.settings()
-    for create, parts in PARTS:
-        if any(map(settings.enables, parts)):
-            yield create(context)

@@ -33,12 +33,11 @@ _VAGUE_STATES = (robot.kStateUndefined, robot.kWarning, robot.kFault)
 
 
 class GrowingMap:
-    """The reports of the map that the robot is making, received only while there are subscribers.
+    """The map that the robot is making, from its reports while there are subscribers.
 
     Use it in the link thread.
 
     Args:
-        chassis: the link.
         subscribers: the subscribers of the map.
         on_end: called when the robot no longer makes a map.
     """
@@ -51,14 +50,14 @@ class GrowingMap:
         self._on_end = on_end
         self._unsubscribe: Callable[[], None] | None = None
         self._state = robot.kStateUndefined
-        self._begun = False
-        """True from the first sign of a map that is being made until the end."""
+        self._was_active = False
+        """True from the first sign of a map that is being made until `on_end` is called."""
         self._body: Body | None = None
-        """The latest report, not decoded yet; None if it was taken."""
+        """The latest report, not decoded yet; None once `take` has returned it."""
         self._received = -math.inf
-        """Loop time of the latest report; -inf after the end."""
+        """Loop time of the latest report; -inf while the robot makes no map."""
         chassis.on_snapshot(self._snapshot)
-        chassis.subscribe(RobotState, self._state_pushed)
+        chassis.subscribe(RobotState, lambda push: self._set_state(push.state))
 
     @property
     def active(self) -> bool:
@@ -73,7 +72,7 @@ class GrowingMap:
             self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._pushed)
 
     def take(self) -> BuildMapData | None:
-        """Return the latest report; None if it cannot be read, or was returned already."""
+        """Return the latest report once; None if there is no new one, or it cannot be read."""
         body, self._body = self._body, None
         try:
             return None if body is None else body.message()
@@ -81,21 +80,18 @@ class GrowingMap:
             return None
 
     def _snapshot(self, info: RobotInfo) -> None:
-        self._body = None  # from before the link was lost
+        self._body = None  # a report from before the link was lost is outdated
         self._set_state(info.state)
-
-    def _state_pushed(self, push: RobotState) -> None:
-        self._set_state(push.state)
 
     def _set_state(self, state: robot.State) -> None:
         self._state = state
         if state == robot.kMapping:
-            self._begun = True
+            self._was_active = True
         elif state not in _VAGUE_STATES:
             self._body = None
             self._received = -math.inf
-            if self._begun:
-                self._begun = False
+            if self._was_active:
+                self._was_active = False
                 self._on_end()
 
     def _pushed(self, body: Body) -> None:
@@ -104,7 +100,7 @@ class GrowingMap:
                 self._unsubscribe()
                 self._unsubscribe = None
         elif self._state == robot.kMapping or self._state in _VAGUE_STATES:
-            self._begun = True
+            self._was_active = True
             self._body = body
             self._received = asyncio.get_running_loop().time()
 
@@ -138,7 +134,7 @@ class Map(Part):
         self._subscribers = context.subscribers()
         self._publisher = context.publisher("map", self._subscribers)
         self._keepout_publisher = context.publisher("keepout_mask", self._subscribers)
-        self._wanted: MapVersion | None = None
+        self._used: MapVersion | None = None
         """The map that the robot uses; None if unknown."""
         self._published: MapVersion | None = None
         """The scene's map that was published last; None if it has to be published again."""
@@ -162,17 +158,17 @@ class Map(Part):
             return
         if self._growing.active:
             await self._publish_growing()
-        elif self._wanted != self._published and now >= self._not_before:
+        elif self._used != self._published and now >= self._not_before:
             await self._update()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        # Not after each map, because good and bad maps may alternate.
+        # cleared for each link, not after each map, because good and bad maps may alternate
         self._log.clear()
         if info.HasField("scene"):
             self._scene(info.scene)
 
     def _scene(self, scene: Scene) -> None:
-        self._wanted = MapVersion(scene.scene_name, scene.map_id, scene.map_name, scene.version)
+        self._used = MapVersion(scene.scene_name, scene.map_id, scene.map_name, scene.version)
         self._not_before = -math.inf
 
     def _map_finished(self) -> None:
@@ -181,7 +177,7 @@ class Map(Part):
         self._epoch = object()
         self._not_before = -math.inf
         if self._shows_growing and not self._subscribers.present:
-            # a later subscriber must not get the map that has ended
+            # a later subscriber must not get the unfinished map, which is latched
             self._context.robot.thread.spawn(self._update)
         self._shows_growing = False
 
@@ -204,14 +200,13 @@ class Map(Part):
         self._shows_growing = True
 
     async def _update(self) -> None:
-        wanted, epoch = self._wanted, self._epoch
-        if wanted is None:
+        """Request the map that the robot uses, and publish it with its mask."""
+        used, epoch = self._used, self._epoch
+        if used is None:
             return
         now = asyncio.get_running_loop().time()
         try:
-            area = await scene_map(
-                self._context.robot.chassis, wanted.scene, wanted.map_id, wanted.name
-            )
+            area = await scene_map(self._context.robot.chassis, used.scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
             self._log.warn("map", f"no map: {error}")
             self._not_before = now + _RETRY_DELAY
@@ -229,7 +224,7 @@ class Map(Part):
         self._publisher.publish(message)
         if mask is not None:
             self._keepout_publisher.publish(mask)
-        self._published = wanted
+        self._published = used
         self._shows_growing = False
 
     async def _mask(self, area: SceneData.Map, of: OccupancyGrid) -> OccupancyGrid | None:
@@ -250,7 +245,12 @@ class Map(Part):
 async def grid(
     context: PartContext, image: bytes, resolution: float, origin: Pose2D
 ) -> OccupancyGrid:
-    """Return the message for a map.
+    """Return a map as OccupancyGrid.
+
+    Args:
+        image: the map as PNG.
+        resolution: size of a cell, in metres.
+        origin: pose of the lower left corner of the image in the map's frame.
 
     Raises:
         ValueError: the map has no valid resolution, origin or image.

@@ -51,15 +51,16 @@ class Odom(Part):
         self._message.header.frame_id = context.frame("odom")
         self._covariances_of: StandardSettings | None = None
         """Settings whose covariances are in `_message`."""
-        self._transforms: Any = self._chain() if settings.publish_tf else None
+        self._transforms: Any = self._blank_transforms() if settings.publish_tf else None
+        """The TFMessage for /tf, reused for each message."""
         self._received = -math.inf
         """Loop time of the last push."""
-        self._forwarded = -math.inf
-        """Loop time of the last push that was published."""
-        self._sent = -math.inf
+        self._last_forwarded = -math.inf
+        """Loop time of the last push that was published without a prediction."""
+        self._last_sent = -math.inf
         """Loop time of the last message."""
-        self._known = False
-        """True if the pose is known on the current link."""
+        self._is_pose_known = False
+        """True if the robot has reported its pose since the link became ready."""
         context.robot.chassis.on_snapshot(self._snapshot)
         context.robot.chassis.on_state(self._link_changed)
         for request in (InitRobot, SetRobotPose, SwitchMap):
@@ -69,7 +70,7 @@ class Odom(Part):
     @property
     def map_to_odom(self) -> Pose2D | None:
         """Pose of the frame of the odometry in the map; None if it is unknown."""
-        return self._odometry.map_to_odom if self._known else None
+        return self._odometry.map_to_odom if self._is_pose_known else None
 
     async def run(self) -> None:
         await self._subscribers.repeat(self._rate, self._publish_due)
@@ -78,9 +79,10 @@ class Odom(Part):
         self._note_silence(now - self._received)
         if self._context.settings().odom_prediction:
             # 0.5: skip a message that would follow right after another message
-            if self._prediction.valid(now) and self._due(now, self._sent, 0.5):
+            if self._prediction.can_predict(now) and self._is_due(now, self._last_sent, 0.5):
                 self._publish_predicted()
-        elif not self._prediction.velocity.moving and self._due(now, self._sent, 0.9):
+        # 0.9 tolerates jitter of this timer
+        elif not self._prediction.velocity.moving and self._is_due(now, self._last_sent, 0.9):
             self._publish_reported(now)
 
     def _snapshot(self, info: RobotInfo) -> None:
@@ -91,7 +93,7 @@ class Odom(Part):
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
-            self._known = False
+            self._is_pose_known = False
 
     def _pose_set(self) -> None:
         self._odometry.pose_set(asyncio.get_running_loop().time())
@@ -113,14 +115,15 @@ class Odom(Part):
                 f"m/s, angular {twist.angular:g} rad/s; odom takes them from the poses",
             )
         self._prediction.report(odometry.pose, odometry.velocity, odometry.time)
-        self._received, self._known = now, True
+        self._received, self._is_pose_known = now, True
         # 0.7 tolerates jitter: reports that arrive at exactly `odom_rate` must all be published
-        if not self._context.settings().odom_prediction and self._due(now, self._forwarded, 0.7):
-            self._forwarded = now
+        predicts = self._context.settings().odom_prediction
+        if not predicts and self._is_due(now, self._last_forwarded, 0.7):
+            self._last_forwarded = now
             self._publish_reported(now)
 
     def _note_silence(self, seconds: float) -> None:
-        """Note that the robot has not reported for some time."""
+        """Conclude from the time without a report that the robot stands."""
         odometry = self._odometry
         if seconds > _SILENCE and odometry.velocity.left:  # it may have moved sideways only
             odometry.silent()
@@ -132,11 +135,11 @@ class Odom(Part):
     def _rate(self) -> float:
         return self._context.settings().odom_rate
 
-    def _due(self, now: float, last: float, share: float) -> bool:
-        """Return True if `share` of the period has passed and the pose can be published."""
+    def _is_due(self, now: float, last: float, share: float) -> bool:
+        """Return True if `share` of the period has passed since `last`, and odom may be sent."""
         if now - last < share / self._rate():
             return False
-        ready = self._known and self._context.robot.chassis.state is LinkState.READY
+        ready = self._is_pose_known and self._context.robot.chassis.state is LinkState.READY
         return ready and self._subscribers.present
 
     def _publish_predicted(self) -> None:
@@ -148,7 +151,7 @@ class Odom(Part):
         self._publish(now, self._context.now(), self._odometry.pose, self._prediction.velocity)
 
     def _publish(self, now: float, stamp: Any, pose: Pose2D, velocity: Velocity) -> None:
-        self._sent = now
+        self._last_sent = now
         if self._odom is not None and self._odom.get_subscription_count():
             self._odom.publish(self._filled(stamp, pose, velocity))
         if self._tf is not None and self._tf.get_subscription_count():
@@ -158,7 +161,7 @@ class Odom(Part):
             self._tf.publish(self._transforms)
 
     def _filled(self, stamp: Any, pose: Pose2D, velocity: Velocity) -> OdometryMsg:
-        """Return the message with these values."""
+        """Return `_message` with these values."""
         settings, message = self._context.settings(), self._message
         if settings is not self._covariances_of:
             self._covariances_of = settings
@@ -173,7 +176,7 @@ class Odom(Part):
         twist.angular.z = velocity.turn
         return message
 
-    def _chain(self) -> Any:
+    def _blank_transforms(self) -> Any:
         frame = self._context.frame
         return transforms(
             self._context.now(),

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 
-from woosh_robot_agent.ros.standard.poses import LEVER, STANDSTILL, Pose2D, Velocity
+from woosh_robot_agent.ros.standard.poses import LEVER, STANDSTILL, Arc, Pose2D, Velocity
 
 _MIN_SPEED = 0.1
 """Minimum mean speed from which the duration of a movement is derived, in m/s."""
@@ -53,23 +53,21 @@ class ReportTime:
         self._last = received
         return received
 
-    def next(
-        self, received: float, arc: tuple[float, float, float], before: Velocity, after: Velocity
-    ) -> float:
+    def next(self, received: float, arc: Arc, before: Velocity, after: Velocity) -> float:
         """Return the time of a report's pose, which is never after the receipt.
 
         Args:
             received: time of receipt, in seconds.
-            arc: movement since the previous report, as in `Pose2D.arc`.
+            arc: movement since the previous report.
             before: velocity in the previous report.
             after: velocity in this report.
         """
         time = received
         forward = (before.forward + after.forward) / 2
-        edge = (before.turn + after.turn) / 2 * LEVER
+        edge = (before.turn + after.turn) / 2 * LEVER  # speed of a point beside the robot
         square = forward * forward + edge * edge
         if before.moving and square > _MIN_SPEED * _MIN_SPEED:
-            duration = (forward * arc[0] + edge * arc[2] * LEVER) / square
+            duration = (forward * arc.forward + edge * arc.turn * LEVER) / square
             delay = received - self._last - _TOLERANCE * max(duration, 0.0)
             if 0.0 < delay < _MAX_REPORT_DELAY:
                 time -= _CORRECTION * delay
@@ -145,11 +143,11 @@ class Prediction:
         self._is_new = True
 
     def stand(self) -> None:
-        """Note that the robot stands at the last reported pose, because no further report came."""
+        """Assume that the robot stands at the last reported pose: no further report came."""
         if self._velocity != STANDSTILL:
             self.report(self._pose, STANDSTILL, self._time)
 
-    def valid(self, time: float) -> bool:
+    def can_predict(self, time: float) -> bool:
         """Return True if the pose can be predicted: the robot stands, or has reported recently."""
         return not self._velocity.moving or time - self._time <= HORIZON
 
@@ -161,7 +159,8 @@ class Prediction:
         """
         if self._is_new:
             self._start(time)
-        pose, share = self._at(time), 1.0 - (time - self._error_time) / _BLEND
+        pose = self._unblended(time)
+        share = 1.0 - (time - self._error_time) / _BLEND  # of the error that still remains
         if share > 0.0:
             error = self._error
             pose = Pose2D(
@@ -196,13 +195,13 @@ class Prediction:
         )
         pause = time - self._last_time
         if pause < _BLEND:
-            self._error = _difference(self._last, self._at(self._last_time))
+            self._error = _difference(self._last, self._unblended(self._last_time))
             self._error_time = max(self._last_time, time - _FIRST_STEP)
         elif pause <= _LONGEST_PAUSE:
-            pose = self._at(time)
+            pose = self._unblended(time)
             self._error = _difference(self._reachable(pose, pause), pose)
             self._error_time = time
-        else:  # nobody has seen the last pose for long
+        else:  # after so long a pause, a jump is not noticed
             self._error_time = -math.inf
 
     def _reachable(self, pose: Pose2D, seconds: float) -> Pose2D:
@@ -218,7 +217,7 @@ class Prediction:
             _limited(turn, before.turn, now.turn, seconds),
         )
 
-    def _at(self, time: float) -> Pose2D:
+    def _unblended(self, time: float) -> Pose2D:
         """Return the pose at a time as predicted from the last report, without blending."""
         elapsed = max(-HORIZON, min(time - self._time, HORIZON))
         velocity, change = self._velocity, self._acceleration
@@ -253,9 +252,9 @@ def _mean(speed: float, acceleration: float, seconds: float) -> float:
     return (speed + acceleration * moving / 2) * moving / seconds
 
 
-def _limited(way: float, before: float, now: float, seconds: float) -> float:
-    """Return the way, limited to what speeds between zero, `before` and `now` can cover."""
-    return max(min(0.0, before, now) * seconds, min(max(0.0, before, now) * seconds, way))
+def _limited(distance: float, before: float, now: float, seconds: float) -> float:
+    """Return the distance, limited to what speeds between zero, `before` and `now` can cover."""
+    return max(min(0.0, before, now) * seconds, min(max(0.0, before, now) * seconds, distance))
 
 
 def _difference(one: Pose2D, other: Pose2D) -> Pose2D:
@@ -317,8 +316,8 @@ class Odometry:
         self._sideways = 0.0
         """Mean speed to the left between the last two reports, in m/s."""
         self._map_id = 0
-        """Map of the last reported pose."""
-        self._known = False
+        """Id of the map of the last reported pose."""
+        self._is_comparable = False
         """True if the next report can be compared with the last one."""
         self._pose_set_until = -math.inf
         """Time until which a report may show the jump to a pose that was set."""
@@ -329,7 +328,7 @@ class Odometry:
         Args:
             pose: pose of the robot in `odom` that was published last.
         """
-        self._known = False
+        self._is_comparable = False
         self.pose = pose
 
     def pose_set(self, time: float) -> None:
@@ -337,7 +336,7 @@ class Odometry:
         self._pose_set_until = time + _POSE_SET_INTERVAL
 
     def silent(self) -> None:
-        """Note that the robot does not move sideways, because no report has come for a while."""
+        """Assume that the robot does not move sideways: no report has come for a while."""
         self._sideways = 0.0
         if self.velocity.left:
             self.velocity = Velocity(self.velocity.forward, 0.0, self.velocity.turn)
@@ -360,15 +359,16 @@ class Odometry:
         moved = reported.seen_from(self._reported)
         arc, before = moved.arc, self.velocity
         interval = min(max(received - self._received, 0.0), _MAX_INTERVAL)
-        possible = self._possible(forward, turn, arc, interval)
+        possible = self._are_possible(forward, turn, arc, interval)
         if not possible:
             forward, turn = self._mean_speeds(arc, interval)
         after = Velocity(forward, 0.0, turn)
         sideways = 0.0
-        if not self._known:
+        if not self._is_comparable:
             self.time = self._report_time.first(received)
             self.map_to_odom = reported * self.pose.inverse
         elif map_id != self._map_id or self._jumped(moved, arc, after, interval, received):
+            # the robot has driven on at the reported speeds; the rest of the movement is a jump
             self.time = self._report_time.first(received)
             mean_forward, mean_turn = (before.forward + forward) / 2, (before.turn + turn) / 2
             self.pose *= Pose2D.from_arc(mean_forward * interval, 0.0, mean_turn * interval)
@@ -379,49 +379,47 @@ class Odometry:
             self.time = self._report_time.next(received, arc, before, after)
             self.pose *= moved
             # a report after a long interval is a correction of the localisation
-            if abs(arc[1]) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
-                sideways = arc[1] / max(self.time - last, _MIN_INTERVAL)
+            if abs(arc.left) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
+                sideways = arc.left / max(self.time - last, _MIN_INTERVAL)
                 sideways = max(-_MAX_SPEED, min(_MAX_SPEED, sideways))
-        self.velocity = Velocity(forward, self._left(sideways), turn)
+        self.velocity = Velocity(forward, self._speed_left(sideways), turn)
         self._sideways = sideways
         self._reported, self._map_id, self._received = reported, map_id, received
-        self._known = True
+        self._is_comparable = True
         return possible
 
-    def _left(self, sideways: float) -> float:
+    def _speed_left(self, sideways: float) -> float:
         """Return the speed to the left at a report, from the mean since the previous report."""
-        slower = abs(sideways) < abs(self._sideways) and sideways * self._sideways > 0.0
-        if not slower:
+        slows_down = abs(sideways) < abs(self._sideways) and sideways * self._sideways > 0.0
+        if not slows_down:
             return sideways
-        left = sideways + (sideways - self._sideways) / 2
+        left = sideways + (sideways - self._sideways) / 2  # as if it slows down at a constant rate
         return left if left * sideways > 0.0 else 0.0
 
-    def _possible(
-        self, forward: float, turn: float, arc: tuple[float, float, float], interval: float
-    ) -> bool:
+    def _are_possible(self, forward: float, turn: float, arc: Arc, interval: float) -> bool:
         """Return True if the robot can have these speeds after its last movement."""
         if abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:
             return False
-        if not self._known:
+        if not self._is_comparable:
             return True
         seconds = max(interval, _MIN_INTERVAL)
         return (
-            abs(forward) <= abs(arc[0]) / seconds + _MAX_SPEED_GAIN
-            and abs(turn) <= abs(arc[2]) / seconds + _MAX_TURN_GAIN
+            abs(forward) <= abs(arc.forward) / seconds + _MAX_SPEED_GAIN
+            and abs(turn) <= abs(arc.turn) / seconds + _MAX_TURN_GAIN
         )
 
-    def _mean_speeds(self, arc: tuple[float, float, float], interval: float) -> tuple[float, float]:
-        """Return the mean speeds since the last report, or zeros if they are impossible too."""
+    def _mean_speeds(self, arc: Arc, interval: float) -> tuple[float, float]:
+        """Return the mean forward and angular speed since the last report; zeros if impossible."""
         seconds = max(interval, _MIN_INTERVAL)
-        forward, turn = arc[0] / seconds, arc[2] / seconds
-        if not self._known or abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:
+        forward, turn = arc.forward / seconds, arc.turn / seconds
+        if not self._is_comparable or abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:
             return 0.0, 0.0
         return forward, turn
 
     def _jumped(
         self,
         moved: Pose2D,
-        arc: tuple[float, float, float],
+        arc: Arc,
         after: Velocity,
         interval: float,
         time: float,
@@ -431,8 +429,8 @@ class Odometry:
         forward, turn = (before.forward + after.forward) / 2, (before.turn + after.turn) / 2
         # the duration follows from the movement, because the times of receipt are inexact
         turns_mostly = abs(turn) > abs(forward) / LEVER
-        speed, way = (turn, arc[2]) if turns_mostly else (forward, arc[0])
-        duration = max(0.0, min(way / speed if speed else 0.0, interval + _MAX_DELAY))
+        speed, distance = (turn, arc.turn) if turns_mostly else (forward, arc.forward)
+        duration = max(0.0, min(distance / speed if speed else 0.0, interval + _MAX_DELAY))
         error = moved.seen_from(Pose2D.from_arc(forward * duration, 0.0, turn * duration))
         if time <= self._pose_set_until:
             limit = _POSE_SET_TOLERANCE
@@ -444,7 +442,7 @@ class Odometry:
         turn_margin = abs(after.turn - before.turn) * interval / 2
         position_tolerance = _POSITION_TOLERANCE + forward_margin
         heading_tolerance = _HEADING_TOLERANCE + turn_margin
-        # then the duration is inexact, and so is the other movement computed from it
+        # a changed speed makes the duration inexact, and so the other movement computed from it
         if turns_mostly:
             position_tolerance += abs(forward) * min(turn_margin / abs(turn), interval)
         elif forward:

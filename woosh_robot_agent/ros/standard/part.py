@@ -36,12 +36,12 @@ class Part:
 
 @dataclass(frozen=True)
 class PartContext:
-    """The objects and helper methods that the parts share.
+    """The objects that the parts share, and methods that create their ROS entities.
 
     Attributes:
         robot: the objects shared with the services and actions. The parts run in its link thread.
         watch: observers of what the robot does and who drives it.
-        second_agent: search for a second agent.
+        second_agent: warns of a second agent in the same namespace.
         settings: returns the current parameter values.
     """
 
@@ -63,7 +63,6 @@ class PartContext:
         """Return a publisher for a topic in `endpoints.STANDARD`; the link thread may use it.
 
         Args:
-            name: name of the topic.
             subscribers: creates the publisher, and counts its subscribers too, so that work can
                 stop while there are none.
         """
@@ -90,13 +89,12 @@ class PartContext:
         """Subscribe to a topic in `endpoints.STANDARD`.
 
         Args:
-            name: name of the topic.
             callback: called with each message in the link thread; must not block.
             type_name: ROS type of the topic, if it differs from `endpoints.STANDARD`.
             in_executor: call `callback` in the executor thread instead.
             with_info: call `callback` with each message, rclpy's information about it, and the
                 monotonic time at which it was taken from the middleware.
-            urgent: receive messages before anything else.
+            urgent: receive messages before all other callbacks (`UrgentCallbackGroup`).
         """
         endpoint = BY_NAME[name]
         call = self._logging(callback) if in_executor else partial(self.robot.thread.call, callback)
@@ -110,10 +108,10 @@ class PartContext:
 
     def service(
         self, name: str, handle: Callable[[Any, Reply], None], *, urgent: bool = False
-    ) -> DeferredService:
-        """Create a service in `endpoints.STANDARD`; see `DeferredService`."""
+    ) -> None:
+        """Create a `DeferredService` in `endpoints.STANDARD`."""
         srv = class_of(BY_NAME[name].type, "srv")
-        return DeferredService(self.robot.node, srv, name, handle, urgent=urgent)
+        DeferredService(self.robot.node, srv, name, handle, urgent=urgent)
 
     def _logging(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback for the executor thread, so that it logs to the node's logger."""

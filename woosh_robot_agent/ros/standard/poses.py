@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Pose
 
@@ -43,9 +43,26 @@ class Velocity:
 STANDSTILL = Velocity()
 
 
+class Arc(NamedTuple):
+    """A movement at constant velocities in the robot's frame.
+
+    Attributes:
+        forward: distance driven along x, in metres.
+        left: distance driven along y, in metres.
+        turn: angle turned meanwhile, counter-clockwise, in radians.
+    """
+
+    forward: float
+    left: float
+    turn: float
+
+
 @dataclass(frozen=True, slots=True)
 class Pose2D:
-    """Pose of a child frame in a parent frame: rotation by `theta`, then shift by (`x`, `y`)."""
+    """Pose of a child frame in a parent frame: rotation by `theta`, then shift by (`x`, `y`).
+
+    In metres and radians.
+    """
 
     x: float = 0.0
     y: float = 0.0
@@ -63,25 +80,19 @@ class Pose2D:
 
     @classmethod
     def from_arc(cls, forward: float, left: float, turn: float) -> Pose2D:
-        """Return the pose at the end of a movement at constant velocities in the child frame.
-
-        Args:
-            forward: distance driven along x, in metres.
-            left: distance driven along y, in metres.
-            turn: angle turned meanwhile, in radians.
-        """
+        """Return the pose at the end of an `Arc` with these values, in the frame of its start."""
         half = turn / 2
-        chord = _chord(half)
+        chord = _chord_ratio(half)
         cos, sin = chord * math.cos(half), chord * math.sin(half)
         return cls(cos * forward - sin * left, sin * forward + cos * left, turn)
 
     @property
-    def arc(self) -> tuple[float, float, float]:
-        """The arguments of `from_arc` that result in this pose."""
+    def arc(self) -> Arc:
+        """The movement that ends at this pose; the inverse of `from_arc`."""
         half = self.theta / 2
-        chord = _chord(half)
+        chord = _chord_ratio(half)
         cos, sin = math.cos(half) / chord, math.sin(half) / chord
-        return cos * self.x + sin * self.y, cos * self.y - sin * self.x, self.theta
+        return Arc(cos * self.x + sin * self.y, cos * self.y - sin * self.x, self.theta)
 
     def __mul__(self, other: Pose2D) -> Pose2D:
         """Transform `other` from this pose's child frame to this pose's parent frame."""
@@ -126,13 +137,13 @@ def check_finite(name: str, *numbers: float) -> None:
         raise ValueError(f"{name} is not finite: {', '.join(f'{each:g}' for each in numbers)}")
 
 
-def _chord(half: float) -> float:
+def _chord_ratio(half: float) -> float:
     """Return the chord of an arc divided by the arc's length; `half` is half of its angle."""
     return math.sin(half) / half if abs(half) > 1e-4 else 1.0
 
 
 _MAX_FLOAT = 3.4028234663852886e38
-"""The largest 32-bit number."""
+"""The largest 32-bit number; the chassis's poses have 32 bits."""
 
 
 def to_pose(pose: Pose2D) -> Pose:
@@ -144,7 +155,7 @@ def to_pose(pose: Pose2D) -> Pose:
 
 
 def from_pose_in(required_frame: str, frame: str, message: Any) -> Pose2D:
-    """Return the pose in a geometry_msgs/Pose that a client gave in `frame`.
+    """Return the pose in a geometry_msgs/Pose that a client gave in `frame`; "" is any frame.
 
     Raises:
         ValueError: `frame` is not the required one, or the pose is invalid; the text says what to

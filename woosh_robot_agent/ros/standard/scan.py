@@ -40,7 +40,7 @@ class Scan(Part):
         self._context = context
         self._clock = context.robot.node.get_clock()
         self._reused = LaserScan()
-        """The message of all scans: creating a new message takes as long as filling it."""
+        """The message for all scans: creating a new message takes as long as filling it."""
         self._log = LogOnce(_LOG)
         settings = context.settings()
         self._subscribers = context.subscribers()
@@ -50,7 +50,9 @@ class Scan(Part):
         with_tf = settings.publish_tf and settings.publish_laser_tf
         self._tf_static = context.publisher("/tf_static") if with_tf else None
         self._laser_pose: Pose2D | None = None
+        """Pose of the laser on /tf_static; None before it was published."""
         self._laser_height = 0.0
+        """Height of that pose, in metres."""
         context.robot.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
@@ -83,10 +85,10 @@ class Scan(Part):
             if self._tf_static is not None:
                 self._publish_laser_pose(self._tf_static, answer.raw.message())
             if self._scan is not None:
-                # the time of measurement lies between request and answer
+                # the scan was measured between request and answer; take the middle
                 age = int((loop.time() - sent) / 2 * _SECOND)
                 stamp = self._clock.now().nanoseconds - age
-                self._scan.publish(self._message(_CONVERTER.read(answer.raw), stamp))
+                self._scan.publish(self._filled(_CONVERTER.read(answer.raw), stamp))
         except FrameError:  # the link has counted and logged it
             return
         except ValueError as error:
@@ -94,8 +96,8 @@ class Scan(Part):
             return
         self._log.clear()
 
-    def _message(self, data: ScannerData, stamp: int) -> LaserScan:
-        """Return a scan as LaserScan; `stamp` is its time, in nanoseconds.
+    def _filled(self, data: ScannerData, stamp: int) -> LaserScan:
+        """Return `_reused` with a scan; `stamp` is the scan's time, in nanoseconds.
 
         Raises:
             ValueError: a number other than a range is not finite.
@@ -113,7 +115,7 @@ class Scan(Part):
         message.scan_time = data.scan_time
         message.range_min = data.range_min
         message.range_max = data.range_max
-        message.ranges = rep_117(data.ranges, data.range_min, data.range_max)
+        message.ranges = apply_rep_117(data.ranges, data.range_min, data.range_max)
         return message
 
     def _publish_laser_pose(self, tf_static: Any, data: ScannerDataProto) -> None:
@@ -134,24 +136,22 @@ class Scan(Part):
         tf_static.publish(message)
 
 
-def rep_117(ranges: array.array[float], least: float, most: float) -> array.array[float]:
+def apply_rep_117(
+    ranges: array.array[float], range_min: float, range_max: float
+) -> array.array[float]:
     """Change ranges in metres in place as REP 117 requires, and return them.
 
-    A range above `most` becomes +inf, and so does 0, which some lasers report if nothing reflects.
-    A range below `least` becomes -inf. NaN stays NaN.
-
-    Args:
-        ranges: array of typecode `f`.
-        least: minimum range of the laser, in metres.
-        most: maximum range of the laser, in metres.
+    A range above `range_max` becomes +inf, and so does 0, which some lasers report if nothing
+    reflects. A range below `range_min` becomes -inf. NaN stays NaN.
     """
     view = np.asarray(ranges)  # shares the memory of the array
-    if ranges and max(least, 0.0) < np.minimum.reduce(view) and np.maximum.reduce(view) <= most:
+    lowest, highest = np.minimum.reduce(view, initial=np.inf), np.maximum.reduce(view, initial=0.0)
+    if lowest > max(range_min, 0.0) and highest <= range_max:
         return ranges  # most scans; a comparison with NaN is false
-    far = (view > most) | (view == 0.0)  # NaN fails all comparisons
+    far = (view > range_max) | (view == 0.0)  # NaN fails all comparisons
     if far.any():
         view[far] = np.inf
-    near = view < least
+    near = view < range_min
     if near.any():
         view[near] = -np.inf
     return ranges

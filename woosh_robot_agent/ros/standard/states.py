@@ -33,6 +33,7 @@ _CHARGE = {
     Battery.kManual: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
     Battery.kAuto: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
 }
+"""Status of the power supply by the chassis's `charge_state`."""
 
 
 def battery_state(context: PartContext, battery: Battery) -> BatteryState:
@@ -67,15 +68,16 @@ def plan(context: PartContext, nav_path: NavPath) -> bytes:
         ValueError: a pose is not finite.
     """
     header = Header(stamp=context.now(), frame_id=context.frame("map"))
-    start = serialize(header)[HEADER_SIZE:]
+    pose_header = serialize(header)[HEADER_SIZE:]
     path = bytearray(serialize(Path(header=header)))
+    # an empty message ends with the number of its poses, which is 0
     path[-4:] = struct.pack("=I", len(nav_path.path.poses))
     pack = struct.Struct("=7d").pack
     for pose in nav_path.path.poses:
         check_finite("pose", pose.x, pose.y, pose.theta)
         half = pose.theta / 2
-        path += start
-        path += bytes((HEADER_SIZE - len(path)) % 8)
+        path += pose_header
+        path += bytes((HEADER_SIZE - len(path)) % 8)  # CDR aligns numbers of 64 bits
         path += pack(pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
     return bytes(path)
 
@@ -101,9 +103,7 @@ class _State(Part):
     A value that the ROS message cannot hold is skipped and counted.
 
     Args:
-        context: the context of the part.
-        name: name of the topic.
-        cls: protobuf class of the value.
+        proto_class: protobuf class of the value.
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
             if that is not possible. A large push is converted in another thread.
         rate: rate at which the last value is repeated with a new stamp while there are
@@ -115,12 +115,12 @@ class _State(Part):
         self,
         context: PartContext,
         name: str,
-        cls: type[Message],
+        proto_class: type[Message],
         convert: Callable[[PartContext, Any], Any],
         rate: float = 0.0,
     ) -> None:
         self._context = context
-        self._cls = cls
+        self._proto_class = proto_class
         self._convert = convert
         self._rate = rate
         self._last: Message | None = None
@@ -128,9 +128,9 @@ class _State(Part):
         self._subscribers = context.subscribers()
         self._publisher = context.publisher(name, self._subscribers if rate else None)
         context.robot.chassis.on_snapshot(self._snapshot, self._in_snapshot)
-        if not is_part_of_info(cls):
+        if not is_part_of_info(proto_class):
             context.robot.chassis.on_state(self._link_changed)
-        context.robot.chassis.subscribe_raw(cls, self._pushed, self._converted)
+        context.robot.chassis.subscribe_raw(proto_class, self._publish_converted, self._converted)
 
     async def run(self) -> None:
         if self._rate:
@@ -140,16 +140,21 @@ class _State(Part):
         if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
             last = self._last
             large = last.ByteSize() >= LARGE
-            converted = await aside(self._try, last) if large else self._try(last)
-            if last is self._last:
-                self._pushed(converted)
+            convert = self._convert_or_error
+            converted = await aside(convert, last) if large else convert(last)
+            if last is self._last:  # otherwise a push was published meanwhile
+                self._publish_converted(converted)
 
     def _in_snapshot(self, info: RobotInfo) -> list[tuple[Message, Any]]:
-        return [self._try(part) for part in parts_of(info) if isinstance(part, self._cls)]
+        return [
+            self._convert_or_error(part)
+            for part in parts_of(info)
+            if isinstance(part, self._proto_class)
+        ]
 
     def _snapshot(self, converted: list[tuple[Message, Any]]) -> None:
         for each in converted:
-            self._pushed(each)
+            self._publish_converted(each)
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.READY:
@@ -157,30 +162,30 @@ class _State(Part):
 
     async def _request(self) -> None:
         """Request the first value of a type that is not part of RobotInfo."""
-        request = self._context.robot.requests.empty(self._cls)
+        request = self._context.robot.requests.empty(self._proto_class)
         try:  # sent ahead of pending requests, regardless of max_in_flight
             answer = await self._context.robot.chassis.request(request, first=True)
         except LinkError as error:
-            _LOG.debug("cannot request the first %s: %s", self._cls.DESCRIPTOR.name, error)
+            _LOG.debug("cannot request the first %s: %s", self._proto_class.DESCRIPTOR.name, error)
             return
-        if answer.ok and isinstance(answer.body, self._cls):
-            self._pushed(self._try(answer.body))
+        if answer.ok and isinstance(answer.body, self._proto_class):
+            self._publish_converted(self._convert_or_error(answer.body))
 
     def _converted(self, body: Body) -> tuple[Message, Any]:
-        return self._try(body.message())
+        return self._convert_or_error(body.message())
 
-    def _try(self, value: Message) -> tuple[Message, Any]:
-        """Return a value, and its serialized ROS message or the ValueError of the conversion."""
+    def _convert_or_error(self, value: Message) -> tuple[Message, Any]:
+        """Return a value, and either its serialized ROS message or the error why there is none."""
         try:
             message = self._convert(self._context, value)
             return value, message if isinstance(message, bytes) else serialize(message)
         except ValueError as error:
             return value, error
 
-    def _pushed(self, converted: tuple[Message, Any]) -> None:
+    def _publish_converted(self, converted: tuple[Message, Any]) -> None:
         value, message = converted
         if isinstance(message, ValueError):
-            self._context.robot.chassis.count_bad_value(self._cls, str(message))
+            self._context.robot.chassis.count_bad_value(self._proto_class, str(message))
             return
         self._last = value
         self._publisher.publish(message)
@@ -202,7 +207,7 @@ def footprint_part(context: PartContext) -> _State:
 
 
 class Connected(Part):
-    """Publishes connected: True while the link is ready. Sent at the start and on each change."""
+    """Publishes the topic connected, at the start and on each change: True while the link is up."""
 
     def __init__(self, context: PartContext) -> None:
         self._publisher = context.publisher("connected")
