@@ -86,7 +86,7 @@ _FRAMES = Argument(
 def _on_frames(
     alter: Callable[[Injection, Outgoing], Iterable[Outgoing]],
 ) -> Callable[[Server, Injection], End]:
-    """Return the function that begins a fault which replaces the frames that it affects."""
+    """Turn a function that replaces a frame into the function that begins the fault."""
 
     def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
@@ -142,14 +142,17 @@ def _delay(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
 
 
 class _Shuffle:
-    """Collects the frames of each client up to a number or a timeout, and shuffles them."""
+    """Collects the frames of each client up to `window` or a timeout, and sends them shuffled."""
 
     def __init__(self, injection: Injection) -> None:
         self._injection = injection
         self._kept: dict[object, list[Release]] = {}
+        """Functions that send the collected frames, by client."""
         self._timers: dict[object, asyncio.TimerHandle] = {}
+        """Timeouts of the collected frames, by client."""
 
     def keep(self, client: object, release: Release) -> None:
+        """Collect a frame instead of sending it; the `hold` of an `Outgoing`."""
         kept = self._kept.setdefault(client, [])
         kept.append(release)
         if len(kept) >= self._injection["window"] or not self._injection.active:
@@ -160,6 +163,7 @@ class _Shuffle:
             self._timers[client] = timer
 
     def flush(self) -> None:
+        """Send all collected frames."""
         for client in list(self._kept):
             self._flush(client)
 
@@ -168,11 +172,11 @@ class _Shuffle:
         if timer:
             timer.cancel()
         kept = self._kept.pop(client)
-        mixed = kept[:]
-        self._injection.rng.shuffle(mixed)
-        if mixed == kept:  # the shuffle had no effect
-            mixed.reverse()
-        for release in mixed:
+        shuffled = kept[:]
+        self._injection.rng.shuffle(shuffled)
+        if shuffled == kept:
+            shuffled.reverse()
+        for release in shuffled:
             release()
 
 
@@ -185,8 +189,8 @@ class _Shuffle:
 )
 def _reorder(server: Server, injection: Injection) -> End:
     shuffle = _Shuffle(injection)
-    keep = _on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
-    stop = keep(server, injection)
+    begin = _on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
+    stop = begin(server, injection)
 
     def end() -> None:
         stop()
@@ -230,30 +234,39 @@ def _wrong_type(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
 
 
 _MIB = 1024 * 1024
+
 _CHUNK = 256 * 1024
+"""Size of the parts in which padding is sent, in bytes."""
+
 _UNKNOWN_NAME, _UNKNOWN_VALUE = "fieldOfLaterFirmware", {"level": [1, 2.5, "x", None]}
 _UNKNOWN_NUMBER = 1999
 """Name, value and number of a field that no message of the chassis has."""
+
 _VARINT, _FIXED64, _DELIMITED = 0, 1, 2
-_WIDE = (
+"""Wire types of protobuf."""
+
+_FIXED64_TYPES = (
     FieldDescriptor.TYPE_DOUBLE,
     FieldDescriptor.TYPE_FIXED64,
     FieldDescriptor.TYPE_SFIXED64,
 )
+"""Types of fields with the wire type `_FIXED64`."""
 
 Json = dict[str, Any]
 
-
 _SELECTION = (_TYPE, _COUNT, _FRAMES)
+"""Arguments that select the frames to damage."""
 
 
 def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Begin:
+    """Turn a function that damages an encoded frame into the function that begins the fault."""
+
     def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
         before = frame.damage
 
         def damage_further(codec: Codec, data: str | bytes) -> Encoded:
             damaged = before(codec, data) if before else data
-            # A frame that is already unreadable, or written by a fault, is not damaged further.
+            # Another fault may have damaged the frame already, or writes the frame itself.
             if callable(damaged) or (before and not _readable(codec, damaged)):
                 return damaged
             return damage(injection, codec, damaged)
@@ -388,12 +401,13 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
     present: list[Any] = [field for field, _ in message.ListFields()]
     field = injection.rng.choice(present or list(message.DESCRIPTOR.fields))
     message.ClearField(field.name)
-    wire_type, value = (_VARINT, b"\1") if field.type in _WIDE else (_FIXED64, b"\1" * 8)
+    wire_type, value = (_VARINT, b"\1") if field.type in _FIXED64_TYPES else (_FIXED64, b"\1" * 8)
     pack.body.value = message.SerializeToString() + _tag(field.number, wire_type) + value
     return pack.SerializeToString()
 
 
 def _body(pack: MessagePackJson) -> Message | None:
+    """Return the decoded body of a frame, None if its type is unknown."""
     try:
         message = message_type(pack.type)()
         message.ParseFromString(pack.body.value)
