@@ -117,7 +117,7 @@ def test_gap_uses_the_walls_of_a_new_map(chassis: Chassis) -> None:
     chassis.localise(Pose(-2.2, -5.0, 0.0))
     assert chassis.gap(chassis.base.pose) == math.inf
     scene = chassis.scenes["scenex"]  # with shelves half a metre further south
-    chassis.enter(scene, scene.maps[0])
+    chassis.switch_map(scene, scene.maps[0])
     assert chassis.gap(Pose(-2.0, -5.4, 0.0)) < 0.0
     assert chassis.readiness.located
 

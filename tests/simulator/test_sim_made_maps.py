@@ -67,7 +67,7 @@ def in_toured_hall() -> SteppedChassis:
 
     def put(model: object) -> None:
         area = toured_hall()
-        chassis.chassis.enter(dataclasses.replace(chassis.chassis.scene, maps=[area]), area)
+        chassis.chassis.switch_map(dataclasses.replace(chassis.chassis.scene, maps=[area]), area)
 
     chassis.change(put)
     use_map(chassis)

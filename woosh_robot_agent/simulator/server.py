@@ -128,7 +128,7 @@ class SimulatedChassis(Server):
     def clear_faults(self) -> None:
         """End all faults, and send at once all frames that they delay."""
         self._injector.clear()
-        self._connections.release()
+        self._connections.send_delayed()
 
     @property
     def faults(self) -> list[Injection]:

@@ -95,15 +95,16 @@ CONTROL_MODES = {
 }
 """Codes of changes of the control mode, by the new mode."""
 
-_FAILURES = {
+_FAILURE_CODES = {
     action_pb2.kCharge: CHARGING_FAILED,
     action_pb2.kCarry: LIFT_FAILED,
     action_pb2.kStepCtrl: STEPS_FAILED,
     action_pb2.kSecondposEnter: DOCKING_FAILED,
     action_pb2.kSecondposQuit: LEAVING_DOCK_FAILED,
 }
+"""Codes of failed jobs, by the type of the job. `NAVIGATION_FAILED` stands for all others."""
 
 
-def failure(kind: action_pb2.Type) -> Code:
+def failure_code(kind: action_pb2.Type) -> Code:
     """Return the status code for a failed job of a task, given the type of the job."""
-    return _FAILURES.get(kind, NAVIGATION_FAILED)
+    return _FAILURE_CODES.get(kind, NAVIGATION_FAILED)

@@ -46,13 +46,13 @@ def _awaited(
     return run  # type: ignore[return-value] # wraps keeps the type of the wrapped function
 
 
-class _Value(Generic[T]):
+class _Property(Generic[T]):
     """A property of `SimulatedChassis` that is read in the simulator's thread."""
 
-    def __init__(self, value: Callable[[SimulatedChassis], T]) -> None:
-        found: Any = value  # for mypy, a property of a class is the function that it calls
-        self._get: Callable[[SimulatedChassis], T] = found.fget
-        self.__doc__ = value.__doc__
+    def __init__(self, getter: Callable[[SimulatedChassis], T]) -> None:
+        prop: Any = getter  # mypy takes a property of a class for its getter
+        self._get: Callable[[SimulatedChassis], T] = prop.fget
+        self.__doc__ = prop.__doc__
 
     def __get__(self, thread: SimulatorThread, owner: type[SimulatorThread]) -> T:
         return thread.call(self._get)
@@ -144,12 +144,12 @@ class SimulatorThread:
         """TCP port."""
         return self._simulator.tcp_port
 
-    connections = _Value(SimulatedChassis.connections)
-    state = _Value(SimulatedChassis.state)
-    received = _Value(SimulatedChassis.received)
-    counts = _Value(SimulatedChassis.counts)
-    bad_frames = _Value(SimulatedChassis.bad_frames)
-    injected = _Value(SimulatedChassis.injected)
+    connections = _Property(SimulatedChassis.connections)
+    state = _Property(SimulatedChassis.state)
+    received = _Property(SimulatedChassis.received)
+    counts = _Property(SimulatedChassis.counts)
+    bad_frames = _Property(SimulatedChassis.bad_frames)
+    injected = _Property(SimulatedChassis.injected)
     last = _called(SimulatedChassis.last)
     wait_received = _awaited(SimulatedChassis.wait_received)
     refuse = _called(SimulatedChassis.refuse)

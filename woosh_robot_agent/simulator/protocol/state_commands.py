@@ -161,7 +161,7 @@ def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> R
         )
     if chassis.readiness.key_manual and request.mode != util_robot_pb2.kManual:
         raise RefusedError(refusals.KEY_AT_MANUAL)
-    chassis.readiness.ctrl = request.mode
+    chassis.readiness.requested_control = request.mode
     return reports.mode(chassis)
 
 
@@ -282,7 +282,7 @@ for _request, _report in {
     query(_request)(_answer_with(_report))
 
 
-_PAGE = 100
+_PAGE_SIZE = 100
 """Number of records of a page."""
 
 _Count = pack.CountData
@@ -320,12 +320,12 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
         (_Count.kStatus, statistics.statuses, request.status_id),
     )
     found = [[each for each in records if wanted(kind, each, ids)] for kind, records, ids in kinds]
+    shown = found
     if request.req_type == _Count.kGet:
         shown = [
-            each[page * _PAGE : (page + 1) * _PAGE] for each, page in zip(found, pages, strict=True)
+            each[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
+            for each, page in zip(found, pages, strict=True)
         ]
-    else:
-        shown = found
     return pack.CountDataResponse(
         operations=count_pb2.Operations(ops=shown[0]),
         tasks=count_pb2.Tasks(ts=shown[1]),

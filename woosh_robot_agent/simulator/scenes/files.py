@@ -40,7 +40,9 @@ def load_scene(path: Path) -> Scene:
     else:
         folder, names = path.parent, [path.name]
         name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
-    scene = read_written(name, names, lambda each: _content(folder / each), use_own_name=True)
+    scene = read_handwritten_scene(
+        name, names, lambda each: _content(folder / each), use_own_name=True
+    )
     if scene is None:
         raise DataFileError(
             f"{path}: not a scene: give a folder with {SCENE_INDEX} or {SCENE_FILE}, or a YAML "
@@ -68,10 +70,10 @@ def robot_folder(folder: Path) -> dict[str, bytes]:
     return files
 
 
-def read_written(
+def read_handwritten_scene(
     name: str, names: Collection[str], read: Read, *, use_own_name: bool = False
 ) -> Scene | None:
-    """Read a scene that a person has written. Return None if no file describes a scene or a map.
+    """Read a `scene.yaml`, or maps of map_server; return None if there are neither.
 
     Args:
         name: name of the scene.
@@ -115,12 +117,12 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
     Raises:
         DataFileError: a file cannot be used.
     """
-    shipped, own = [_loaded(path) for path in _SHIPPED], [_loaded(path) for path in given]
+    shipped, own = [_load(path) for path in _SHIPPED], [_load(path) for path in given]
     return {scene.name: scene for scene in shipped + own}, (own or shipped)[0]
 
 
-def start(scene: Scene) -> tuple[Map, Pose]:
-    """Return the map and the pose where a robot starts: any free place by default."""
+def start_place(scene: Scene) -> tuple[Map, Pose]:
+    """Return the map and the pose at which a robot starts: by default any free place."""
     area = scene.map(scene.start_map) or scene.maps[0]
     return area, scene.start or Pose(*_free_place(area))
 
@@ -133,12 +135,10 @@ def _free_place(area: Map) -> Point:
     return area.grid.roomiest() if area.grid else (0.0, 0.0)
 
 
-def _loaded(path: Path) -> Scene:
-    """Return a new scene. Its maps are shared, so that their planners are computed only once."""
-    scene = _read_once(path) if path in _SHIPPED else load_scene(path)
+_load_shipped = lru_cache(load_scene)
+
+
+def _load(path: Path) -> Scene:
+    """Return a new scene. All robots share the shipped maps: planners are computed once per map."""
+    scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)
     return dataclasses.replace(scene, maps=list(scene.maps), files=dict(scene.files))
-
-
-@lru_cache
-def _read_once(path: Path) -> Scene:
-    return load_scene(path)

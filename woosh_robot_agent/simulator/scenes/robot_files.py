@@ -219,7 +219,7 @@ def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
     """Return a map with the marks in its files, and the properties in its entry of the index."""
     path, end = f"{entry.name}/{MARK_INFO}", entry.end_pose
     info = read_mark_info(path, files.get(path, b""))
-    check_carried(entry.name, files)
+    check_unused_files(entry.name, files)
     return dataclasses.replace(
         area,
         id=entry.id,
@@ -231,7 +231,7 @@ def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
     )
 
 
-def check_carried(name: str, files: Mapping[str, bytes]) -> None:
+def check_unused_files(name: str, files: Mapping[str, bytes]) -> None:
     """Check the files of a map that SceneData contains and the robot does not use.
 
     Raises:

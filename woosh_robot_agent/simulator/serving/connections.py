@@ -96,14 +96,13 @@ class Connections:
 
     def freeze(self, frozen: bool) -> None:
         """Queue requests instead of executing them and send nothing, or continue."""
-        self._exchange.frozen = frozen
-        self._update_gates()
         self._exchange.freeze(frozen)
+        self._update_gates()
 
-    def release(self) -> None:
+    def send_delayed(self) -> None:
         """Send all delayed frames at once."""
         for client in list(self._exchange.clients):
-            client.release()
+            client.send_delayed()
 
     def send_raw(self, data: str | bytes) -> None:
         """Send a frame to every client unchanged; a call over HTTP gets nothing but its answer."""
@@ -117,7 +116,7 @@ class Connections:
 
     async def serve(self, transport: ServerTransport) -> None:
         """Serve a new connection until it ends."""
-        if not self._admits(transport):
+        if not self._admit(transport):
             transport.abort()
             return
         client = Client(transport, self._config.max_outbox)
@@ -125,7 +124,7 @@ class Connections:
         writer = asyncio.ensure_future(client.write(self._writing))
         # A WebSocket client has sent its handshake.
         client.has_sent = isinstance(transport, WebSocketServerTransport)
-        self._limit_silence(client)
+        self._drop_if_silent(client)
         _LOG.info("%s connected", transport.peer)
         if self._paused:
             transport.pause()
@@ -141,8 +140,8 @@ class Connections:
             writer.cancel()
             await transport.close(_CLOSE_TIMEOUT)
 
-    def _admits(self, transport: ServerTransport) -> bool:
-        """Return False, and log the reason, if a new connection must be dropped."""
+    def _admit(self, transport: ServerTransport) -> bool:
+        """Return True to serve a new connection; otherwise log the reason and return False."""
         if self.count >= self._config.max_connections:
             if not self._full:
                 _LOG.warning(
@@ -154,19 +153,19 @@ class Connections:
             self._full = True
             return False
         self._full = False
-        if not self._exchange.hooks.admits():
+        if not self._exchange.hooks.admit():
             _LOG.info("%s connected and is dropped by a fault", transport.peer)
             return False
         return True
 
-    def _limit_silence(self, client: Client) -> None:
-        """Drop a client that sends nothing, unless the connections are paused."""
+    def _drop_if_silent(self, client: Client) -> None:
+        """Drop a client that sends nothing in time. The time starts again after a pause."""
 
         def check() -> None:
             if client.has_sent or client not in self._exchange.clients:
                 return
             if self._paused:
-                self._limit_silence(client)
+                self._drop_if_silent(client)
                 return
             _LOG.warning(
                 "%s is dropped: it sent no frame for %g s",

@@ -23,9 +23,9 @@ from woosh_robot_agent.simulator.protocol.dispatch import (
     HANDLERS,
     Answer,
     dispatch,
-    is_query,
-    refusal,
+    refusal_answer,
 )
+from woosh_robot_agent.simulator.protocol.handlers import QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS, StateWatch
 
 Damage = Callable[[Codec, str | bytes], Encoded]
@@ -99,17 +99,17 @@ class Hooks:
         self.faults: list[Interceptor] = []
         self.interceptors: list[Interceptor] = []
 
-    def admits(self) -> bool:
-        """Return False if a new connection must be dropped."""
+    def admit(self) -> bool:
+        """Call the hooks for a new connection. Return False if it must be dropped."""
         return all(admit() for admit in list(self.admissions))
 
     def refusal(self, type_name: str) -> str | None:
-        """Return the reason to refuse a request of a type, or None."""
+        """Call the hooks for a request. Return the reason to refuse it, or None."""
         reasons = (refuse(type_name) for refuse in reversed(list(self.refusals)))
         return next((reason for reason in reasons if reason is not None), None)
 
     def outgoing(self, frame: Outgoing) -> list[Outgoing]:
-        """Return the frames to send in place of `frame`."""
+        """Pass a frame through all interceptors. Return the frames to send instead."""
         frames = [frame]
         for interceptor in [*self.faults, *self.interceptors]:
             frames = [out for each in frames for out in interceptor(each)]
@@ -121,9 +121,9 @@ def added(hooks: list[_T], hook: _T) -> Remove:
     hooks.append(hook)
 
     def remove() -> None:
-        for place, each in enumerate(hooks):
+        for index, each in enumerate(hooks):
             if each is hook:
-                del hooks[place]
+                del hooks[index]
                 return
 
     return remove
@@ -167,7 +167,7 @@ class Client(ConnectedClient):
             self.waiting += frame.is_answer
             frame.hold(self, partial(self._release, frame, data))
 
-    def release(self) -> None:
+    def send_delayed(self) -> None:
         """Queue all delayed frames at once, in the order of their times."""
         for key in sorted(self._delayed, key=lambda key: self._delayed[key].timer.when()):
             self._delayed[key].timer.cancel()
@@ -346,7 +346,7 @@ class Exchange:
             while_moving: include PoseSpeed, which changes with every step of a moving robot.
         """
         self._push_events()
-        for message in self._watch.changed(while_moving=while_moving):
+        for message in self._watch.take_changes(while_moving=while_moving):
             self.push(message)
 
     async def arrived(self, type_name: str, count: int) -> None:
@@ -380,8 +380,8 @@ class Exchange:
             return
         chassis = self._chassis
         chassis.begin_request(request.type)
-        if is_query(request.type):
-            # Read the value when it is sent: an older value must not follow a newer push.
+        if request.type in QUERIES:
+            # Execute a query when its answer is due: an older value must not follow a newer push.
             self._after_delay(request, lambda: self._send_answer(request, self._answer(request)))
             return
         answer = self._answer(request)
@@ -420,15 +420,15 @@ class Exchange:
     def _answer(self, request: Request) -> Answer:
         name = request.type
         if request.message is None or request.refusal_reason:
-            return refusal(name, request.refusal_reason)
+            return refusal_answer(name, request.refusal_reason)
         reason = self.hooks.refusal(name)
         if reason is not None:
-            return refusal(name, reason)
+            return refusal_answer(name, reason)
         try:
             return dispatch(self._chassis, request.message)
         except Exception:  # a bug in a handler must not end the client's connection
             _LOG.exception("cannot execute %s", name)
-            return refusal(name, "internal error of the simulator: see its log")
+            return refusal_answer(name, "internal error of the simulator: see its log")
 
     def _refuse_excess(self, request: Request) -> None:
         """Refuse a request beyond the limit at once. Faults do not affect this answer."""
@@ -440,7 +440,7 @@ class Exchange:
             _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
             request.client.drop()
             return
-        answer = refusal(request.type, text)
+        answer = refusal_answer(request.type, text)
         frame = Outgoing(answer.type, None, request.sn, answer.ok, answer.msg)
         request.client.send(self._encoded(request.codec, frame))
 

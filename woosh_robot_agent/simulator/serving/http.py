@@ -159,7 +159,7 @@ class HttpCalls:
         if len(self._exchange.clients) >= self._config.max_connections:
             text = f"there are already {self._config.max_connections} clients"
             return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, text)
-        if not self._exchange.hooks.admits():
+        if not self._exchange.hooks.admit():
             connection.transport.abort()
             return web.Response()
         if request.headers.get("Expect", "").lower() == "100-continue":  # curl, for large bodies
