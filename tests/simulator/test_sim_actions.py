@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import Json, JsonClient
+from tests.simulator.sim_wire import Json, JsonClient, connected
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import wait_until
 
@@ -308,8 +307,7 @@ def test_leaving_a_charger_is_refused_while_a_task_charges(client: JsonClient) -
 
 def test_lift_to_a_height_pauses_resumes_and_is_cancelled() -> None:
     # Slow enough that the lift moves while requests come, also on a busy machine.
-    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=2)) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=2) as (simulator, client):
         client.subscribe(FEEDBACKS)
         client.ask(CALL, {"liftControl2": {"action": 1, "height": 1.0}})
         assert next_feedback(client)["action"] == "woosh.ros.action.LiftControl2"
@@ -328,7 +326,6 @@ def test_lift_to_a_height_pauses_resumes_and_is_cancelled() -> None:
         assert simulator.state.column < 1.0
         too_high = client.refusal(CALL, {"liftControl2": {"action": 1, "height": 1.1}})
         assert too_high.startswith("lift")
-        client.close()
 
 
 def test_nav_mode_action_limits_the_speed_and_ends(client: JsonClient) -> None:

@@ -23,7 +23,7 @@ def parse(data: Any) -> MessagePackJson:
 def request_binary(client: JsonClient, frame: bytes) -> MessagePackJson:
     """Send a protobuf frame and return its answer, the next frame."""
     client.send(frame)
-    return parse(client._await(client.socket.recv()))
+    return parse(client.complete(client.socket.recv()))
 
 
 def test_websocket_serves_protobuf_and_json(client: JsonClient) -> None:
@@ -63,9 +63,9 @@ def test_pushes_use_the_encoding_of_the_subscription(
     tcp.send(subscription("woosh.robot.Mode"))
     assert tcp.request("woosh.robot.Mode").ok
     simulator.push(robot_pb2.Battery(power=50))
-    assert json.loads(client._await(client.socket.recv()))["body"]["power"] == 50
+    assert json.loads(client.complete(client.socket.recv()))["body"]["power"] == 50
     client.send({"type": "woosh.robot.SwitchWorkMode", "body": {"mode": 3}, "sn": 77})
-    frames = [client._await(client.socket.recv()) for _ in range(2)]
+    frames = [client.complete(client.socket.recv()) for _ in range(2)]
     (answer,) = (json.loads(frame) for frame in frames if isinstance(frame, str))
     (push,) = (parse(frame) for frame in frames if isinstance(frame, bytes))
     assert (answer["type"], answer["sn"]) == ("woosh.robot.Mode", 77)

@@ -100,7 +100,7 @@ def test_half_open_connections_get_no_data_until_cleared(
     client.ask(MODE)
     fault = simulator.inject("half_open")
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 900})
-    pong = client._await(client.socket.ping())
+    pong = client.complete(client.socket.ping())
     with connect(simulator.port) as websocket, connect(simulator.tcp_port) as new:
         websocket.sendall(UPGRADE)
         request = packed(MODE, sn=5)
@@ -118,7 +118,7 @@ def test_half_open_connections_get_no_data_until_cleared(
             silent.settimeout(TIMEOUT)
             assert silent.recv(12).startswith(begin)
     assert client.receive()["sn"] == 900
-    client._await(pong)
+    client.complete(pong)
     assert simulator.counts[OCCUPY] == 1
 
 
@@ -147,7 +147,7 @@ def test_freeze_stops_clock_and_answers_but_not_pongs(
     simulator.wait_received(OCCUPY, 2)
     simulator.wait_received(MODE, 2)
     client.assert_silent(0.2)
-    client._await(client._await(client.socket.ping()))
+    client.complete(client.complete(client.socket.ping()))
     assert simulator.state.elapsed == elapsed
     assert not simulator.state.info.device_state.software & 8
     fault.clear()

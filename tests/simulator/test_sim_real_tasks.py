@@ -39,11 +39,12 @@ from tests.simulator.recorded_chassis import (
     ConnectedChassis,
     Frame,
     SteppedChassis,
+    answer_to,
     ask,
     wait_frame,
 )
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.testing import running_chassis
 
 IDLE, PARKING, TASK, WARNING, CHARGING = 2, 3, 4, 5, 8
 FACTS = real_robot()
@@ -60,7 +61,7 @@ def chassis() -> SteppedChassis:
 @pytest.fixture
 def connected() -> Iterator[ConnectedChassis]:
     """A chassis at the other end of a socket that runs 20 times faster than real time."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as simulator:
+    with running_chassis(speed=20, profile="tr200") as simulator:
         chassis = ConnectedChassis(simulator)
         yield chassis
         chassis.close()
@@ -291,8 +292,7 @@ def test_task_without_an_id_gets_one_of_the_robot(chassis: SteppedChassis) -> No
 
 
 def test_nothing_is_pushed_about_a_refused_task(chassis: SteppedChassis) -> None:
-    sn = chassis.request(EXEC_TASK, taskId=str(TASK_ID), type=1, markNo="nowhere")
-    assert wait_frame(chassis, lambda frame: frame.sn == sn).ok is False
+    assert answer_to(chassis, EXEC_TASK, taskId=str(TASK_ID), type=1, markNo="nowhere").ok is False
     chassis.run(10.0)
     assert not [frame for frame in chassis.frames if frame.type in (TASK_PROC, STATE)]
 

@@ -73,6 +73,17 @@ def maps(client: JsonClient) -> dict[str, Any]:
     return {each["name"]: each for each in client.ask("woosh.map.SceneDataEasy")["maps"]}
 
 
+def library(simulator: SimulatorThread) -> Any:
+    """Return the files and maps of all scenes, and the current scene and map."""
+    return simulator.call(
+        lambda s: (
+            {name: (dict(each.files), list(each.maps)) for name, each in s.chassis.scenes.items()},
+            s.chassis.scene,
+            s.chassis.map,
+        )
+    )
+
+
 def test_laser_sees_the_uploaded_map(client: JsonClient) -> None:
     scene = switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png()))
     assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("lab", "floor", "1")
@@ -201,24 +212,12 @@ INVALID_UPLOADS: list[tuple[dict[str, bytes], str]] = [
 def test_invalid_uploads_are_refused_and_change_nothing(
     simulator: SimulatorThread, client: JsonClient, scene: str, files: dict[str, bytes], reason: str
 ) -> None:
-    def state() -> Any:
-        return simulator.call(
-            lambda s: (
-                {
-                    name: (dict(each.files), list(each.maps))
-                    for name, each in s.chassis.scenes.items()
-                },
-                s.chassis.scene,
-                s.chassis.map,
-            )
-        )
-
-    before = state()
+    before = library(simulator)
     request = {"sceneName": scene, "fileDatas": file_datas(files)}
     text = client.refusal("woosh.robot.SwitchMap", request)
     assert reason in text
     assert len(text) < 1000
-    assert state() == before
+    assert library(simulator) == before
 
 
 def test_total_size_of_uploads_is_limited() -> None:
