@@ -173,25 +173,18 @@ def test_newer_action_replaces_the_older_one(client: JsonClient) -> None:
 def test_move_base_replaces_a_step_but_a_lift_does_not(client: JsonClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
-    ended = {}
-    while len(ended) < 1:
-        one = next_feedback(client)
-        if one["state"] in TERMINAL:
-            ended[one["action"]] = one["state"]
-    assert ended == {"woosh.ros.action.LiftControl": SUCCESS}
+    end = feedback_until_end(client)[-1]
+    assert (end["action"], end["state"]) == ("woosh.ros.action.LiftControl", SUCCESS)
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": -5}}})
-    while (one := next_feedback(client))["state"] not in TERMINAL:
-        pass
-    assert (one["action"], one["state"]) == ("woosh.ros.action.StepControl", CANCEL)
+    end = feedback_until_end(client)[-1]
+    assert (end["action"], end["state"]) == ("woosh.ros.action.StepControl", CANCEL)
 
 
 def test_task_replaces_a_step_and_refuses_another(client: JsonClient) -> None:
     client.subscribe("woosh.robot.TaskProc")
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     client.ask("woosh.robot.ExecTask", {"taskId": 4, "type": 1, "markNo": "A23"})
-    while (one := next_feedback(client))["state"] not in TERMINAL:
-        pass
-    assert one["state"] == CANCEL
+    assert feedback_until_end(client)[-1]["state"] == CANCEL
     assert "task 4 is running" in client.refusal(CALL, step_request(1, 1.0))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     # A paused task releases the wheels, and can continue only when they are free.

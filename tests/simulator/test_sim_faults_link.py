@@ -13,11 +13,7 @@ from websockets.exceptions import ConnectionClosed
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.simulator import (
-    FaultError,
-    SimulatedChassis,
-    SimulatorThread,
-)
+from woosh_robot_agent.simulator import FaultError, SimulatedChassis, SimulatorThread
 from woosh_robot_agent.simulator.faults import FAULTS, markdown
 from woosh_robot_agent.testing import wait_until
 

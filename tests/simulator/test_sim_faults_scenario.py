@@ -11,12 +11,7 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient
 from tests.simulator.test_sim_program import PROGRAM, running
-from woosh_robot_agent.simulator import (
-    FaultError,
-    Scenario,
-    SimulatorThread,
-    load_scenario,
-)
+from woosh_robot_agent.simulator import FaultError, Scenario, SimulatorThread, load_scenario
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.faults import Step, markdown, parse_fault
 from woosh_robot_agent.testing import running_chassis, wait_until

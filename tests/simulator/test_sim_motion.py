@@ -9,13 +9,7 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import execute, quick_config
-from woosh_robot_agent.simulator.body.base import (
-    ACCELERATION,
-    STANDSTILL,
-    Base,
-    Velocity,
-    approach,
-)
+from woosh_robot_agent.simulator.body.base import ACCELERATION, STANDSTILL, Base, Velocity, approach
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.world.geometry import Pose, wrap
 

@@ -270,13 +270,13 @@ def test_tasks_of_a_set_are_separated_by_an_empty_report(chassis: SteppedChassis
     assert second - again in (within(0.5, 0.5), within(1.0, 1.0))
 
 
-@pytest.mark.parametrize(("kind", "state"), [("charge", PARKING), ("park", PARKING)])
-def test_robot_gives_its_own_tasks_its_own_ids(kind: str, state: int) -> None:
+@pytest.mark.parametrize("kind", ["charge", "park"])
+def test_robot_gives_its_own_tasks_its_own_ids(kind: str) -> None:
     chassis = SteppedChassis(charge_after=5.0, park_after=10.0)
     if kind == "charge":
         chassis.chassis.battery.level = 15.0
     first = wait_frame(chassis, is_empty)
-    shown = wait_frame(chassis, shows(state))
+    shown = wait_frame(chassis, shows(PARKING))
     report = wait_frame(chassis, lambda frame: frame.type == TASK_PROC and task_id(frame.body))
     assert task_id(report.body) == first.body["time"] * 100 + 53
     assert triple(report.body) == ("kExecuting", "kNav", "kRosExecuting")

@@ -6,11 +6,7 @@ import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.simulator import (
-    Outgoing,
-    SimulatedChassis,
-    SimulatorThread,
-)
+from woosh_robot_agent.simulator import Outgoing, SimulatedChassis, SimulatorThread
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
