@@ -145,10 +145,11 @@ def _learn(source: Path, profile: Path) -> int:
 
 
 class _DashboardError(Exception):
-    """The page cannot be served."""
+    """The page cannot be served. The text says why, and what to do."""
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
+    """Serve clients, and the page if it has a port, until a signal arrives."""
     loop, stopping = asyncio.get_running_loop(), asyncio.Event()
 
     def on_signal() -> None:
@@ -179,8 +180,8 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
                     flush=True,
                 )
                 await stopping.wait()
-            await _wait_first(
-                _wait_second(stopping),
+            await _wait_for_any(
+                _wait_for_another(stopping),
                 simulator.wait_disconnected(),
                 timeout=_DISCONNECT_TIMEOUT,
             )
@@ -203,14 +204,14 @@ def _port(text: str) -> int:
     return port
 
 
-async def _wait_second(signal: asyncio.Event) -> None:
+async def _wait_for_another(signal: asyncio.Event) -> None:
     """Wait for another signal, except within `_REPEAT_TIME` of the first one."""
     await asyncio.sleep(_REPEAT_TIME)
     signal.clear()
     await signal.wait()
 
 
-async def _wait_first(*awaitables: Coroutine[Any, Any, object], timeout: float) -> None:
+async def _wait_for_any(*awaitables: Coroutine[Any, Any, object], timeout: float) -> None:
     """Wait until one of `awaitables` is done, for `timeout` seconds at most; cancel the others."""
     tasks = [asyncio.ensure_future(each) for each in awaitables]
     await asyncio.wait(tasks, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
@@ -233,9 +234,11 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=_HelpFormatter,
     )
     for option in _OPTIONS:
-        kind: dict[str, Any] = {} if option.default is None else {"type": type(option.default)}
+        arguments = dict(option.metadata)
+        if option.default is not None:
+            arguments["type"] = type(option.default)
         name = option.name.replace("_", "-")
-        parser.add_argument(f"--{name}", default=option.default, **kind, **option.metadata)
+        parser.add_argument(f"--{name}", default=option.default, **arguments)
     parser.add_argument(
         "--scene",
         type=Path,

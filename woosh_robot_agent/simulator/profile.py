@@ -88,8 +88,8 @@ def _check_requests(requests: Mapping[str, object]) -> None:
             raise ValueError(f"there is no such request: {name}") from None
 
 
-Spread = Annotated[Distribution, _check_rising]
-Range = Annotated[Interval, _check_rising]
+RisingDistribution = Annotated[Distribution, _check_rising]
+RisingInterval = Annotated[Interval, _check_rising]
 Share = Annotated[float, Between(0.0, 1.0)]
 Count = Annotated[int, Between(0, 2**31 - 1)]
 
@@ -115,9 +115,9 @@ class TaskProfile:
     starting_states: tuple[Literal["kInit", "kReady"], ...]
     first_report: tuple[NotNegative, ...]
     between_jobs: NotNegative
-    order_effect: Spread
+    order_effect: RisingDistribution
     state_first: Share
-    empty_report: Range | None
+    empty_report: RisingInterval | None
     report_last_action: bool
     final_wait: bool
     leave_dock: bool
@@ -133,21 +133,21 @@ class TaskProfile:
 class AnswerProfile:
     """Times from a request to its answer."""
 
-    default: Spread
-    requests: Annotated[Mapping[str, Spread], _check_requests]
-    initialisation: Range
+    default: RisingDistribution
+    requests: Annotated[Mapping[str, RisingDistribution], _check_requests]
+    initialisation: RisingInterval
 
 
 @dataclass(frozen=True)
 class MappingProfile:
     """Making maps."""
 
-    start: Range
+    start: RisingInterval
     state_after: NotNegative
     picture_period: Annotated[float, Between(0.001)]
-    save: Spread
+    save: RisingDistribution
     scene_after: NotNegative
-    cancel: Range
+    cancel: RisingInterval
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class RateProfile:
     pose_speed: NotNegative
     scan: NotNegative
     scan_push: NotNegative
-    battery: Range | None
+    battery: RisingInterval | None
     operation: NotNegative | None
 
 

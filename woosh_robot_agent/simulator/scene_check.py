@@ -10,7 +10,7 @@ from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator.profile import Profile
 from woosh_robot_agent.simulator.scenes import robot_files
 from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS
-from woosh_robot_agent.simulator.scenes.files import load_scene, robot_folder, start_place
+from woosh_robot_agent.simulator.scenes.files import load_scene, read_robot_folder, start_place
 from woosh_robot_agent.simulator.scenes.scene import (
     MAP_FILE,
     MARK_INFO,
@@ -41,7 +41,7 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
 
 def _unreadable_files(folder: Path) -> Iterator[str]:
     """Yield the error of each file in the folder of a robot's scene that cannot be read."""
-    files = robot_folder(folder)
+    files = read_robot_folder(folder)
     maps = robot_files.map_names(files[SCENE_INDEX])
     yield from _errors_of(lambda: robot_files.read_groups(files.get(ACTION_GROUPS, b"")))
     yield from _errors_of(lambda: robot_files.read_task_info(TASK_INFO, files.get(TASK_INFO, b"")))

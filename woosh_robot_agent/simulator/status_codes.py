@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 from woosh_robot_agent.pb.robot import robot_count_pb2
 from woosh_robot_agent.pb.util import action_pb2
@@ -11,9 +11,6 @@ from woosh_robot_agent.robot.status_codes import meaning
 
 Language = Literal["zh", "en", "none"]
 """Language of the texts of status codes; `none` for codes without a text."""
-
-LANGUAGES: tuple[Language, ...] = get_args(Language)
-"""All languages."""
 
 
 _Status = robot_count_pb2.StatusCode

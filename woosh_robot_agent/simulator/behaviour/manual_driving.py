@@ -105,6 +105,7 @@ class Teleop:
         """Drive `base` for `dt` seconds if there is a command."""
         if self._velocity is None:
             return
+        # Only a standing base needs time to start.
         self._waiting = 0.0 if base.moving else self._waiting - dt
         if self._waiting <= ROUNDING:
             base.drive(self._velocity, rolls_on=True)

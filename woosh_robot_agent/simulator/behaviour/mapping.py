@@ -43,6 +43,18 @@ _MIN_DISTANCE, _MIN_ANGLE = 0.02, 0.02
 """Motion between two scans below which the robot counts as standing, in metres and radians."""
 
 
+def require_name(field: str, name: str) -> None:
+    """Check that the text of a request's field can be the name of a scene or map.
+
+    Raises:
+        RefusedError: the name is empty, too long, or a path.
+    """
+    if not name:
+        raise RefusedError(refusals.NO_NAME, field=field)
+    if not is_plain(name):
+        raise RefusedError(refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME)
+
+
 class Phase(Enum):
     """Phase of the mapping. The value describes it for a refusal."""
 
@@ -215,13 +227,8 @@ class Mapping:
         self._require_modes(refusals.MAPPING_OUTSIDE_DEPLOYMENT)
         self.require_settled()
         self.require_none(refusals.MAPPING_RUNS)
-        for field, name in (("scene_name", scene_name), ("map_name", map_name)):
-            if not name:
-                raise RefusedError(refusals.NO_NAME, field=field)
-            if not is_plain(name):
-                raise RefusedError(
-                    refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME
-                )
+        require_name("scene_name", scene_name)
+        require_name("map_name", map_name)
 
     def _require_running(self) -> None:
         if self._phase is Phase.NONE:
@@ -428,15 +435,15 @@ class Deployment:
         Raises:
             RefusedError: the map has no reflectors.
         """
-        found = [
+        reflectors = [
             CollectedPoint(
                 PointKind.REFLECTOR, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
             )
             for each in self._area.other_marks.reflectors
         ]
-        if not found:
+        if not reflectors:
             raise RefusedError(f"map {self._area.name} has no reflectors: collect them first")
-        return found
+        return reflectors
 
     def end_session(self) -> None:
         """Keep the points: they can no longer be cancelled."""

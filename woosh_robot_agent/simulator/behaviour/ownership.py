@@ -24,9 +24,7 @@ from woosh_robot_agent.simulator.behaviour.jobs import Job
 from woosh_robot_agent.simulator.behaviour.manual_driving import Follower, Teleop
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
-from woosh_robot_agent.simulator.body.base import (
-    Velocity,
-)
+from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 from woosh_robot_agent.simulator.robot import Robot
@@ -216,6 +214,7 @@ class Ownership:
         return not self._tasks.automatic or self._tasks.proc.type == order.type
 
     def _take_device_for_task(self) -> None:
+        """Take the device of the task's job, or raise RefusedError if the robot is not ready."""
         self._robot.readiness.require_ready()
         device = self._tasks.device
         self._require_no_action(device)
@@ -223,6 +222,7 @@ class Ownership:
             self._end_manual_driving()
 
     def _take_device_for_action(self, device: Device, name: str) -> None:
+        """Take a device for the action `name`; raise RefusedError if a client's task owns it."""
         if device is Device.WHEELS or self._tasks.owns(device):
             self._tasks.cancel_automatic(f"replaced by {short_name(name)}")
         if self._tasks.owns(device):

@@ -15,8 +15,8 @@ from woosh_robot_agent.simulator.behaviour.jobs import (
     Steps,
     Turn,
     Wait,
-    dock,
-    leave_charger,
+    dock_job,
+    leave_charger_job,
 )
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.refusals import RefusedError
@@ -70,7 +70,7 @@ def task_jobs(
     else:
         distance = robot.dock_distance(target) if has_dock else 0.0
         drive = Navigate(target.pose.moved(-distance, 0.0, 0.0))
-    jobs = _leave_dock(robot)
+    jobs = _leave_dock_jobs(robot)
     for each in actions:
         kind = each.action
         if kind == util_action_pb2.kNav:
@@ -86,23 +86,23 @@ def task_jobs(
         elif has_dock and isinstance(target, Navigate):
             continue  # docking, and the steps inside the dock
         elif kind == util_action_pb2.kSecondposEnter:
-            jobs.append(dock(robot, distance, util_action_pb2.kSecondposEnter))
+            jobs.append(dock_job(robot, distance, util_action_pb2.kSecondposEnter))
         elif kind == util_action_pb2.kSecondposQuit:
-            jobs.append(dock(robot, -distance, util_action_pb2.kSecondposQuit))
+            jobs.append(dock_job(robot, -distance, util_action_pb2.kSecondposQuit))
         else:
             jobs.append(_step(robot, each))
     return jobs
 
 
-def _leave_dock(robot: Robot) -> list[Job]:
+def _leave_dock_jobs(robot: Robot) -> list[Job]:
     """Return the job that leaves a dock, or no job if the robot stands in none."""
     leaves = robot.profile.tasks.leave_dock and robot.charger is not None
-    return [leave_charger(robot)] if leaves else []
+    return [leave_charger_job(robot)] if leaves else []
 
 
 def _step(robot: Robot, action: Action) -> Job:
     speed, value = action.stepctrl_speed or STEP_SPEED, action.stepctrl_value
-    if action.stepctrl_type:
+    if action.stepctrl_type:  # a turn
         step: Shift | Turn = Turn(value, min(speed, robot.base.max_turn_rate))
     else:
         step = Shift(0.0, value, min(speed, robot.base.max_speed))

@@ -32,7 +32,7 @@ class TaskReports:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self.last = self._no_task()
+        self.last = self._empty_report()
         self._withheld = False
         """True if `last` has not been pushed yet."""
 
@@ -42,7 +42,7 @@ class TaskReports:
         The next report of the task replaces it if both have the same state, and follows it
         otherwise.
         """
-        self.last = self._about(task, state)
+        self.last = self._report_about(task, state)
         self._withheld = True
 
     def push(
@@ -62,18 +62,18 @@ class TaskReports:
         """
         if self._withheld and state != self.last.state:
             self._robot.emit(self.last)
-        self._push(self._about(task, state, action, msg))
+        self._push(self._report_about(task, state, action, msg))
 
     def push_empty(self) -> None:
         """Push the report that there is no task."""
-        self._push(self._no_task())
+        self._push(self._empty_report())
 
     def _push(self, report: robot_pb2.TaskProc) -> None:
         self._withheld = False
         self.last = report
         self._robot.emit(report)
 
-    def _about(
+    def _report_about(
         self,
         task: robot_pb2.TaskProc,
         state: util_task_pb2.State,
@@ -91,7 +91,7 @@ class TaskReports:
             report.action.CopyFrom(action)
         return report
 
-    def _no_task(self) -> robot_pb2.TaskProc:
+    def _empty_report(self) -> robot_pb2.TaskProc:
         """Return a new report that there is no task."""
         report = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
         report.action.SetInParent()
@@ -402,7 +402,9 @@ class Tasks:
             if self.active and self.proc.robot_task_id == task:
                 self.state = self._robot_state()
 
-        self._robot.after(delay + _PUSH_GAP if delay else 0.0, show)
+        if delay:
+            delay += _PUSH_GAP  # the state is pushed after the answer
+        self._robot.after(delay, show)
 
     def _robot_state(self) -> util_robot_pb2.State:
         """Return the state that the task gives the robot."""

@@ -138,13 +138,17 @@ class Base:
         self.blocked = False
         if not self.moving:
             return
+
+        def is_free(pose: Pose) -> bool:
+            there = gap(pose)
+            # A base on its way out of a collision still overlaps, but less than before.
+            return there >= 0.0 or there >= gap(self.pose) - _TOLERANCE
+
         # A base that cannot drive on may still be able to turn.
         for velocity in (self.velocity, Velocity(turn=self.velocity.turn), STANDSTILL):
             moved = displacement(velocity, dt)
             goal = self.pose.moved(*moved)
-            if velocity == STANDSTILL or (goal_gap := gap(goal)) >= 0.0:
-                break
-            if goal_gap >= gap(self.pose) - _TOLERANCE:  # on the way out of a collision
+            if velocity == STANDSTILL or is_free(goal):
                 break
             self.blocked = True
         self.velocity = velocity

@@ -126,7 +126,7 @@ class WiFi:
 
     def scan(self) -> bytes:
         """Scan for networks and return them as JSON."""
-        found = [
+        networks = [
             {
                 "ssid": ssid,
                 "signal": signal,
@@ -135,7 +135,7 @@ class WiFi:
             }
             for ssid, signal in _IN_REACH.items()
         ]
-        self.list_json = json.dumps({"wifi_list": found}).encode()
+        self.list_json = json.dumps({"wifi_list": networks}).encode()
         return self.list_json
 
     def add(self, content: bytes, *, connect: bool) -> None:

@@ -35,7 +35,7 @@ _NO_PAIR = Sentence("fault.noPair", "{fault}: {word} is not of the form key=valu
 _TWICE = Sentence("fault.twice", "{fault}: {name} is given twice")
 
 
-def find(name: str) -> Fault:
+def find_fault(name: str) -> Fault:
     """Return the fault called `name`.
 
     Raises:
@@ -82,7 +82,7 @@ def _make_step(name: str, arguments: Mapping[str, object]) -> Step:
     Raises:
         FaultError: there is no such fault, or an argument is invalid.
     """
-    resolved = find(name).resolve(arguments, extra=(_AT,))
+    resolved = find_fault(name).resolve(arguments, extra=(_AT,))
     return Step(resolved.pop("at"), name, resolved)
 
 
@@ -99,7 +99,7 @@ def parse_fault(text: str) -> Step:
     except ValueError as error:
         raise FaultError(_UNREADABLE(text=repr(text), error=str(error))) from None
     name, words = (words[0], words[1:]) if words else ("", [])
-    taken = {argument.name: argument for argument in (*find(name).all_arguments, _AT)}
+    taken = {argument.name: argument for argument in (*find_fault(name).all_arguments, _AT)}
     arguments: dict[str, object] = {}
     for word in words:
         key, equals, value = word.partition("=")
@@ -184,7 +184,7 @@ class Injector:
         Raises:
             FaultError: there is no such fault, or an argument is invalid.
         """
-        fault = find(name)
+        fault = find_fault(name)
         number = self.counts[name] + 1
         rng = random.Random(f"{self._seed}:{name}:{number}")
         injection = Injection(fault, number, fault.resolve(arguments), rng, self._clear)

@@ -18,7 +18,7 @@ from woosh_robot_agent.link.server import Encoded, ServerTransport, Write
 from woosh_robot_agent.link.transport import varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.simulator.faults.fault import Argument, Begin, End, Injection, fault
-from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release, added
+from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release, add_hook
 from woosh_robot_agent.simulator.serving.server import Server
 
 
@@ -36,7 +36,7 @@ def _accept_then_drop(server: Server, injection: Injection) -> End:
         injection.hit()
         return False
 
-    return added(server.hooks.admissions, refuse_connection)
+    return add_hook(server.hooks.admissions, refuse_connection)
 
 
 @fault(
@@ -102,7 +102,7 @@ def _on_frames(
             injection.hit()
             return altered
 
-        return added(server.hooks.faults, intercept)
+        return add_hook(server.hooks.faults, intercept)
 
     begin.__name__ = alter.__name__
     return begin
@@ -122,7 +122,7 @@ def _refuse(server: Server, injection: Injection) -> End:
         text: str = injection["text"]
         return text
 
-    return added(server.hooks.refusals, refusal)
+    return add_hook(server.hooks.refusals, refusal)
 
 
 @fault(

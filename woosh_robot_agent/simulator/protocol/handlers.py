@@ -9,13 +9,12 @@ from typing import Any, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util import common_pb2
-from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.world.maps import Map, Mark
 
 Result = Message | str | None
 """Content of the answer: a body, a text (then the body is empty), or None (both are empty)."""
@@ -113,27 +112,6 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
             f"unknown mark {number} in map {chassis.map.name}: its marks are {known}"
         )
     return mark
-
-
-def task_mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
-    """Return the mark of the current map that is the target of a task.
-
-    Raises:
-        RefusedError: there is no such mark, or it does not suit the type of the task.
-    """
-    mark = named_mark(chassis, number)
-    require_suitable(mark, kind)
-    return mark
-
-
-def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
-    """Check that a mark can be the target of a task of a type.
-
-    Raises:
-        RefusedError: the mark does not suit this type of task.
-    """
-    if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
-        raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
 
 
 def require_map_changeable(chassis: Chassis) -> None:

@@ -12,7 +12,7 @@ from woosh_robot_agent.pb.map import map_pack_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointKind
+from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointKind, require_name
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
@@ -28,11 +28,9 @@ from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.files import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.scene import (
-    MAX_NAME,
     SCENE_INDEX,
     Scene,
     files_of,
-    is_plain,
     with_map_renamed,
     without_map,
 )
@@ -41,6 +39,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 
 @command(pack.SwitchMap)
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
+    """Switch to a map, whose files may come with the request."""
     _require_idle(chassis)
     if request.file_datas:
         name = request.scene_name or chassis.scene.name
@@ -78,12 +77,13 @@ def _scene_of_map(chassis: Chassis, map_name: str) -> str:
 
 @command(map_pack_pb2.Upload)
 def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
+    """Add a scene or change it by uploaded files, without switching to it."""
     if not request.file_datas:
         raise RefusedError("the upload has no files: give at least one")
     name = request.scene_name or chassis.scene.name
     old = _old_scene(chassis, name)
     if old is None:
-        _check_name("scene_name", name)
+        require_name("scene_name", name)
     if old is chassis.scene:
         _require_idle(chassis)
     scene_files.check_pictures(request.file_datas)
@@ -105,11 +105,12 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
 
 @command(map_pack_pb2.Rename)
 def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
+    """Rename a scene, a map, or both."""
     old = new = named_scene(chassis, request.old_scene_name)
     current_map = chassis.map.name
     if request.old_map_name:
         area, map_name = named_map(old, request.old_map_name), request.new_map_name
-        _check_name("new_map_name", map_name)
+        require_name("new_map_name", map_name)
         if map_name != area.name:
             if old.map(map_name):
                 raise RefusedError(refusals.MAP_EXISTS, map=map_name, scene=old.name)
@@ -120,7 +121,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
         raise RefusedError(refusals.NO_NAME, field="old_map_name")
     if not request.old_map_name or request.new_scene_name:
         scene_name = request.new_scene_name
-        _check_name("new_scene_name", scene_name)
+        require_name("new_scene_name", scene_name)
         if scene_name != old.name and scene_name in chassis.scenes:
             raise RefusedError(f"scene {scene_name} exists already: choose another name")
         new = dataclasses.replace(new, name=scene_name)
@@ -130,6 +131,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
 
 @command(map_pack_pb2.Delete)
 def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
+    """Delete a scene, or one of its maps."""
     if not (request.scene_name or request.map_name):
         raise RefusedError(refusals.NO_NAME, field="scene_name")
     scene = named_scene(chassis, request.scene_name)
@@ -165,14 +167,6 @@ def _old_scene(chassis: Chassis, name: str) -> Scene | None:
     if not old and len(chassis.scenes) >= MAX_SCENES:
         raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
     return old
-
-
-def _check_name(field: str, name: str) -> None:
-    """Check a new name of a scene or map."""
-    if not name:
-        raise RefusedError(refusals.NO_NAME, field=field)
-    if not is_plain(name):
-        raise RefusedError(refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME)
 
 
 @query(map_pack_pb2.Download)
@@ -247,6 +241,7 @@ _KINDS: dict[int, PointKind] = {
 
 @command(pack.BuildMap)
 def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
+    """Start to make or to update a map, save it, or cancel it."""
     mapping, kind = chassis.mapping, request.type
     if kind in (pack.BuildMap.kAdd, pack.BuildMap.kUpdate):
         require_map_changeable(chassis)
@@ -271,6 +266,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
 
 @command(pack.Deployment)
 def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
+    """Collect or remove points of the map, or calibrate its reflectors."""
     kind, mode = request.type, request.mode
     if request.robot_id not in (0, chassis.robot_id):
         raise RefusedError(

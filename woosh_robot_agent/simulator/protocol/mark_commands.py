@@ -5,12 +5,7 @@ from __future__ import annotations
 from woosh_robot_agent.pb.map import mark_pb2, storage_edit_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol.handlers import (
-    Result,
-    command,
-    named_mark,
-    query,
-)
+from woosh_robot_agent.simulator.protocol.handlers import Result, command, named_mark, query
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.robot_files import MAX_MARKS
 from woosh_robot_agent.simulator.scenes.scene import (

@@ -107,6 +107,7 @@ _MAX_LIGHT = 15
 
 @command(pack.InitRobot)
 def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
+    """Set the pose, end all driving and the task, and initialise the robot."""
     if chassis.profile.refusals.while_busy and chassis.tasks.active:
         task = chassis.tasks.proc.robot_task_id
         raise RefusedError(refusals.INIT_DURING_TASK, task=task)
@@ -319,20 +320,22 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
         (_Count.kTask, statistics.tasks, request.task_id),
         (_Count.kStatus, statistics.statuses, request.status_id),
     )
-    found = [[each for each in records if wanted(kind, each, ids)] for kind, records, ids in kinds]
-    shown = found
+    matching = [
+        [each for each in records if wanted(kind, each, ids)] for kind, records, ids in kinds
+    ]
+    shown = matching
     if request.req_type == _Count.kGet:
         shown = [
             each[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
-            for each, page in zip(found, pages, strict=True)
+            for each, page in zip(matching, pages, strict=True)
         ]
     return pack.CountDataResponse(
         operations=count_pb2.Operations(ops=shown[0]),
         tasks=count_pb2.Tasks(ts=shown[1]),
         abnormals=count_pb2.Abnormals(ss=shown[2]),
-        operation_qty=len(found[0]),
-        task_qty=len(found[1]),
-        abnormal_qty=len(found[2]),
+        operation_qty=len(matching[0]),
+        task_qty=len(matching[1]),
+        abnormal_qty=len(matching[2]),
     )
 
 

@@ -26,10 +26,9 @@ from woosh_robot_agent.simulator.protocol.handlers import (
     MAX_POSES,
     Result,
     command,
+    named_mark,
     pose,
     poses,
-    require_suitable,
-    task_mark,
     usable_speed,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
@@ -68,7 +67,9 @@ def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
         RefusedError: the task has no usable target.
     """
     if request.mark_no:
-        return task_mark(chassis, request.mark_no, request.type)
+        mark = named_mark(chassis, request.mark_no)
+        _require_suitable(mark, request.type)
+        return mark
     if request.plan_path.plan_path:
         via, strict = _route(request.plan_path)
         return Navigate(via.pop(), via, strict=strict)
@@ -298,8 +299,18 @@ def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
             raise RefusedError(
                 f"unknown mark {task.base.mark_no}: no map of scene {chassis.scene.name} has it"
             )
-        require_suitable(mark, task.base.type)
+        _require_suitable(mark, task.base.type)
         task_actions(chassis, task.base.type, task.base.type_no)
+
+
+def _require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
+    """Check that a mark can be the target of a task of a type.
+
+    Raises:
+        RefusedError: the mark does not suit this type of task.
+    """
+    if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
+        raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
 
 
 def _checked_times(times: int) -> int:
@@ -321,7 +332,8 @@ def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
 
 
 def _task_order(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
-    mark = task_mark(chassis, base.mark_no, base.type)
+    mark = named_mark(chassis, base.mark_no)
+    _require_suitable(mark, base.type)
     actions = task_actions(chassis, base.type, base.type_no)
     jobs = partial(_jobs, chassis, mark, actions, base)
     # Clients find the set in the id of its tasks: the last two digits are the task.

@@ -34,14 +34,14 @@ def load_scene(path: Path) -> Scene:
     """
     if path.is_dir():
         if (path / SCENE_INDEX).is_file():
-            return read_robot_scene(path.resolve().name, robot_folder(path))
+            return read_robot_scene(path.resolve().name, read_robot_folder(path))
         folder, name = path, path.resolve().name
         names = sorted(file.name for file in path.iterdir())
     else:
         folder, names = path.parent, [path.name]
         name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
     scene = read_handwritten_scene(
-        name, names, lambda each: _content(folder / each), use_own_name=True
+        name, names, lambda each: _read_file(folder / each), use_own_name=True
     )
     if scene is None:
         raise DataFileError(
@@ -51,7 +51,7 @@ def load_scene(path: Path) -> Scene:
     return scene
 
 
-def robot_folder(folder: Path) -> dict[str, bytes]:
+def read_robot_folder(folder: Path) -> dict[str, bytes]:
     """Return the files in a robot's folder of a scene, by the robot's name for them.
 
     Hidden files beside those of the robot, and the folders that the program `maps` adds, are not
@@ -60,13 +60,13 @@ def robot_folder(folder: Path) -> dict[str, bytes]:
     Raises:
         DataFileError: a file cannot be read.
     """
-    maps = map_names(_content(folder / SCENE_INDEX))
+    maps = map_names(_read_file(folder / SCENE_INDEX))
     files: dict[str, bytes] = {}
     for file in sorted(folder.rglob("*")):
         name = file.relative_to(folder)
         added = name.parts[0] in _ADDED_FOLDERS and name.parts[0] not in maps
         if file.is_file() and not added and not name.parts[0].startswith("."):
-            files[unquote(name.as_posix())] = _content(file)
+            files[unquote(name.as_posix())] = _read_file(file)
     return files
 
 
@@ -90,7 +90,7 @@ def read_handwritten_scene(
     return Scene(name, maps) if maps else None
 
 
-def _content(file: Path) -> bytes:
+def _read_file(file: Path) -> bytes:
     try:
         if file.stat().st_size > _MAX_FILE_BYTES:
             raise DataFileError(f"{file}: the file has more than {_MAX_FILE_BYTES} bytes")

@@ -187,10 +187,10 @@ def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
     path = f"{name}/{MAP_FILE}"
 
     def read(file: str) -> bytes:
-        found = f"{name}/{file}"
-        if found not in files:
-            raise DataFileError(f"{found}: the file of map {name} is missing")
-        return files[found]
+        file_path = f"{name}/{file}"
+        if file_path not in files:
+            raise DataFileError(f"{file_path}: the file of map {name} is missing")
+        return files[file_path]
 
     # numpy, scipy and Pillow load in a third of a second, which only pictures need.
     from woosh_robot_agent.simulator.scenes.map_server import read_grid

@@ -270,7 +270,7 @@ def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
             woosh_task_pb2.RepeatTask(times=each.times, task_set=_task_set(each, marks))
             for each in entry.tasks.predefined
         )
-        scene.calls.call_tasks.extend(_call(each, marks) for each in entry.tasks.calls)
+        scene.calls.call_tasks.extend(_call_task(each, marks) for each in entry.tasks.calls)
     return scene
 
 
@@ -348,7 +348,7 @@ def _marks(entry: MapEntry) -> dict[str, Mark]:
     return {mark.number: mark for mark in marks}
 
 
-def _call(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.CallTask:
+def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.CallTask:
     if entry.button is None:
         raise DataFileError(f"{entry.where}: button is missing")
     info = woosh_task_pb2.CallInfo

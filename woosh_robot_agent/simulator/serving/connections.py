@@ -50,7 +50,7 @@ class Connections:
         """Set while frames are sent."""
         self._left = asyncio.Event()
         """Set when a client leaves."""
-        self.calls = HttpCalls(exchange, config, self.readable, self._writing)
+        self.calls = HttpCalls(exchange, config, self.wait_readable, self._writing)
 
     @property
     def count(self) -> int:
@@ -110,7 +110,7 @@ class Connections:
             if not isinstance(client.transport, HttpTransport):
                 client.send(data)
 
-    async def readable(self) -> None:
+    async def wait_readable(self) -> None:
         """Wait while the connections are paused."""
         await self._reading.wait()
 
@@ -279,7 +279,7 @@ class Ports:
                 self.port,
                 max_size=config.max_frame,
                 open_timeout=config.first_frame_timeout,
-                before=connections.readable,
+                before=connections.wait_readable,
                 respond=connections.calls.respond,
                 # Otherwise a browser on this machine would let any web page connect.
                 local_pages_only=config.local,

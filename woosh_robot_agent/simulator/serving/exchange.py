@@ -19,12 +19,7 @@ from woosh_robot_agent.link.server import ConnectedClient, Encoded, ServerTransp
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.dispatch import (
-    HANDLERS,
-    Answer,
-    dispatch,
-    refusal_answer,
-)
+from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, Answer, dispatch, refusal_answer
 from woosh_robot_agent.simulator.protocol.handlers import QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS, StateWatch
 
@@ -84,7 +79,7 @@ _T = TypeVar("_T")
 
 
 class Hooks:
-    """Functions by which faults and tests intervene; `added` adds one.
+    """Functions by which faults and tests intervene; `add_hook` adds one.
 
     Attributes:
         admissions: called for each new connection.
@@ -116,7 +111,7 @@ class Hooks:
         return frames
 
 
-def added(hooks: list[_T], hook: _T) -> Remove:
+def add_hook(hooks: list[_T], hook: _T) -> Remove:
     """Add a function to one of the lists of `Hooks`, and return a function that removes it."""
     hooks.append(hook)
 
@@ -158,7 +153,7 @@ class Client(ConnectedClient):
         self._held = 0
         """Number of frames that are held back."""
 
-    def send_as(self, frame: Outgoing, data: Encoded) -> None:
+    def send_outgoing(self, frame: Outgoing, data: Encoded) -> None:
         """Queue the encoded `frame` once its `hold` releases it and its `delay` has passed."""
         if not frame.hold:
             self._send_after(frame, data)
@@ -306,6 +301,7 @@ class Exchange:
         self.before_request()
         if request.message is not None:
             self._record(request.type, request.message)
+        # A subscription takes no time, unless it has to wait for a frozen chassis.
         subscribes = request.type == SUBSCRIPTION_TYPE
         if client.waiting >= self._max_waiting and (self.frozen or not subscribes):
             self._refuse_excess(request)
@@ -349,7 +345,7 @@ class Exchange:
         for message in self._watch.take_changes(while_moving=while_moving):
             self.push(message)
 
-    async def arrived(self, type_name: str, count: int) -> None:
+    async def wait_received(self, type_name: str, count: int) -> None:
         """Wait until clients have sent `count` messages of a type since the start of the run."""
         while self.counts[type_name] < count:
             await self._arrival.wait()
@@ -475,7 +471,7 @@ class Exchange:
     def _send(self, client: Client, codec: Codec, frame: Outgoing) -> None:
         for out in self.hooks.outgoing(frame):
             data = self._encoded(codec, out)
-            client.send_as(out, out.damage(codec, data) if out.damage else data)
+            client.send_outgoing(out, out.damage(codec, data) if out.damage else data)
 
     def _encoded(self, codec: Codec, out: Outgoing) -> str | bytes:
         timestamp = round(self._chassis.time * 1000)

@@ -129,7 +129,7 @@ class HttpCalls:
     Args:
         exchange: executes the requests.
         config: the options; the limits are among them.
-        readable: waits while nothing is read.
+        wait_readable: waits while nothing is read.
         writable: set while something may be sent.
     """
 
@@ -137,19 +137,19 @@ class HttpCalls:
         self,
         exchange: Exchange,
         config: SimulatorConfig,
-        readable: Callable[[], Awaitable[object]],
+        wait_readable: Callable[[], Awaitable[object]],
         writable: asyncio.Event,
     ) -> None:
         self._exchange = exchange
         self._config = config
-        self._readable = readable
+        self._wait_readable = wait_readable
         self._writable = writable
 
     async def respond(
         self, request: web.BaseRequest, connection: HttpConnection
     ) -> web.StreamResponse:
         """Answer an HTTP request."""
-        await self._readable()
+        await self._wait_readable()
         if request.method in ("GET", "HEAD"):
             about = _ABOUT.format(robot=self._config.robot_id, host=request.host)
             return web.Response(text=about)
@@ -171,7 +171,7 @@ class HttpCalls:
         if data is None:
             text = f"the body has more than {self._config.max_frame} bytes"
             return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
-        await self._readable()
+        await self._wait_readable()
         return await self._execute(connection, name, data)
 
     async def _body(self, request: web.BaseRequest) -> bytes | None:

@@ -20,7 +20,7 @@ _MIN_STEP = 0.005
 At a higher speed, the simulated time advances only by whole steps.
 """
 
-_ROUND = 0.02
+_ROUND_DURATION = 0.02
 """Real duration of a round of steps at a high speed, in seconds.
 
 Waking up costs more than a step, so each round has several steps.
@@ -178,7 +178,7 @@ class Server:
         self._step_start = loop.time()
         while True:
             duration = TIME_STEP / self.speed
-            steps = 1 if self._runs_within_steps else max(1, int(_ROUND / duration))
+            steps = 1 if self._runs_within_steps else max(1, int(_ROUND_DURATION / duration))
             due = max(self._step_start + steps * duration, loop.time() - _MAX_LAG)
             self._wake_for(self.chassis.next_call)
             await asyncio.sleep(max(0.0, due - loop.time()))

@@ -68,14 +68,14 @@ class Grid:
         """Return the keep-out cells on another raster of the same map and resolution."""
         if self.keep_out is None:
             return None
-        found: KeepOut = np.zeros(raster.cells.shape, np.bool_)
+        keep_out: KeepOut = np.zeros(raster.cells.shape, np.bool_)
         rows, columns = np.nonzero(self.keep_out)
         columns = columns + round((self.low[0] - raster.low[0]) / self.resolution)
         rows = rows + round((self.low[1] - raster.low[1]) / self.resolution)
-        height, width = found.shape
+        height, width = keep_out.shape
         inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        found[rows[inside], columns[inside]] = True
-        return found
+        keep_out[rows[inside], columns[inside]] = True
+        return keep_out
 
     def known(self, x: float, y: float) -> bool:
         """Return True if (x, y) is in a cell that is not unknown."""
@@ -201,8 +201,8 @@ class Grid:
             going = ~hit & (travelled < limit)
             rays, dx, dy = rays[going], dx[going], dy[going]
             travelled, limit = travelled[going], limit[going]
-        found: list[float] = ranges.tolist()
-        return found
+        lengths: list[float] = ranges.tolist()
+        return lengths
 
     @cached_property
     def _any_occupied(self) -> bool:
@@ -229,11 +229,11 @@ class Grid:
 
     def _interpolated(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
         places = (points - self.low) / self.resolution - 0.5
-        found = ndimage.map_coordinates(
+        distances = ndimage.map_coordinates(
             field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"
         )
         # The field gives distances to the centres of cells; subtract the half cell to the border.
-        return np.maximum(0.0, (found - 0.5) * self.resolution)
+        return np.maximum(0.0, (distances - 0.5) * self.resolution)
 
 
 def _distances(free: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
