@@ -188,17 +188,19 @@ class TcpClient:
         return MessagePackJson.FromString(self.receive_bytes())
 
     def receive_bytes(self) -> bytes:
-        """Return the next frame undecoded."""
+        """Return the next frame undecoded; raise ConnectionError if there is none."""
         length = shift = 0
         while True:
             byte = self._file.read(1)
-            assert byte, "closed"
+            if not byte:
+                raise ConnectionError("closed")
             length |= (byte[0] & 0x7F) << shift
             shift += 7
             if byte[0] < 0x80:
                 break
         data = self._file.read(length)
-        assert len(data) == length, "closed in the middle of a frame"
+        if len(data) < length:
+            raise ConnectionError("closed in the middle of a frame")
         return data
 
     def request(self, type_name: str, body: Message | None = None, sn: int = 1) -> MessagePackJson:

@@ -160,10 +160,7 @@ class Mapping:
             )
         if (scene_name, map_name) != (self._robot.scene.name, self._robot.map.name):
             raise RefusedError(refusals.UPDATE_OTHER_MAP, scene=scene_name, map=map_name)
-        if not self._robot.readiness.initialised:
-            raise RefusedError(refusals.NOT_INITIALISED)
-        if not self._robot.readiness.located:
-            raise RefusedError(refusals.LOCALISATION_LOST)
+        self._robot.readiness.require_located()
         return self._start(scene_name, map_name, update=True)
 
     def save(self) -> float:

@@ -379,19 +379,19 @@ class Tasks:
         delay = 0.0 if at_once else self._robot.answer_delay
         self._show_state(0.0 if at_once or self._robot.state_first else delay)
         states = [_STARTING_STATES[name] for name in self._profile.starting_states]
-        calls: deque[Callable[[], None]] = deque(partial(self._report, state) for state in states)
-        calls.append(self._begin_job)
+        starting: deque[Callable[[], None]] = deque(partial(self._report, each) for each in states)
+        starting.append(self._begin_job)
 
         def announce() -> None:
-            self._starting = calls
-            calls.popleft()()
+            self._starting = starting
+            starting.popleft()()  # the others follow in the next ticks
 
         if self._profile.first_report:
             delay += self._robot.chance.choice(self._profile.first_report)
             self._scheduled.add(delay, announce)
         else:
             # Begun in the next tick, so that the reports follow the answer to the request.
-            self._starting = calls
+            self._starting = starting
             self._reports.withhold(self.proc, states[0] if states else util_task_pb2.kInit)
 
     def _show_state(self, delay: float) -> None:

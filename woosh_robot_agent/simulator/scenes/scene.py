@@ -143,7 +143,7 @@ def with_map(scene: Scene, area: Map) -> Scene:
     A new map gets a free id. A map that replaces another one gets the other's id and floor, and if
     it has no marks, the other's marks.
     """
-    old = next((each for each in scene.maps if each.name == area.name), None)
+    old = scene.map(area.name)
     if old is None:
         number = _free_id(each.id for each in scene.maps)
         files = {name: data for name, data in scene.files.items() if name != SCENE_INDEX}

@@ -177,6 +177,7 @@ class Connections:
         asyncio.get_running_loop().call_later(self._config.first_frame_timeout, check)
 
     async def _read(self, client: Client) -> None:
+        """Wait for the next frame of a client, and handle it."""
         try:
             data = await client.transport.recv()
             client.has_sent = True

@@ -351,6 +351,7 @@ class Exchange:
             await self._arrival.wait()
 
     def _read(self, client: Client, codec: Codec, data: str | bytes) -> Request:
+        """Decode a frame. A request that cannot be executed gets a reason to refuse it."""
         envelope = codec.decode(data)
         name = envelope.type
         if name in _SUBSCRIPTIONS:
@@ -371,6 +372,7 @@ class Exchange:
         return Request(client, codec, name, envelope.sn, message, refusal_reason)
 
     def _execute(self, request: Request) -> None:
+        """Execute a request, and send its answer, at once or after a delay."""
         if isinstance(request.message, Subscription):
             self._subscribe(request.client, request.codec, request.message)
             return

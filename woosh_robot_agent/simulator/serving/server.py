@@ -174,6 +174,7 @@ class Server:
         """Act after each step of the simulated time, also while the robot is frozen."""
 
     async def _tick(self) -> None:
+        """Advance the simulated time step by step, as fast as `speed` says."""
         loop = asyncio.get_running_loop()
         self._step_start = loop.time()
         while True:

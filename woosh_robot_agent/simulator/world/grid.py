@@ -59,10 +59,8 @@ class Grid:
 
     def kept_out(self, x: float, y: float) -> bool:
         """Return True if (x, y) is in a keep-out cell."""
-        column, row = (math.floor(value) for value in self._in_cells(x, y))
-        rows, columns = self.cells.shape
-        inside = 0 <= row < rows and 0 <= column < columns
-        return inside and self.keep_out is not None and bool(self.keep_out[row, column])
+        cell = self._cell(x, y)
+        return bool(cell and self.keep_out is not None and self.keep_out[cell])
 
     def keep_out_on(self, raster: Raster) -> KeepOut | None:
         """Return the keep-out cells on another raster of the same map and resolution."""
@@ -79,10 +77,8 @@ class Grid:
 
     def known(self, x: float, y: float) -> bool:
         """Return True if (x, y) is in a cell that is not unknown."""
-        column, row = (math.floor(value) for value in self._in_cells(x, y))
-        rows, columns = self.cells.shape
-        inside = 0 <= row < rows and 0 <= column < columns
-        return inside and int(self.cells[row, column]) != UNKNOWN
+        cell = self._cell(x, y)
+        return bool(cell and self.cells[cell] != UNKNOWN)
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest occupied cell, in metres.
@@ -223,6 +219,12 @@ class Grid:
             free &= ~self.keep_out
         # Everything outside the grid is unknown.
         return _distances(np.pad(free, 1))[1:-1, 1:-1]
+
+    def _cell(self, x: float, y: float) -> tuple[int, int] | None:
+        """Return row and column of the cell at (x, y), None outside the grid."""
+        column, row = (math.floor(value) for value in self._in_cells(x, y))
+        rows, columns = self.cells.shape
+        return (row, column) if 0 <= row < rows and 0 <= column < columns else None
 
     def _in_cells(self, x: float, y: float) -> Point:
         return (x - self.low[0]) / self.resolution, (y - self.low[1]) / self.resolution
