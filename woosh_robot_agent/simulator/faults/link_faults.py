@@ -90,13 +90,10 @@ def _on_frames(
 
     def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
-            frames = injection.arguments.get("frames", "answers")
-            name = frame.request if frame.is_answer else frame.type
-            if (
-                not injection.active
-                or frames not in ("all", "answers" if frame.is_answer else "pushes")
-                or injection["type"] not in ("", name)
-            ):
+            kind, name = ("answers", frame.request) if frame.is_answer else ("pushes", frame.type)
+            of_kind = injection.arguments.get("frames", "answers") in (kind, "all")
+            of_type = injection["type"] in (name, "")
+            if not (injection.active and of_kind and of_type):
                 return [frame]
             altered = alter(injection, frame)
             injection.hit()

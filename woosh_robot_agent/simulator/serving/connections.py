@@ -84,7 +84,7 @@ class Connections:
         for client in list(self._exchange.clients):
             client.drop()
 
-    def pause(self, paused: bool) -> None:
+    def set_paused(self, paused: bool) -> None:
         """Stop reading and writing without closing the connections, or continue."""
         self._paused = paused
         self._update_gates()
@@ -94,9 +94,9 @@ class Connections:
             else:
                 client.transport.resume()
 
-    def freeze(self, frozen: bool) -> None:
+    def set_frozen(self, frozen: bool) -> None:
         """Queue requests instead of executing them and send nothing, or continue."""
-        self._exchange.freeze(frozen)
+        self._exchange.set_frozen(frozen)
         self._update_gates()
 
     def send_delayed(self) -> None:
@@ -225,8 +225,8 @@ class Ports:
         """Sockets that keep the ports reserved while they are closed."""
         self._changing = asyncio.Lock()
         """Held while the ports are opened or closed."""
-        self._switching: asyncio.Task[None] | None = None
-        """The last task of `switch`."""
+        self._last_change: asyncio.Task[None] | None = None
+        """The last task of `set_listening`."""
 
     async def listen(self) -> None:
         """Start listening.
@@ -252,9 +252,9 @@ class Ports:
         for listener in self._listeners:
             listener.drop()
 
-    def switch(self, on: bool) -> None:
+    def set_listening(self, on: bool) -> None:
         """Start or stop listening in the background. Failures are logged."""
-        before = self._switching
+        before = self._last_change
 
         async def change() -> None:
             if before:
@@ -264,12 +264,12 @@ class Ports:
             except OSError as error:
                 _LOG.error("cannot listen again on %s: %s", self._config.host, error)
 
-        self._switching = asyncio.ensure_future(change())
+        self._last_change = asyncio.ensure_future(change())
 
     async def settle(self) -> None:
-        """Wait until `switch` has finished."""
-        if self._switching:
-            await asyncio.wait({self._switching})
+        """Wait until the last `set_listening` has taken effect."""
+        if self._last_change:
+            await asyncio.wait({self._last_change})
 
     async def _open(self) -> None:
         config, connections = self._config, self._connections

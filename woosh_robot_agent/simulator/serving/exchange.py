@@ -316,7 +316,7 @@ class Exchange:
         self.bad_frames += 1
         _LOG.debug("%s: unreadable frame: %s", client.transport.peer, error)
 
-    def freeze(self, frozen: bool) -> None:
+    def set_frozen(self, frozen: bool) -> None:
         """Queue requests from now on, or execute all queued ones and continue."""
         self.frozen = frozen
         while self._queue and not self.frozen:

@@ -104,15 +104,15 @@ class Server:
         """Listen again on the same ports, or drop all clients and refuse new ones."""
         if not on:
             self.drop()
-        self._ports.switch(on)
+        self._ports.set_listening(on)
 
     def pause_connections(self, paused: bool) -> None:
         """Stop reading and writing without closing the connections, or continue."""
-        self._connections.pause(paused)
+        self._connections.set_paused(paused)
 
     def freeze(self, frozen: bool) -> None:
         """Stop the simulated time and queue all requests, or continue."""
-        self._connections.freeze(frozen)
+        self._connections.set_frozen(frozen)
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
