@@ -101,7 +101,7 @@ class Chassis(Robot):
             return util_robot_pb2.kMapping
         if not readiness.initialised:
             return util_robot_pb2.kUninit
-        # Otherwise a charge task is soon completed, and the battery goes on charging afterwards.
+        # With `confirmed_after`, the task is soon completed, and the battery goes on charging.
         tasks_last_until_full = self.profile.charging.confirmed_after is None
         if self.battery.charges and (tasks_last_until_full or not self.tasks.state):
             return util_robot_pb2.kCharging

@@ -92,7 +92,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     except (DataFileError, _DashboardError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except BrokenPipeError:  # nobody reads the output any more
+    except BrokenPipeError:  # concerns the output, not a port
         raise
     except OSError as error:
         reason = error.strerror or str(error)

@@ -119,7 +119,7 @@ class Actions:
         """
         run = self._find(name)
         run.paused = False
-        run.job.suspend(self._robot)  # also resets the timeouts of the job
+        run.job.suspend(self._robot)  # resets the timeouts of the job, and its path
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
 
     def cancel_on(self, device: Device, reason: str) -> None:

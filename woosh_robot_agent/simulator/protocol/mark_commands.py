@@ -38,7 +38,7 @@ def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Result:
 @command(storage_edit_pb2.Create)
 def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
     area, storage = chassis.map, mark_pb2.Storage()
-    storage.CopyFrom(request.storage)  # the request is kept as it came
+    storage.CopyFrom(request.storage)  # the recorded request must not change
     if len(area.marks) >= MAX_MARKS:
         raise RefusedError(f"map {area.name} has {MAX_MARKS} marks already: delete one first")
     if storage.identity.no in area.marks:

@@ -481,5 +481,5 @@ class StateWatch:
     def _wake_after(self, delay: float) -> float:
         """Schedule another check for changes after `delay` seconds; return its time."""
         if delay > 0.0:
-            self._chassis.after(delay, lambda: None)  # the chassis reports the end of each call
+            self._chassis.after(delay, lambda: None)  # changes are reported after each call
         return self._chassis.elapsed + delay

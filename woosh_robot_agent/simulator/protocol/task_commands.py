@@ -221,10 +221,10 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
 
 def _delete(chassis: Chassis, request: RepeatTask) -> Result:
     """Delete a predefined task set. A running task set goes on."""
-    gone = request.task_set.base.id
-    _predefined(chassis, gone)
+    number = request.task_set.base.id
+    _predefined(chassis, number)  # refuses a number that is unknown
     sets = chassis.scene.predefined.repeat_tasks
-    kept = [each for each in sets if each.task_set.base.id != gone]
+    kept = [each for each in sets if each.task_set.base.id != number]
     set_predefined(chassis.scene, kept)
     return None
 

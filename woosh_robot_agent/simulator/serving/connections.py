@@ -122,7 +122,7 @@ class Connections:
         client = Client(transport, self._config.max_outbox)
         self._exchange.join(client)
         writer = asyncio.ensure_future(client.write(self._writing))
-        # A WebSocket client has sent its handshake.
+        # The handshake of a WebSocket counts as a first frame.
         client.has_sent = isinstance(transport, WebSocketServerTransport)
         self._drop_if_silent(client)
         _LOG.info("%s connected", transport.peer)
