@@ -15,19 +15,12 @@ from woosh_robot_agent.simulator import SimulatorThread
 
 def parse(data: Any) -> MessagePackJson:
     assert isinstance(data, bytes)
-    pack = MessagePackJson()
-    pack.ParseFromString(data)
-    return pack
-
-
-def request_binary(client: JsonClient, frame: bytes) -> MessagePackJson:
-    """Send a protobuf frame and return its answer, the next frame."""
-    client.send(frame)
-    return parse(client.complete(client.socket.recv()))
+    return MessagePackJson.FromString(data)
 
 
 def test_websocket_serves_protobuf_and_json(client: JsonClient) -> None:
-    pack = request_binary(client, packed("woosh.robot.RobotInfo", robot_pb2.RobotInfo(), sn=5))
+    client.send(packed("woosh.robot.RobotInfo", robot_pb2.RobotInfo(), sn=5))
+    pack = parse(client.complete(client.socket.recv()))
     assert (pack.type, pack.ok, pack.sn) == ("woosh.robot.RobotInfo", True, 5)
     info = body_of(pack)
     assert info.robot_id == 30001

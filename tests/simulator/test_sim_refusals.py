@@ -19,7 +19,6 @@ EXEC_TASK, TWIST = "woosh.robot.ExecTask", "woosh.robot.Twist"
 TASK = (EXEC_TASK, {"taskId": 5, "type": 1, "markNo": "A23"})
 OTHER_TASK = (EXEC_TASK, {"taskId": 6, "type": 1, "markNo": "A2"})
 STEP = {"stepControl": {"action": 1, "steps": [{"mode": 1, "value": 2.0, "speed": 0.2}]}}
-LIFT = {"liftControl": {"action": 1, "executeMode": 1}}
 FAILED = "Request failed"
 EXECUTING = "Task is excuting,request failed"
 NOT_AUTO = "It is not auto mode,request failed"
