@@ -292,13 +292,14 @@ class MoveLift(Job):
         self.device = lift.device
         self._lift = lift
         self._heights = list(heights)
+        """Heights that the lift has not reached yet, in metres."""
         self._speed = abs(speed) or lift.default_speed
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         if not robot.readiness.motors_on:
             return Progress(text=f"at {self._lift.height:.3f} m")
-        distance = self._heights[0] - self._lift.height if self._heights else 0.0
-        if self._heights and abs(distance) <= self._speed * dt:
+        distance = self._heights[0] - self._lift.height
+        if abs(distance) <= self._speed * dt:
             self._lift.height = self._heights.pop(0)
         else:
             self._lift.height += math.copysign(self._speed * dt, distance)

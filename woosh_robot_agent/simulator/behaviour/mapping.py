@@ -261,6 +261,7 @@ class Mapping:
         return duration
 
     def _begin(self, *, update: bool) -> None:
+        """Begin to add scans to the map."""
         from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
         from woosh_robot_agent.simulator.world.picture import rasterised
 

@@ -188,7 +188,7 @@ class Injector:
         number = self.counts[name] + 1
         rng = random.Random(f"{self._seed}:{name}:{number}")
         injection = Injection(fault, number, fault.resolve(arguments), rng, self._clear)
-        key = fault if fault.shared else injection
+        key = fault if fault.shared else injection  # a shared fault begins only once
         if key not in self._ends:
             end = fault.begin(self._server, injection)
             if end is not None:

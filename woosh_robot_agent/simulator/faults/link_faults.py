@@ -387,6 +387,7 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
         body = frame["body"]
         if body:
             name = injection.rng.choice(list(body))
+            # A text in place of a list or an object; an object in place of anything else.
             body[name] = "neither" if isinstance(body[name], dict | list) else {"neither": 1}
         else:
             frame["body"] = "neither"

@@ -148,9 +148,9 @@ def non_finite(message: Message, path: str = "") -> str:
     """Return the path of the first NaN or infinite number in `message`, empty if there is none."""
     for field, value in message.ListFields():
         name = f"{path}.{field.name}" if path else field.name
-        many = hasattr(value, "append") or hasattr(value, "extend")
-        for index, item in enumerate(value if many else [value]):
-            item_path = f"{name}[{index}]" if many else name
+        is_repeated = hasattr(value, "append") or hasattr(value, "extend")
+        for index, item in enumerate(value if is_repeated else [value]):
+            item_path = f"{name}[{index}]" if is_repeated else name
             if isinstance(item, Message):
                 inner = non_finite(item, item_path)
                 if inner:

@@ -334,13 +334,13 @@ def _walls(entry: MapEntry) -> Iterator[Wall]:
 def _marks(entry: MapEntry) -> dict[str, Mark]:
     marks = [
         Mark(
-            number if each.id is None else each.id,
-            each.number,
-            Pose(*each.pose),
-            each.type,
-            each.description,
+            id=index if each.id is None else each.id,
+            number=each.number,
+            pose=Pose(*each.pose),
+            kind=each.type,
+            description=each.description,
         )
-        for number, each in enumerate(entry.marks, start=1)
+        for index, each in enumerate(entry.marks, start=1)
     ]
     places = [each.where for each in entry.marks]
     check_unique(places, "number", [mark.number for mark in marks])

@@ -286,11 +286,11 @@ def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
     step = 1
     bad = last + 1
     while good < last:
-        there = min(good + step, last)
-        if not fits(there):
-            bad = there
+        candidate = min(good + step, last)
+        if not fits(candidate):
+            bad = candidate
             break
-        good = there
+        good = candidate
         step *= 2
     while bad - good > 1:
         middle = (good + bad) // 2
