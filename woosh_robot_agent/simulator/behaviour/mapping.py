@@ -177,10 +177,10 @@ class Mapping:
             self._require_new(self._scene_name, self._map_name)
         robot, profile = self._robot, self._profile
         duration = profile.save.sample(robot.chance)
-        use = partial(self._use_map, self._finished_grid(), self.draft, robot.base.pose)
+        use_map = partial(self._use_map, self._finished_grid(), self.draft, robot.base.pose)
         self._phase = Phase.SAVING
         self._pictures.cancel_all()
-        robot.after(min(profile.scene_after, duration), use)
+        robot.after(min(profile.scene_after, duration), use_map)
         robot.after(duration, self._end)
         return duration
 

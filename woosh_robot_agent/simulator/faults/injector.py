@@ -99,7 +99,7 @@ def parse_fault(text: str) -> Step:
     except ValueError as error:
         raise FaultError(_UNREADABLE(text=repr(text), error=str(error))) from None
     name, words = (words[0], words[1:]) if words else ("", [])
-    taken = {argument.name: argument for argument in (*find_fault(name).all_arguments, _AT)}
+    known = {argument.name: argument for argument in (*find_fault(name).all_arguments, _AT)}
     arguments: dict[str, object] = {}
     for word in words:
         key, equals, value = word.partition("=")
@@ -108,7 +108,7 @@ def parse_fault(text: str) -> Step:
         if key in arguments:
             raise FaultError(_TWICE(fault=name, name=key))
         # `_make_step` rejects unknown keys.
-        arguments[key] = taken[key].parse(value) if key in taken else value
+        arguments[key] = known[key].parse(value) if key in known else value
     return _make_step(name, arguments)
 
 

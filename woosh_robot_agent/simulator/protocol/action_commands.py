@@ -89,16 +89,16 @@ _Lift3 = action_pb2.LiftControl3
 @command(ros_pack_pb2.CallAction)
 def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     """Execute, cancel, pause or resume an action, or set the navigation mode."""
-    which = request.WhichOneof("action")
-    if which is None:
+    field = request.WhichOneof("action")
+    if field is None:
         raise RefusedError("CallAction names no action: set one of its fields")
-    command: Any = getattr(request, which)
+    command: Any = getattr(request, field)
     name = command.DESCRIPTOR.full_name
-    if which == "nav_mode":
+    if field == "nav_mode":
         _set_navigation_mode(chassis, command)
         chassis.actions.start(name, Done("navigation mode set"))
         return None
-    if which not in _JOBS:
+    if field not in _JOBS:
         raise RefusedError(
             "unknown action {action}: this chassis has {actions}",
             action=command.type,
@@ -107,8 +107,8 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     if command.action == action_pb2.kExecute:
         chassis.readiness.require_ready()
         # Leaving the charger needs the wheels, and ends a charge too.
-        ends = Device.CHARGER if which == "charge_control" else Device.NONE
-        chassis.ownership.start_action(name, _JOBS[which](chassis, command), ends=ends)
+        ends = Device.CHARGER if field == "charge_control" else Device.NONE
+        chassis.ownership.start_action(name, _JOBS[field](chassis, command), ends=ends)
     elif command.action == action_pb2.kCancel:
         chassis.actions.cancel(name)
     elif command.action == action_pb2.kPause:

@@ -343,7 +343,9 @@ def _task_order(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> Tas
 def _jobs(
     chassis: Chassis, mark: Mark, actions: Sequence[Action], base: task_pb2.TaskBase
 ) -> list[Job]:
+    """Return the jobs of a task of a set."""
     jobs = task_jobs(chassis, actions, base.direction, mark)
     if base.wait_time:
+        # A negative time is a wait until a client continues the task.
         jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
     return jobs
