@@ -8,11 +8,10 @@ import importlib
 import logging
 import os
 import sys
-from collections.abc import Coroutine, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import woosh_robot_agent.link.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.data_files import DataFileError
@@ -180,11 +179,13 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
                     flush=True,
                 )
                 await stopping.wait()
-            await _wait_for_any(
-                _wait_for_another(stopping),
-                simulator.wait_disconnected(),
-                timeout=_DISCONNECT_TIMEOUT,
+            waits = (_wait_for_another(stopping), simulator.wait_disconnected())
+            ends = [asyncio.ensure_future(each) for each in waits]
+            await asyncio.wait(
+                ends, timeout=_DISCONNECT_TIMEOUT, return_when=asyncio.FIRST_COMPLETED
             )
+            for each in ends:
+                each.cancel()
     finally:
         loop.remove_reader(signals.fd)
 
@@ -209,14 +210,6 @@ async def _wait_for_another(signal: asyncio.Event) -> None:
     await asyncio.sleep(_REPEAT_TIME)
     signal.clear()
     await signal.wait()
-
-
-async def _wait_for_any(*awaitables: Coroutine[Any, Any, object], timeout: float) -> None:
-    """Wait until one of `awaitables` is done, for `timeout` seconds at most; cancel the others."""
-    tasks = [asyncio.ensure_future(each) for each in awaitables]
-    await asyncio.wait(tasks, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
-    for task in tasks:
-        task.cancel()
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):

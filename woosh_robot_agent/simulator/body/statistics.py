@@ -156,8 +156,7 @@ class Statistics:
 
 
 def _next_id(records: deque[Any]) -> int:
-    last_id: int = records[-1].id if records else 0
-    return last_id + 1
+    return int(records[-1].id) + 1 if records else 1
 
 
 def _date(time: float) -> int:

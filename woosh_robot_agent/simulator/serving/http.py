@@ -47,10 +47,9 @@ class _HttpCodec(JsonCodec):
         type_name: str,
         body: Message | None,
         *,
-        sn: int = 0,
         ok: bool | None = None,
         msg: str = "",
-        timestamp: int | None = None,
+        **_left_out: int | None,
     ) -> str:
         return super().encode(type_name, body, ok=ok, msg=msg)
 
