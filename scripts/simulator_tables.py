@@ -6,10 +6,11 @@ import dataclasses
 import inspect
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 
 from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER
-from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, is_query
+from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
+from woosh_robot_agent.simulator.protocol.handlers import COMMANDS, QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
 from woosh_robot_agent.simulator.scenes import scene_yaml
 
@@ -77,18 +78,13 @@ def requests_table() -> str:
     """Return the requests that the simulator answers, and its pushes, as a Markdown table."""
     packages = sorted({_package(name) for name in (*HANDLERS, *TOPICS)})
 
-    def names(wanted: Callable[[str], bool], among: Iterable[str]) -> dict[str, str]:
-        found: dict[str, list[str]] = defaultdict(list)
-        for name in sorted(among):
-            if wanted(name):
-                found[_package(name)].append(name.rpartition(".")[2])
-        return {package: ", ".join(each) for package, each in found.items()}
+    def by_package(names: Iterable[str]) -> dict[str, str]:
+        short_names: dict[str, list[str]] = defaultdict(list)
+        for name in sorted(names):
+            short_names[_package(name)].append(name.rpartition(".")[2])
+        return {package: ", ".join(each) for package, each in short_names.items()}
 
-    columns = (
-        names(is_query, HANDLERS),
-        names(lambda name: not is_query(name), HANDLERS),
-        names(lambda name: True, TOPICS),
-    )
+    columns = by_package(QUERIES), by_package(COMMANDS), by_package(TOPICS)
     return _table(
         ("Package", "Requests that only read", "Requests that may change something", "Pushes"),
         (

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
+from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
+from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 
 
 def quick_config(**options: Any) -> SimulatorConfig:
     """Return options of a chassis that answers without delay; see `SimulatorConfig`."""
     return SimulatorConfig(**{"profile": "instant", **options})
+
+
+def execute(chassis: Chassis, type_name: str, **fields: Any) -> Answer:
+    """Execute a request on a chassis without clients, and return the answer."""
+    return dispatch(chassis, message_type(type_name)(**fields))
 
 
 def set_speed(chassis: SimulatorThread, speed: float) -> None:

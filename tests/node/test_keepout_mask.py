@@ -74,7 +74,7 @@ def test_mask_follows_the_map(
     start_agent(ip="127.0.0.1", port=office.port)
     masks = client.echo(OccupancyGrid, "keepout_mask")
     masks.wait_count(1)
-    office.call(lambda inner: inner.chassis.enter(*_hall(inner.chassis)))
+    office.call(lambda inner: inner.chassis.switch_map(*_hall(inner.chassis)))
     assert masks.wait(lambda mask: not cells(mask).any())
 
 

@@ -329,7 +329,7 @@ def _settle_chassis(rig: Rig) -> None:
         chassis = simulator.chassis
         if chassis.tasks.active:
             chassis.tasks.cancel("the scenario is over")
-        chassis.actions.abort("the scenario is over")
+        chassis.actions.fail_all("the scenario is over")
         return not chassis.tasks.active
 
     if not _wait(lambda: rig.simulator.call(settle)):

@@ -6,14 +6,14 @@ from typing import Any
 import pytest
 
 from tests.fact_files import facts
-from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient, TcpClient
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import running_chassis
 
 
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
-    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=50, seed=1)) as simulator:
+    with running_chassis(speed=50) as simulator:
         yield simulator
 
 

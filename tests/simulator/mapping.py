@@ -75,11 +75,6 @@ def turn_around(chassis: SteppedChassis, seconds: float = 9.0) -> None:
     chassis.run(0.5)
 
 
-def pushed(chassis: SteppedChassis, type_name: str) -> list[Frame]:
-    """Return all pushes of a type."""
-    return [frame for frame in chassis.frames if frame.type == type_name and not frame.sn]
-
-
 def greys(png: bytes) -> npt.NDArray[Any]:
     """Return the pixels of a map picture, in rows by increasing y."""
     return np.asarray(Image.open(io.BytesIO(png)))[::-1]

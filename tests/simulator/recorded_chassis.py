@@ -75,10 +75,15 @@ def wait_frame(
     raise AssertionError(f"no such frame among {chassis.frames[after:]}")
 
 
-def ask(chassis: RecordedChassis, type_name: str, **body: Any) -> Frame:
-    """Send a request, wait for its answer, which must be ok, and return it."""
+def answer_to(chassis: RecordedChassis, type_name: str, **body: Any) -> Frame:
+    """Send a request, wait for its answer, and return it."""
     sn = chassis.request(type_name, **body)
-    answer = wait_frame(chassis, lambda frame: frame.sn == sn)
+    return wait_frame(chassis, lambda frame: frame.sn == sn)
+
+
+def ask(chassis: RecordedChassis, type_name: str, **body: Any) -> Frame:
+    """Return the answer to a request, which must be ok."""
+    answer = answer_to(chassis, type_name, **body)
     assert answer.ok, answer
     return answer
 
@@ -127,6 +132,11 @@ class SteppedChassis(Client):
         self._exchange.receive(self, json.dumps(frame))
 
 
+def pushed(chassis: SteppedChassis, type_name: str) -> list[Frame]:
+    """Return all pushes of a type."""
+    return [frame for frame in chassis.frames if frame.type == type_name and not frame.sn]
+
+
 class ConnectedChassis:
     """A chassis that runs by itself, with its client at the other end of a WebSocket.
 
@@ -172,8 +182,7 @@ def answer_times(type_name: str, count: int) -> list[float]:
     found = []
     for _ in range(count):
         sent = chassis.chassis.elapsed
-        sn = chassis.request(type_name, **_BODIES.get(type_name, {}))
-        found.append(wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn).time - sent)
+        found.append(answer_to(chassis, type_name, **_BODIES.get(type_name, {})).time - sent)
     return sorted(found)
 
 

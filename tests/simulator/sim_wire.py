@@ -10,7 +10,8 @@ import json
 import socket
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from typing import Any
 
 import websockets
@@ -19,6 +20,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import running_chassis
 
 TIMEOUT = 60.0
 
@@ -33,23 +35,23 @@ class JsonClient:
         self._sn = 0
         self.pushes: deque[Json] = deque()
         try:
-            self.socket: Any = self._await(_connect(f"ws://127.0.0.1:{port}"))
+            self.socket: Any = self.complete(_connect(f"ws://127.0.0.1:{port}"))
         except BaseException:
             self._loop.close()
             raise
 
     def close(self) -> None:
         try:
-            self._await(self.socket.close())
+            self.complete(self.socket.close())
         finally:
             self._loop.close()
 
     def send(self, frame: Json | str | bytes) -> None:
         data = json.dumps(frame) if isinstance(frame, dict) else frame
-        self._await(self.socket.send(data))
+        self.complete(self.socket.send(data))
 
     def receive(self, timeout: float = TIMEOUT) -> Json:
-        frame: Json = json.loads(self._await(self.socket.recv(), timeout))
+        frame: Json = json.loads(self.complete(self.socket.recv(), timeout))
         return frame
 
     def assert_silent(self, seconds: float) -> None:
@@ -109,7 +111,9 @@ class JsonClient:
         self.pushes.clear()
         return found
 
-    def _await(self, awaitable: Any, timeout: float = TIMEOUT) -> Any:
+    def complete(self, awaitable: Any, timeout: float = TIMEOUT) -> Any:
+        """Wait for an awaitable of `socket`, and return its result."""
+
         async def bounded() -> Any:
             return await asyncio.wait_for(awaitable, timeout)
 
@@ -119,6 +123,18 @@ class JsonClient:
 async def _connect(address: str) -> Any:
     # Unread frames must not delay closing.
     return await websockets.connect(address, max_size=None, max_queue=None, ping_interval=None)
+
+
+@contextmanager
+def connected(**options: Any) -> Iterator[tuple[SimulatorThread, JsonClient]]:
+    """Run a simulated chassis, by default in real time, and connect a client to it.
+
+    Args:
+        options: options of `running_chassis`.
+    """
+    chassis = running_chassis(**{"speed": 1.0, **options})
+    with chassis as simulator, closing(JsonClient(simulator.port)) as client:
+        yield simulator, client
 
 
 def pass_time(simulator: SimulatorThread, seconds: float) -> None:
@@ -172,17 +188,19 @@ class TcpClient:
         return MessagePackJson.FromString(self.receive_bytes())
 
     def receive_bytes(self) -> bytes:
-        """Return the next frame undecoded."""
+        """Return the next frame undecoded; raise ConnectionError if there is none."""
         length = shift = 0
         while True:
             byte = self._file.read(1)
-            assert byte, "closed"
+            if not byte:
+                raise ConnectionError("closed")
             length |= (byte[0] & 0x7F) << shift
             shift += 7
             if byte[0] < 0x80:
                 break
         data = self._file.read(length)
-        assert len(data) == length, "closed in the middle of a frame"
+        if len(data) < length:
+            raise ConnectionError("closed in the middle of a frame")
         return data
 
     def request(self, type_name: str, body: Message | None = None, sn: int = 1) -> MessagePackJson:

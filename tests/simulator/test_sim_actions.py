@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import Json, JsonClient
+from tests.simulator.sim_wire import Json, JsonClient, connected
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import wait_until
 
@@ -174,25 +173,18 @@ def test_newer_action_replaces_the_older_one(client: JsonClient) -> None:
 def test_move_base_replaces_a_step_but_a_lift_does_not(client: JsonClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
-    ended = {}
-    while len(ended) < 1:
-        one = next_feedback(client)
-        if one["state"] in TERMINAL:
-            ended[one["action"]] = one["state"]
-    assert ended == {"woosh.ros.action.LiftControl": SUCCESS}
+    end = feedback_until_end(client)[-1]
+    assert (end["action"], end["state"]) == ("woosh.ros.action.LiftControl", SUCCESS)
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": -5}}})
-    while (one := next_feedback(client))["state"] not in TERMINAL:
-        pass
-    assert (one["action"], one["state"]) == ("woosh.ros.action.StepControl", CANCEL)
+    end = feedback_until_end(client)[-1]
+    assert (end["action"], end["state"]) == ("woosh.ros.action.StepControl", CANCEL)
 
 
 def test_task_replaces_a_step_and_refuses_another(client: JsonClient) -> None:
     client.subscribe("woosh.robot.TaskProc")
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     client.ask("woosh.robot.ExecTask", {"taskId": 4, "type": 1, "markNo": "A23"})
-    while (one := next_feedback(client))["state"] not in TERMINAL:
-        pass
-    assert one["state"] == CANCEL
+    assert feedback_until_end(client)[-1]["state"] == CANCEL
     assert "task 4 is running" in client.refusal(CALL, step_request(1, 1.0))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     # A paused task releases the wheels, and can continue only when they are free.
@@ -308,8 +300,7 @@ def test_leaving_a_charger_is_refused_while_a_task_charges(client: JsonClient) -
 
 def test_lift_to_a_height_pauses_resumes_and_is_cancelled() -> None:
     # Slow enough that the lift moves while requests come, also on a busy machine.
-    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=2)) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=2) as (simulator, client):
         client.subscribe(FEEDBACKS)
         client.ask(CALL, {"liftControl2": {"action": 1, "height": 1.0}})
         assert next_feedback(client)["action"] == "woosh.ros.action.LiftControl2"
@@ -328,7 +319,6 @@ def test_lift_to_a_height_pauses_resumes_and_is_cancelled() -> None:
         assert simulator.state.column < 1.0
         too_high = client.refusal(CALL, {"liftControl2": {"action": 1, "height": 1.1}})
         assert too_high.startswith("lift")
-        client.close()
 
 
 def test_nav_mode_action_limits_the_speed_and_ends(client: JsonClient) -> None:

@@ -8,9 +8,14 @@ import time
 import pytest
 
 from tests.simulator.real_tasks import real_robot, shows
-from tests.simulator.recorded_chassis import SteppedChassis, answer_times, ask, wait_frame
-from tests.simulator.sim_wire import JsonClient
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from tests.simulator.recorded_chassis import (
+    SteppedChassis,
+    answer_times,
+    answer_to,
+    ask,
+    wait_frame,
+)
+from tests.simulator.sim_wire import connected
 
 UNINIT, IDLE = 1, 2
 EMERGENCY_STOP = 1024
@@ -49,8 +54,7 @@ def test_robot_refuses_tasks_until_it_is_initialised() -> None:
     chassis = SteppedChassis(initialised=False)
     chassis.request(INIT_ROBOT, isRecord=True)
     chassis.run(3.0)
-    sn = chassis.request("woosh.robot.ExecTask", taskId="1", type=1, markNo="A2")
-    assert wait_frame(chassis, lambda frame: frame.sn == sn).ok is False
+    assert answer_to(chassis, "woosh.robot.ExecTask", taskId="1", type=1, markNo="A2").ok is False
     chassis.run(3.0)
     ask(chassis, "woosh.robot.ExecTask", taskId="1", type=1, markNo="A2")
 
@@ -92,15 +96,13 @@ def test_query_is_answered_with_the_value_at_that_time() -> None:
 
 def test_answers_arrive_after_their_time_over_a_socket() -> None:
     """The order of the answers over a real socket, and their times by its clock, at least."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=5, seed=1)) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=5, profile="tr200") as (_, client):
         client.send({"type": INIT_ROBOT, "body": {"isRecord": True}, "sn": 901})
         started = time.monotonic()
         stamp = client.request(MODE)["timestamp"]
         answer = client.receive()
         while answer.get("sn") != 901:
             answer = client.receive()
-        client.close()
     least = FACTS["times"]["InitRobot to kIdle"][0]
     assert (answer["timestamp"] - stamp) / 1000 > 0.9 * least
     assert time.monotonic() - started > 0.9 * least / 5

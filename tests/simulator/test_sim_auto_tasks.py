@@ -9,6 +9,7 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import running_chassis
 
 PROC = "woosh.robot.TaskProc"
 INIT, READY, EXECUTING, COMPLETED, CANCELED = 1, 2, 3, 7, 8
@@ -18,15 +19,7 @@ CHARGE_AFTER, PARK_AFTER = 10.0, 30.0  # simulated seconds
 
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
-    config = quick_config(
-        port=0,
-        tcp_port=0,
-        speed=50,
-        seed=1,
-        charge_after=CHARGE_AFTER,
-        park_after=PARK_AFTER,
-    )
-    with SimulatorThread(config) as simulator:
+    with running_chassis(speed=50, charge_after=CHARGE_AFTER, park_after=PARK_AFTER) as simulator:
         yield simulator
 
 

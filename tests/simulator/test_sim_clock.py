@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import closing
 
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import TIMEOUT, JsonClient
+from tests.simulator.sim_wire import TIMEOUT, JsonClient, connected
 from tests.simulator.test_sim_program import running
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP
@@ -20,9 +21,7 @@ CODE, PROC = "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
 
 @pytest.mark.parametrize("offset", [-9 * HOUR, 0.0, 41 * HOUR, MAX_CLOCK_OFFSET, -MAX_CLOCK_OFFSET])
 def test_every_time_of_a_message_has_the_offset(offset: float) -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1, clock_offset=offset)
-    with SimulatorThread(config) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=20, clock_offset=offset, profile="tr200") as (simulator, client):
         client.subscribe(CODE, PROC)
         client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
         proc = client.next_push(PROC, lambda body: body.get("state") == 3)
@@ -36,16 +35,13 @@ def test_every_time_of_a_message_has_the_offset(offset: float) -> None:
             frame["timestamp"] / 1000,
         ]
         assert all(begin <= each <= end for each in times), (begin, times, end)
-        client.close()
 
 
 def test_offset_on_the_command_line_is_to_the_real_clock() -> None:
-    with running("--clock-offset", "-32400") as (_, port, _):
-        client = JsonClient(port)
+    with running("--clock-offset", "-32400") as (_, port, _), closing(JsonClient(port)) as client:
         before = time.time()
         robot = client.request("woosh.robot.Mode")["timestamp"] / 1000
         assert before - 9 * HOUR - 60 < robot < time.time() - 9 * HOUR + 60
-        client.close()
 
 
 def test_clock_of_a_running_robot_jumps(simulator: SimulatorThread, client: JsonClient) -> None:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Any
 
 import pytest
 
-from tests.quick_chassis import quick_config
-from woosh_robot_agent.link.protos import message_type
+from tests.quick_chassis import execute, quick_config
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.profile import load_profile
-from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 from woosh_robot_agent.simulator.world.collision import Obstacles
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall, hull
 
@@ -25,13 +22,9 @@ def chassis() -> Chassis:
     return Chassis(quick_config(seed=1))
 
 
-def request(chassis: Chassis, name: str, **fields: Any) -> Answer:
-    return dispatch(chassis, message_type(name)(**fields))
-
-
 def drive(chassis: Chassis, seconds: float, **twist: float) -> None:
     for _ in range(round(seconds / TIME_STEP)):
-        request(chassis, "woosh.robot.Twist", **twist)
+        execute(chassis, "woosh.robot.Twist", **twist)
         chassis.tick(TIME_STEP)
 
 
@@ -117,7 +110,7 @@ def test_gap_uses_the_walls_of_a_new_map(chassis: Chassis) -> None:
     chassis.localise(Pose(-2.2, -5.0, 0.0))
     assert chassis.gap(chassis.base.pose) == math.inf
     scene = chassis.scenes["scenex"]  # with shelves half a metre further south
-    chassis.enter(scene, scene.maps[0])
+    chassis.switch_map(scene, scene.maps[0])
     assert chassis.gap(Pose(-2.0, -5.4, 0.0)) < 0.0
     assert chassis.readiness.located
 
@@ -143,18 +136,18 @@ def test_robot_can_leave_an_obstacle_placed_on_it(chassis: Chassis) -> None:
 
 def test_expanded_outline_stops_further_from_a_wall(chassis: Chassis) -> None:
     chassis.localise(Pose(10.0, 5.0, 0.0))
-    request(chassis, "woosh.robot.SwitchFootPrint", type=util_robot_pb2.kExpand)
+    execute(chassis, "woosh.robot.SwitchFootPrint", type=util_robot_pb2.kExpand)
     drive(chassis, 4.0, linear=1.0)
     assert 12.0 - 0.55 - 0.06 < chassis.base.pose.x <= 12.0 - 0.55
 
 
 def test_pose_whose_outline_cuts_a_wall_is_refused(chassis: Chassis) -> None:
     before = chassis.base.pose
-    answer = request(chassis, "woosh.robot.InitRobot", pose={"x": 11.65, "y": 5.0})
+    answer = execute(chassis, "woosh.robot.InitRobot", pose={"x": 11.65, "y": 5.0})
     assert (answer.ok, chassis.base.pose) == (False, before)
     assert "inside a wall" in answer.msg
     across = {"x": 11.65, "y": 5.0, "theta": math.pi / 2}
-    assert request(chassis, "woosh.robot.InitRobot", pose=across).ok
+    assert execute(chassis, "woosh.robot.InitRobot", pose=across).ok
 
 
 def test_cached_clearance_never_hides_a_wall(chassis: Chassis) -> None:

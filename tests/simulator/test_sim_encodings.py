@@ -15,19 +15,12 @@ from woosh_robot_agent.simulator import SimulatorThread
 
 def parse(data: Any) -> MessagePackJson:
     assert isinstance(data, bytes)
-    pack = MessagePackJson()
-    pack.ParseFromString(data)
-    return pack
-
-
-def request_binary(client: JsonClient, frame: bytes) -> MessagePackJson:
-    """Send a protobuf frame and return its answer, the next frame."""
-    client.send(frame)
-    return parse(client._await(client.socket.recv()))
+    return MessagePackJson.FromString(data)
 
 
 def test_websocket_serves_protobuf_and_json(client: JsonClient) -> None:
-    pack = request_binary(client, packed("woosh.robot.RobotInfo", robot_pb2.RobotInfo(), sn=5))
+    client.send(packed("woosh.robot.RobotInfo", robot_pb2.RobotInfo(), sn=5))
+    pack = parse(client.complete(client.socket.recv()))
     assert (pack.type, pack.ok, pack.sn) == ("woosh.robot.RobotInfo", True, 5)
     info = body_of(pack)
     assert info.robot_id == 30001
@@ -63,9 +56,9 @@ def test_pushes_use_the_encoding_of_the_subscription(
     tcp.send(subscription("woosh.robot.Mode"))
     assert tcp.request("woosh.robot.Mode").ok
     simulator.push(robot_pb2.Battery(power=50))
-    assert json.loads(client._await(client.socket.recv()))["body"]["power"] == 50
+    assert json.loads(client.complete(client.socket.recv()))["body"]["power"] == 50
     client.send({"type": "woosh.robot.SwitchWorkMode", "body": {"mode": 3}, "sn": 77})
-    frames = [client._await(client.socket.recv()) for _ in range(2)]
+    frames = [client.complete(client.socket.recv()) for _ in range(2)]
     (answer,) = (json.loads(frame) for frame in frames if isinstance(frame, str))
     (push,) = (parse(frame) for frame in frames if isinstance(frame, bytes))
     assert (answer["type"], answer["sn"]) == ("woosh.robot.Mode", 77)

@@ -7,10 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, TcpClient, pass_time, subscription
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import wait_until
+from woosh_robot_agent.testing import running_chassis, wait_until
 
 POSE_SPEED = "woosh.robot.PoseSpeed"
 CODES = "woosh.robot.count.AbnormalCodes"
@@ -109,8 +108,7 @@ def test_burst_can_push_events(
 
 def test_burst_does_not_drop_clients_that_read() -> None:
     """The burst is far longer than a client's queue. A client that does not read may be dropped."""
-    config = quick_config(port=0, tcp_port=0, max_outbox=100)
-    with SimulatorThread(config) as simulator:
+    with running_chassis(speed=1, max_outbox=100) as simulator:
         quick, slow = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
         for each in (quick, slow):
             each.send(subscription("woosh.robot.Scene"))

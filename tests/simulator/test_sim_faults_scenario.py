@@ -11,15 +11,10 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import JsonClient
 from tests.simulator.test_sim_program import PROGRAM, running
-from woosh_robot_agent.simulator import (
-    FaultError,
-    Scenario,
-    SimulatorThread,
-    load_scenario,
-)
+from woosh_robot_agent.simulator import FaultError, Scenario, SimulatorThread, load_scenario
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.faults import Step, markdown, parse_fault
-from woosh_robot_agent.testing import wait_until
+from woosh_robot_agent.testing import running_chassis, wait_until
 
 SCENARIO = """\
 # entries need not be in order of time
@@ -163,8 +158,7 @@ def test_faults_begin_at_their_simulated_times(scenario: Path) -> None:
 
 def test_faults_due_at_the_start_begin_before_the_first_client() -> None:
     scenario = Scenario((parse_fault("off for=20"),))
-    config = quick_config(port=0, tcp_port=0, speed=50, scenario=scenario)
-    with SimulatorThread(config) as simulator:
+    with running_chassis(speed=50, scenario=scenario) as simulator:
         port = simulator.port
         seen = simulator.injected["off"]
         wait_until(lambda: not simulator.faults)

@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
-from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
-from woosh_robot_agent.testing import wait_until
+from woosh_robot_agent.testing import running_chassis, wait_until
 
 MODE = "woosh.robot.Mode"
 OCCUPY = "woosh.robot.SetOccupancy"
@@ -208,8 +207,7 @@ def test_velocities_drive_the_robot(simulator: SimulatorThread, web: HttpClient)
 
 
 def test_large_bodies_pass_and_too_large_ones_are_413() -> None:
-    config = quick_config(port=0, tcp_port=0, max_frame=20 * MIB)
-    with SimulatorThread(config) as simulator:
+    with running_chassis(speed=1, max_frame=20 * MIB) as simulator:
         web = HttpClient(simulator.port)
         assert web.ask("woosh.robot.Speak", {"text": "x" * (15 * MIB)}) == {}
         sent: Any = simulator.last("woosh.robot.Speak")
@@ -250,7 +248,7 @@ def test_foreign_web_pages_are_refused(simulator: SimulatorThread, web: HttpClie
 
 
 def test_calls_beyond_the_limit_of_clients_are_refused() -> None:
-    with SimulatorThread(quick_config(port=0, tcp_port=0, max_connections=1)) as simulator:
+    with running_chassis(speed=1, max_connections=1) as simulator:
         web = HttpClient(simulator.port)
         assert web.ask(MODE)["work"] == 2  # the client counts only during the call
         first = JsonClient(simulator.port)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.testing import running_chassis
 
 PROC, OPERATION = "woosh.robot.TaskProc", "woosh.robot.OperationState"
 ABNORMAL, CODE = "woosh.robot.count.AbnormalCodes", "woosh.robot.count.StatusCode"
@@ -25,7 +25,7 @@ GOAL = {"type": 1, "pose": {"x": 9.0, "y": 0.0}}
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
     """Simulator in real time at first, so that requests arrive before the obstacle does."""
-    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=1, seed=1)) as simulator:
+    with running_chassis(speed=1) as simulator:
         yield simulator
 
 

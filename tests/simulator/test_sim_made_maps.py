@@ -18,14 +18,13 @@ from tests.simulator.mapping import (
     at,
     drive,
     picture,
-    pushed,
     save_map,
     start_mapping,
     turn_around,
     use_map,
 )
 from tests.simulator.real_tasks import exec_task, watch
-from tests.simulator.recorded_chassis import SteppedChassis, ask
+from tests.simulator.recorded_chassis import SteppedChassis, ask, pushed
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.grid import Grid
 from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED, UNKNOWN, GrowingGrid
@@ -67,7 +66,7 @@ def in_toured_hall() -> SteppedChassis:
 
     def put(model: object) -> None:
         area = toured_hall()
-        chassis.chassis.enter(dataclasses.replace(chassis.chassis.scene, maps=[area]), area)
+        chassis.chassis.switch_map(dataclasses.replace(chassis.chassis.scene, maps=[area]), area)
 
     chassis.change(put)
     use_map(chassis)

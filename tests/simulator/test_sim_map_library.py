@@ -14,9 +14,15 @@ import numpy as np
 import pytest
 from google.protobuf.json_format import ParseDict
 
-from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import Json, JsonClient
-from tests.simulator.test_sim_uploads import NAV2, SCENE, distance_ahead, file_datas, floor_png
+from tests.simulator.sim_wire import Json, JsonClient, connected
+from tests.simulator.test_sim_uploads import (
+    NAV2,
+    SCENE,
+    distance_ahead,
+    file_datas,
+    floor_png,
+    library,
+)
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.refusals import REFUSALS
@@ -31,10 +37,8 @@ Files = dict[str, bytes]
 @pytest.fixture
 def second() -> Iterator[JsonClient]:
     """A client of another robot."""
-    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=50, seed=2)) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=50, seed=2) as (_, client):
         yield client
-        client.close()
 
 
 def upload(scene: str, method: int = 0, **files: bytes) -> Json:
@@ -80,16 +84,6 @@ def scene_data(client: JsonClient, scene: str) -> Any:
 def version(client: JsonClient, scene: str, area: str) -> int:
     data = client.ask("woosh.map.SceneDataEasy", {"name": scene})
     return int(next(each["version"] for each in data["maps"] if each["name"] == area))
-
-
-def state(simulator: SimulatorThread) -> Any:
-    return simulator.call(
-        lambda s: (
-            {name: (dict(each.files), list(each.maps)) for name, each in s.chassis.scenes.items()},
-            s.chassis.scene,
-            s.chassis.map,
-        )
-    )
 
 
 @pytest.mark.parametrize("scene", ["wooshmap", "scenex", "lab"])
@@ -340,26 +334,26 @@ def test_bad_requests_are_refused_and_change_nothing(
     simulator: SimulatorThread, client: JsonClient, name: str, body: Json, reason: str
 ) -> None:
     client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png()))
-    before = state(simulator)
+    before = library(simulator)
     assert reason in client.refusal(f"woosh.map.{name}", body)
-    assert state(simulator) == before
+    assert library(simulator) == before
 
 
 def test_the_current_scene_is_not_replaced_during_a_task(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
-    before = state(simulator)
+    before = library(simulator)
     client.ask("woosh.robot.ExecTask", {"taskId": "5", "type": 1, "markNo": "A2"})
     text = client.refusal("woosh.map.Upload", upload("wooshmap", notes_txt=b"hi"))
     assert text == str(REFUSALS["MAP_CHANGE_DURING_TASK"].explanation)
-    assert state(simulator) == before
+    assert library(simulator) == before
     client.ask("woosh.map.Upload", upload("scenex", notes_txt=b"hi"))
 
 
 def test_an_upload_that_ends_half_way_changes_nothing(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
-    before = state(simulator)
+    before = library(simulator)
     body = upload("wooshmap", floor_yaml=NAV2, floor_png=floor_png())
     frame = json.dumps({"type": "woosh.map.Upload", "body": body, "sn": 1}).encode()
     with socket.create_connection(("127.0.0.1", simulator.port)) as plain:
@@ -373,7 +367,7 @@ def test_an_upload_that_ends_half_way_changes_nothing(
         plain.sendall(header + frame[: len(frame) // 2])
     client.ask("woosh.robot.Mode")
     simulator.call(lambda s: None)
-    assert state(simulator) == before
+    assert library(simulator) == before
     assert simulator.counts["woosh.map.Upload"] == 0
 
 

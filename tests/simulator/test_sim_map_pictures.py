@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import execute, quick_config
 from tests.simulator.map_files import cells, room_picture, write_map
 from woosh_robot_agent.data_files import DataFileError
-from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.planner import Planner
@@ -91,9 +89,7 @@ def test_unknown_floor_is_transparent_but_not_drivable(tmp_path: Path) -> None:
     planner = Planner(chassis.map, 0.3)
     assert planner.plan((0.5, -1.0), (1.5, -1.0)) == [(1.5, -1.0)]
     assert planner.plan((0.5, -1.0), (4.0, -1.0)) is None
-    answer = dispatch(
-        chassis, message_type("woosh.robot.InitRobot")(pose={"x": 2.5, "y": 0.0, "theta": 0.0})
-    )
+    answer = execute(chassis, "woosh.robot.InitRobot", pose={"x": 2.5, "y": 0.0, "theta": 0.0})
     assert (answer.ok, "outside map" in answer.msg) == (False, True)
 
 

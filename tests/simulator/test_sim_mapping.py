@@ -29,7 +29,6 @@ from tests.simulator.mapping import (
     at,
     drive,
     picture,
-    pushed,
     save_map,
     start_mapping,
     turn_around,
@@ -39,13 +38,15 @@ from tests.simulator.real_tasks import TASK_ID, exec_task, real_robot, shows, wa
 from tests.simulator.recorded_chassis import (
     SCANNER_DATA,
     SteppedChassis,
+    answer_to,
     ask,
+    pushed,
     wait_frame,
 )
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.testing import wait_until
+from woosh_robot_agent.testing import running_chassis, wait_until
 
 FACTS = real_robot()
 TIMES, RATES = FACTS["times"], FACTS["rates"]
@@ -334,8 +335,7 @@ def test_refusals_have_the_codes_of_the_real_robot(
 ) -> None:
     for command, arguments in prepare:
         ask(real, command, **arguments)
-    sn = real.request(name, **body)
-    answer = wait_frame(real, lambda frame: frame.sn == sn)
+    answer = answer_to(real, name, **body)
     assert (answer.ok, answer.body) == (False, {})
     assert wait_frame(real, lambda frame: frame.type.endswith("StatusCode")).body["code"] == str(
         code
@@ -351,8 +351,7 @@ def test_map_with_a_name_that_was_taken_meanwhile_can_still_be_saved(
     model.scenes["new"] = type(taken)(
         "new", [type(taken.maps[0])(5, "hall", "", 1, *[(0.0, 0.0)] * 2, ())]
     )
-    sn = quick.request(BUILD_MAP, type=SAVE)
-    assert wait_frame(quick, lambda frame: frame.sn == sn).ok is False
+    assert answer_to(quick, BUILD_MAP, type=SAVE).ok is False
     del model.scenes["new"]
     save_map(quick)
 
@@ -363,10 +362,11 @@ def test_mapping_waits_while_it_is_started_and_ended(real: SteppedChassis) -> No
         real.request(BUILD_MAP, type=kind, sceneName="new", mapName="hall")
         real.run(1.0)
         for other in (ADD, UPDATE, CANCEL, SAVE):
-            sn = real.request(BUILD_MAP, type=other, sceneName="wooshmap", mapName="other")
-            assert wait_frame(real, lambda frame, sn=sn: frame.sn == sn).ok is False
-        sn = real.request(DEPLOYMENT, type=4, mode=1)
-        assert wait_frame(real, lambda frame, sn=sn: frame.sn == sn).ok is False
+            assert (
+                answer_to(real, BUILD_MAP, type=other, sceneName="wooshmap", mapName="other").ok
+                is False
+            )
+        assert answer_to(real, DEPLOYMENT, type=4, mode=1).ok is False
         real.run(8.0)
     assert scenes(real)["new"] == ["hall"]
 
@@ -389,7 +389,7 @@ def test_lost_link_does_not_lose_the_map(simulator: SimulatorThread) -> None:
 
 
 def test_save_whose_client_has_gone_is_completed() -> None:
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as simulator:
+    with running_chassis(speed=20, profile="tr200") as simulator:
         client, other = JsonClient(simulator.port), JsonClient(simulator.port)
         mapping(client)
         other.subscribe(STATE)
@@ -410,8 +410,7 @@ def test_lost_robot_neither_adds_scans_nor_saves(quick: SteppedChassis) -> None:
     seen = picture(pushed(quick, BUILD_MAP_DATA)[-1].body)
     turn_around(quick)
     assert (picture(pushed(quick, BUILD_MAP_DATA)[-1].body) == seen).all()
-    sn = quick.request(BUILD_MAP, type=SAVE)
-    assert wait_frame(quick, lambda frame: frame.sn == sn).ok is False
+    assert answer_to(quick, BUILD_MAP, type=SAVE).ok is False
     # A client may tell it where it is, and goes on.
     pose = quick.chassis.base.pose
     ask(quick, "woosh.robot.SetRobotPose", pose={"x": pose.x, "y": pose.y, "theta": pose.theta})
@@ -427,8 +426,7 @@ def test_emergency_stop_interrupts_the_drive_but_not_the_mapping(quick: SteppedC
     quick.change(lambda model: model.set_emergency_stop(True))
     quick.run(0.1)
     assert states(quick)[-1] == FAULT
-    sn = quick.request(TWIST, linear=0.2)
-    assert wait_frame(quick, lambda frame: frame.sn == sn).ok is False
+    assert answer_to(quick, TWIST, linear=0.2).ok is False
     quick.change(lambda model: model.set_emergency_stop(False))
     quick.run(1.1)
     assert states(quick)[-1] == MAPPING

@@ -8,17 +8,9 @@ from typing import Any
 
 import pytest
 
-from tests.quick_chassis import quick_config
-from woosh_robot_agent.link.protos import message_type
-from woosh_robot_agent.simulator.body.base import (
-    ACCELERATION,
-    STANDSTILL,
-    Base,
-    Velocity,
-    approach,
-)
+from tests.quick_chassis import execute, quick_config
+from woosh_robot_agent.simulator.body.base import ACCELERATION, STANDSTILL, Base, Velocity, approach
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 from woosh_robot_agent.simulator.world.geometry import Pose, wrap
 
 STEPS_PER_S = round(1 / TIME_STEP)
@@ -27,10 +19,6 @@ STEPS_PER_S = round(1 / TIME_STEP)
 @pytest.fixture
 def chassis() -> Chassis:
     return Chassis(quick_config(seed=1))
-
-
-def request(chassis: Chassis, name: str, **fields: Any) -> Answer:
-    return dispatch(chassis, message_type(name)(**fields))
 
 
 def run(chassis: Chassis, seconds: float) -> list[Velocity]:
@@ -94,7 +82,7 @@ def test_base_respects_speed_and_acceleration_limits() -> None:
 def test_twist_times_out_and_ramps_to_zero(chassis: Chassis) -> None:
     start = chassis.base.pose
     for _ in range(10):
-        assert request(chassis, "woosh.robot.Twist", linear=0.5).ok
+        assert execute(chassis, "woosh.robot.Twist", linear=0.5).ok
         run(chassis, 0.1)
     assert chassis.base.velocity == Velocity(0.5)
     after = run(chassis, 2.0)
@@ -114,7 +102,7 @@ def test_twist_times_out_and_ramps_to_zero(chassis: Chassis) -> None:
 def test_driving_raises_odometer_and_drains_battery(chassis: Chassis) -> None:
     odometer, level = chassis.base.odometer, chassis.battery.level
     for _ in range(100):
-        request(chassis, "woosh.robot.Twist", linear=1.0, angular=1.0)
+        execute(chassis, "woosh.robot.Twist", linear=1.0, angular=1.0)
         run(chassis, 0.1)
     driven = chassis.base.odometer - odometer
     assert 9.0 < driven < 10.0

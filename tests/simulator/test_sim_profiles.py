@@ -11,13 +11,14 @@ import yaml
 
 from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.command_line import make_parser
 from woosh_robot_agent.simulator.profile import SHIPPED, SHIPPED_FOLDER, load_profile
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.testing import running_chassis
 
 SHIPPED_FILE = SHIPPED_FOLDER / "tr200.yaml"
 
@@ -54,7 +55,7 @@ def test_own_profile_is_used(tmp_path: Path, data: Any) -> None:
     assert profile.answers.requests["woosh.robot.Mode"].median == 1.0
     assert Chassis(SimulatorConfig(profile=str(file))).profile == profile
     assert Chassis(SimulatorConfig(profile=profile)).profile is profile
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile=file)) as simulator:
+    with running_chassis(speed=1, profile=file) as simulator:
         assert simulator.call(lambda running: running.chassis.profile) == profile
 
 

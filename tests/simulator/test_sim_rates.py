@@ -7,9 +7,8 @@ from itertools import pairwise
 import pytest
 
 from tests.simulator.real_tasks import exec_task, real_robot
-from tests.simulator.recorded_chassis import Frame, SteppedChassis, ask
-from tests.simulator.sim_wire import JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from tests.simulator.recorded_chassis import SteppedChassis, ask, pushed
+from tests.simulator.sim_wire import connected, pass_time
 
 POSE, BATTERY, SCAN = "woosh.robot.PoseSpeed", "woosh.robot.Battery", "woosh.robot.ScannerData"
 TWIST = "woosh.robot.Twist"
@@ -23,10 +22,6 @@ def chassis() -> SteppedChassis:
     return SteppedChassis()
 
 
-def pushes(chassis: SteppedChassis, type_name: str) -> list[Frame]:
-    return [frame for frame in chassis.frames if frame.type == type_name and not frame.sn]
-
-
 def drive(chassis: SteppedChassis, seconds: float) -> None:
     """Send a velocity every 0.1 s."""
     for _ in range(round(seconds / 0.1)):
@@ -37,7 +32,7 @@ def drive(chassis: SteppedChassis, seconds: float) -> None:
 def test_pose_is_pushed_at_its_rate_while_the_robot_moves(chassis: SteppedChassis) -> None:
     exec_task(chassis)
     chassis.run(8.0)
-    times = [frame.time for frame in pushes(chassis, POSE)]
+    times = [frame.time for frame in pushed(chassis, POSE)]
     assert len(times) > 20
     periods = [after - before for before, after in pairwise(times)]
     assert periods == [pytest.approx(RATES["PoseSpeed while moving"], rel=0.02)] * len(periods)
@@ -46,7 +41,7 @@ def test_pose_is_pushed_at_its_rate_while_the_robot_moves(chassis: SteppedChassi
 def test_pushed_pose_is_that_of_the_time_of_the_push(chassis: SteppedChassis) -> None:
     """Also between two steps of the motion."""
     drive(chassis, 5.0)
-    found = pushes(chassis, POSE)[3:]
+    found = pushed(chassis, POSE)[3:]
     for before, after in pairwise(found):
         moved = [after.body["pose"][axis] - before.body["pose"][axis] for axis in ("x", "y")]
         distance = (moved[0] ** 2 + moved[1] ** 2) ** 0.5
@@ -56,10 +51,10 @@ def test_pushed_pose_is_that_of_the_time_of_the_push(chassis: SteppedChassis) ->
 def test_robot_that_stands_pushes_no_pose(chassis: SteppedChassis) -> None:
     drive(chassis, 1.0)
     chassis.run(3.0)
-    assert pushes(chassis, POSE)[-1].body["twist"] == {"linear": 0.0, "angular": 0.0}
-    count = len(pushes(chassis, POSE))
+    assert pushed(chassis, POSE)[-1].body["twist"] == {"linear": 0.0, "angular": 0.0}
+    count = len(pushed(chassis, POSE))
     chassis.run(60.0)
-    assert len(pushes(chassis, POSE)) == count
+    assert len(pushed(chassis, POSE)) == count
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.01, 0.03, 0.049])
@@ -67,7 +62,7 @@ def test_first_motion_comes_after_the_velocity(chassis: SteppedChassis, phase: f
     chassis.run(1.0)
     chassis.chassis.run_until(1.0 + phase)
     drive(chassis, 1.0)
-    first = pushes(chassis, POSE)[0].time - (1.0 + phase)
+    first = pushed(chassis, POSE)[0].time - (1.0 + phase)
     assert first == pytest.approx(DRIVING["velocity to first motion"], rel=0.2)
 
 
@@ -76,7 +71,7 @@ def test_velocity_that_is_stopped_at_once_moves_nothing(chassis: SteppedChassis)
     chassis.run(0.1)
     chassis.request(TWIST)
     chassis.run(2.0)
-    assert not pushes(chassis, POSE)
+    assert not pushed(chassis, POSE)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.02, 0.049])
@@ -89,7 +84,7 @@ def test_robot_rolls_on_after_a_velocity_of_zero(chassis: SteppedChassis, phase:
     chassis.run(3.0)
     least, most = DRIVING["roll after a velocity of zero"]
     assert least - 1e-4 <= place.distance(chassis.chassis.pose.point) <= most + 1e-4
-    last = pushes(chassis, POSE)[-1].time - stopped
+    last = pushed(chassis, POSE)[-1].time - stopped
     assert last == pytest.approx(DRIVING["velocity of zero to last change of the pose"], rel=0.2)
 
 
@@ -129,11 +124,11 @@ def test_scans_are_new_at_their_rate(chassis: SteppedChassis) -> None:
 def test_unchanged_battery_is_pushed_again(chassis: SteppedChassis) -> None:
     chassis.chassis.battery.level = 50.0
     chassis.run(1.0)
-    start = len(pushes(chassis, BATTERY))
+    start = len(pushed(chassis, BATTERY))
     for _ in range(1600):
         chassis.chassis.battery.level = 50.0
         chassis.run(1.0)
-    times = [frame.time for frame in pushes(chassis, BATTERY)[start:]]
+    times = [frame.time for frame in pushed(chassis, BATTERY)[start:]]
     least, most = RATES["Battery"]
     periods = [after - before for before, after in pairwise(times)]
     assert periods
@@ -144,7 +139,7 @@ def test_battery_is_pushed_when_it_changes(chassis: SteppedChassis) -> None:
     chassis.run(1.0)
     chassis.chassis.battery.level -= 5.0
     chassis.run(0.1)
-    (push,) = pushes(chassis, BATTERY)
+    (push,) = pushed(chassis, BATTERY)
     values = {key: value for key, value in push.body.items() if key not in ("power", "robotId")}
     assert values == {
         "chargeState": 1,
@@ -157,15 +152,13 @@ def test_battery_is_pushed_when_it_changes(chassis: SteppedChassis) -> None:
 
 def test_pose_arrives_at_its_rate_over_a_socket() -> None:
     """The stamps of the frames have times between the steps of the motion."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=2, seed=1)) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=2, profile="tr200") as (simulator, client):
         client.subscribe(POSE)
         client.send(
             {"type": "woosh.robot.ExecTask", "sn": 99, "body": {"type": 1, "markNo": "K10"}}
         )
         pass_time(simulator, 6.0)
         client.ask("woosh.robot.Mode")
-        client.close()
     stamps = [frame["timestamp"] for frame in client.pushes if frame["type"] == POSE]
     periods = sorted(after - before for before, after in pairwise(stamps))
     assert len(periods) > 10

@@ -21,7 +21,7 @@ from PIL import Image
 
 from tests.fact_files import FOLDER
 from tests.simulator.real_tasks import ended, triple
-from tests.simulator.recorded_chassis import Frame, SteppedChassis, ask, wait_frame
+from tests.simulator.recorded_chassis import Frame, SteppedChassis, answer_to, ask, wait_frame
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator.__main__ import main
@@ -181,8 +181,7 @@ def test_task_follows_the_table_of_its_scene(folder: Path) -> None:
     assert {frame.body["action"]["waitId"] for frame in waits} == {7}
     assert waits[1].time - waits[0].time == pytest.approx(3.0, abs=0.1)
     # A task of another number has no actions.
-    sn = chassis.request(EXEC_TASK, type=1, markNo="758033B0")
-    assert wait_frame(chassis, lambda frame: frame.sn == sn).ok is False
+    assert answer_to(chassis, EXEC_TASK, type=1, markNo="758033B0").ok is False
 
 
 def test_scenes_without_a_table_have_that_of_the_real_robot() -> None:

@@ -39,11 +39,12 @@ from tests.simulator.recorded_chassis import (
     ConnectedChassis,
     Frame,
     SteppedChassis,
+    answer_to,
     ask,
     wait_frame,
 )
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.testing import running_chassis
 
 IDLE, PARKING, TASK, WARNING, CHARGING = 2, 3, 4, 5, 8
 FACTS = real_robot()
@@ -60,7 +61,7 @@ def chassis() -> SteppedChassis:
 @pytest.fixture
 def connected() -> Iterator[ConnectedChassis]:
     """A chassis at the other end of a socket that runs 20 times faster than real time."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=20, seed=1)) as simulator:
+    with running_chassis(speed=20, profile="tr200") as simulator:
         chassis = ConnectedChassis(simulator)
         yield chassis
         chassis.close()
@@ -269,13 +270,13 @@ def test_tasks_of_a_set_are_separated_by_an_empty_report(chassis: SteppedChassis
     assert second - again in (within(0.5, 0.5), within(1.0, 1.0))
 
 
-@pytest.mark.parametrize(("kind", "state"), [("charge", PARKING), ("park", PARKING)])
-def test_robot_gives_its_own_tasks_its_own_ids(kind: str, state: int) -> None:
+@pytest.mark.parametrize("kind", ["charge", "park"])
+def test_robot_gives_its_own_tasks_its_own_ids(kind: str) -> None:
     chassis = SteppedChassis(charge_after=5.0, park_after=10.0)
     if kind == "charge":
         chassis.chassis.battery.level = 15.0
     first = wait_frame(chassis, is_empty)
-    shown = wait_frame(chassis, shows(state))
+    shown = wait_frame(chassis, shows(PARKING))
     report = wait_frame(chassis, lambda frame: frame.type == TASK_PROC and task_id(frame.body))
     assert task_id(report.body) == first.body["time"] * 100 + 53
     assert triple(report.body) == ("kExecuting", "kNav", "kRosExecuting")
@@ -291,8 +292,7 @@ def test_task_without_an_id_gets_one_of_the_robot(chassis: SteppedChassis) -> No
 
 
 def test_nothing_is_pushed_about_a_refused_task(chassis: SteppedChassis) -> None:
-    sn = chassis.request(EXEC_TASK, taskId=str(TASK_ID), type=1, markNo="nowhere")
-    assert wait_frame(chassis, lambda frame: frame.sn == sn).ok is False
+    assert answer_to(chassis, EXEC_TASK, taskId=str(TASK_ID), type=1, markNo="nowhere").ok is False
     chassis.run(10.0)
     assert not [frame for frame in chassis.frames if frame.type in (TASK_PROC, STATE)]
 

@@ -9,17 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, refusals
+from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
+from woosh_robot_agent.simulator import SimulatorThread, refusals
 from woosh_robot_agent.simulator.refusals import REFUSALS
-from woosh_robot_agent.testing import wait_until
+from woosh_robot_agent.testing import running_chassis, wait_until
 
 CALL, CODE, PROC = "woosh.ros.CallAction", "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
 EXEC_TASK, TWIST = "woosh.robot.ExecTask", "woosh.robot.Twist"
 TASK = (EXEC_TASK, {"taskId": 5, "type": 1, "markNo": "A23"})
 OTHER_TASK = (EXEC_TASK, {"taskId": 6, "type": 1, "markNo": "A2"})
 STEP = {"stepControl": {"action": 1, "steps": [{"mode": 1, "value": 2.0, "speed": 0.2}]}}
-LIFT = {"liftControl": {"action": 1, "executeMode": 1}}
 FAILED = "Request failed"
 EXECUTING = "Task is excuting,request failed"
 NOT_AUTO = "It is not auto mode,request failed"
@@ -32,7 +31,7 @@ Prepare = Callable[[SimulatorThread, JsonClient], object]
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
     """A chassis as real as it gets, in real time."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=1)) as simulator:
+    with running_chassis(speed=1, profile="tr200") as simulator:
         yield simulator
 
 
@@ -137,34 +136,27 @@ def test_real_robot_refuses_in_few_words_and_gives_its_reason_by_a_code(
 
 
 def test_own_task_of_the_robot_gives_way_only_to_another_kind() -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, seed=1, park_after=1.0)  # in real time
-    with SimulatorThread(config) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(park_after=1.0, profile="tr200") as (_, client):
         # Asked for, because the push may come before a subscription.
         wait_until(lambda: client.ask("woosh.robot.RobotState")["state"] == 3, "parking")
         parking = {"taskId": 7, "type": 2, "markNo": "P1"}
         assert client.refusal(EXEC_TASK, parking) == EXECUTING
         client.ask(*TASK)
-        client.close()
 
 
 @pytest.mark.parametrize("profile", ["tr200", "instant"])
 def test_zero_velocity_is_accepted_in_every_state(profile: str) -> None:
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile=profile)) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(profile=profile) as (simulator, client):
         client.ask(*TASK)
         client.ask(TWIST)
         simulator.inject("emergency_stop")
         simulator.inject("key_switch")
         answer = client.request(TWIST)
         assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
-        client.close()
 
 
 def test_quick_profile_explains_refusals_and_sends_no_codes() -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1, profile="instant")
-    with SimulatorThread(config) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=50) as (simulator, client):
         client.subscribe(CODE)
         simulator.inject("lost_localisation")
         client.next_push(CODE)
@@ -174,7 +166,6 @@ def test_quick_profile_explains_refusals_and_sends_no_codes() -> None:
         assert client.refusal("woosh.robot.ActionOrder", {"order": 2}).startswith("no task is runn")
         pass_time(simulator, 1.0)
         assert client.take_pushes(CODE) == []
-        client.close()
 
 
 def test_every_refusal_is_declared_with_the_values_that_it_is_given() -> None:

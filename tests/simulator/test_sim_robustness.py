@@ -10,9 +10,10 @@ from collections.abc import Iterable
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import JsonClient, TcpClient, subscription
+from tests.simulator.sim_wire import JsonClient, TcpClient, pass_time, subscription
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+from woosh_robot_agent.testing import running_chassis
 
 GARBAGE: list[str | bytes] = [
     "",
@@ -48,16 +49,6 @@ def test_bad_frames_over_tcp_are_skipped(simulator: SimulatorThread, tcp: TcpCli
     assert tcp.request("woosh.robot.Mode").ok
 
 
-def test_plain_http_request_disturbs_no_client(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    with socket.create_connection(("127.0.0.1", simulator.port)) as other:
-        other.sendall(b"GET / HTTP/1.0\r\n\r\n")
-        other.settimeout(5)
-        other.recv(1000)
-    assert client.ask("woosh.robot.Mode")["ctrl"] == 1
-
-
 def test_pushes_reach_many_clients(simulator: SimulatorThread) -> None:
     clients = [JsonClient(simulator.port) for _ in range(20)]
     for each in clients:
@@ -70,8 +61,7 @@ def test_pushes_reach_many_clients(simulator: SimulatorThread) -> None:
 
 
 def test_slow_client_is_dropped_and_delays_no_other() -> None:
-    config = quick_config(port=0, tcp_port=0, max_outbox=5)
-    with SimulatorThread(config) as simulator:
+    with running_chassis(speed=1, max_outbox=5) as simulator:
         slow, quick = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
         assert quick.request("woosh.robot.Mode").ok
         slow.send(subscription("woosh.robot.count.StatusCode"))
@@ -138,9 +128,7 @@ def test_failing_interceptor_closes_no_connection(
     remove = simulator.intercept(fail)
     client.send({"type": "woosh.robot.Twist", "body": {"linear": 0.5}, "sn": 800})
     simulator.wait_received("woosh.robot.Twist")
-    until = simulator.state.elapsed + 0.2
-    while simulator.state.elapsed < until:
-        pass
+    pass_time(simulator, 0.2)
     remove()
     client.send({"type": "woosh.robot.Twist", "body": {"linear": 0.5}, "sn": 801})
     client.next_push("woosh.robot.PoseSpeed")
@@ -160,7 +148,7 @@ def test_simulator_can_drop_clients_and_listen_again(simulator: SimulatorThread)
     first = TcpClient(simulator.tcp_port)
     assert first.request("woosh.robot.SwitchWorkMode").msg
     simulator.drop()
-    with pytest.raises((AssertionError, ConnectionError)):
+    with pytest.raises(ConnectionError):
         first.request("woosh.robot.Mode")
     ports = simulator.port, simulator.tcp_port
     simulator.stop_listening()

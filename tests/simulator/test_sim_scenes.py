@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import execute, quick_config
 from tests.simulator.map_files import room_picture, write_map
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.data_files import DataFileError
-from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import MarkKind
+from woosh_robot_agent.testing import running_chassis
 
 SCENE = """
 name: lab
@@ -95,7 +94,7 @@ def test_custom_scene_is_loaded(tmp_path: Path) -> None:
     middle = chassis.laser.rays // 2
     assert ranges[middle] == pytest.approx(2.0 - chassis.laser.forward, abs=0.02)
     assert ranges[middle + 140] > 1.5 / math.cos(0.7)
-    answer = dispatch(chassis, message_type("woosh.robot.ExecPreTask")(task_set_id=12))
+    answer = execute(chassis, "woosh.robot.ExecPreTask", task_set_id=12)
     assert "mark 17" not in answer.msg
     (repeat,) = chassis.scene.predefined.repeat_tasks
     assert (repeat.times, [task.base.mark_no for task in repeat.task_set.tasks]) == (
@@ -237,8 +236,7 @@ def test_scene_data_is_that_of_the_named_scene(client: JsonClient, name: str) ->
 
 
 def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
-    config = quick_config(port=0, tcp_port=0, seed=1, scenes=(write_scene(tmp_path),))
-    with SimulatorThread(config) as simulator:
+    with running_chassis(speed=1, scenes=(write_scene(tmp_path),)) as simulator:
         client = JsonClient(simulator.port)
         easy = client.ask("woosh.map.SceneDataEasy")
         data = client.ask("woosh.map.SceneData")

@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.quick_chassis import quick_config
-from woosh_robot_agent.link.protos import message_type
+from tests.quick_chassis import execute, quick_config
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.scenes import files as scenes
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.collision import Obstacles
@@ -93,7 +91,7 @@ def test_laser_and_base_behave_alike_on_picture_and_walls() -> None:
         for chassis in (walls, cells):
             chassis.base.place(Pose(2.0, 3.0, heading))
             for _ in range(800):
-                dispatch(chassis, message_type("woosh.robot.Twist")(linear=0.5))
+                execute(chassis, "woosh.robot.Twist", linear=0.5)
                 chassis.tick(TIME_STEP)
             assert chassis.base.blocked
             stops.append(chassis.base.pose)

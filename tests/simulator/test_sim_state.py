@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import Json, JsonClient, pass_time
+from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.simulator import (
-    Outgoing,
-    SimulatedChassis,
-    SimulatorThread,
-)
+from woosh_robot_agent.simulator import Outgoing, SimulatedChassis, SimulatorThread
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
@@ -107,9 +102,7 @@ def test_lost_localisation_pauses_the_task_until_a_pose_is_set(
 
 
 def test_uninitialised_chassis_needs_init_robot() -> None:
-    config = quick_config(port=0, tcp_port=0, speed=50, seed=1, initialised=False)
-    with SimulatorThread(config) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=50, initialised=False) as (_, client):
         client.subscribe(STATE, OPERATION)
         info = client.ask("woosh.robot.RobotInfo")
         assert (info["state"], info["operationState"]["robot"]) == (UNINIT, 0)
@@ -119,7 +112,6 @@ def test_uninitialised_chassis_needs_init_robot() -> None:
         assert client.next_push(STATE)["state"] == IDLE
         assert client.next_push(OPERATION)["robot"] == 1
         client.ask(*TASK)
-        client.close()
 
 
 @pytest.fixture
@@ -212,10 +204,11 @@ def test_battery_drains_with_motion_and_charges_at_the_dock(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
     levels: list[float] = []
+    battery = simulator.call(lambda s: s.chassis.battery)
 
     def record_level(out: Outgoing) -> list[Outgoing]:
         if out.type == PROC and out.body.action.type == 7:  # it charges
-            levels.append(simulator._simulator.chassis.battery.level)
+            levels.append(battery.level)
         return [out]
 
     simulator.intercept(record_level)
@@ -277,11 +270,9 @@ def test_zero_twist_stops_and_is_pushed_at_once(
 
 @pytest.mark.parametrize("omnidirectional", [True, False])
 def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> None:
-    config = quick_config(port=0, tcp_port=0, speed=50, seed=1, omnidirectional=omnidirectional)
     lateral = {"mode": 3, "value": 0.5}
     diagonal = {"mode": 4, "value": 0.5, "angle": 0.5}
-    with SimulatorThread(config) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(speed=50, omnidirectional=omnidirectional) as (simulator, client):
         assert client.ask("woosh.robot.General")["driverMethod"] == int(omnidirectional)
         mileage = simulator.state.odometer
         requests: list[tuple[str, Json]] = [
@@ -298,4 +289,3 @@ def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> N
         driven = simulator.state.odometer - mileage
         assert (driven > 1.0) is omnidirectional
         assert client.ask("woosh.robot.PoseSpeed")["mileage"] == int(mileage + driven)
-        client.close()

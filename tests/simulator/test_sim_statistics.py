@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import Json, JsonClient, pass_time
+from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
 from woosh_robot_agent.pb.robot import robot_count_pb2 as count_pb2
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, CountDataResponse
 from woosh_robot_agent.pb.util.common_pb2 import TimeBucket
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
@@ -271,17 +270,10 @@ def test_invalid_requests_for_statistics_are_refused(
     assert answer.msg.startswith(reason)
 
 
-@pytest.fixture
-def real_client() -> Iterator[JsonClient]:
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=50, seed=1)) as simulator:
-        client = JsonClient(simulator.port)
-        yield client
-        client.close()
-
-
-def test_tr200_counts_too(real_client: JsonClient) -> None:
-    real_client.subscribe(OPERATION, TASK)
-    real_client.ask("woosh.robot.ExecTask", TO_A2)
-    assert real_client.next_push(OPERATION)["distance"] == 1
-    closed = real_client.next_push(TASK, lambda body: body["end"])
+def test_tr200_counts_too() -> None:
+    with connected(speed=50, profile="tr200") as (_, client):
+        client.subscribe(OPERATION, TASK)
+        client.ask("woosh.robot.ExecTask", TO_A2)
+        assert client.next_push(OPERATION)["distance"] == 1
+        closed = client.next_push(TASK, lambda body: body["end"])
     assert (closed["taskId"], closed["state"]) == ("5", COMPLETED)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from tests.simulator.sim_wire import JsonClient
+from tests.simulator.sim_wire import JsonClient, connected
 from tests.simulator.test_sim_program import running
 from woosh_robot_agent import simulator as package
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread, status_codes
+from woosh_robot_agent.simulator import SimulatorThread, status_codes
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.profile import load_profile
 
@@ -55,9 +56,7 @@ def test_no_code_is_declared_twice_or_elsewhere() -> None:
     ],
 )
 def test_language_of_the_texts(options: dict[str, str], language: str) -> None:
-    config = SimulatorConfig(port=0, tcp_port=0, **options)  # type: ignore[arg-type]
-    with SimulatorThread(config) as simulator:
-        client = JsonClient(simulator.port)
+    with connected(**{"profile": "tr200", **options}) as (simulator, client):
         client.subscribe(CODE)
         simulator.inject("emergency_stop")
         pushed = client.next_push(CODE)
@@ -65,15 +64,15 @@ def test_language_of_the_texts(options: dict[str, str], language: str) -> None:
         for code in (pushed, listed):
             assert (code["code"], code["msg"]) == (str(EMERGENCY_STOP), TEXTS[language])
             assert code["level"] == 3
-        client.close()
 
 
 def test_language_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
-    with running("--code-language", "none", "--fault", "emergency_stop") as (_, port, _):
-        client = JsonClient(port)
+    with (
+        running("--code-language", "none", "--fault", "emergency_stop") as (_, port, _),
+        closing(JsonClient(port)) as client,
+    ):
         (code,) = client.ask(ABNORMAL)["scs"]
         assert (code["code"], code["msg"]) == (str(EMERGENCY_STOP), "")
-        client.close()
     with pytest.raises(SystemExit):
         main(["--code-language", "fr"])
     assert "invalid choice: 'fr'" in capsys.readouterr().err

@@ -73,6 +73,17 @@ def maps(client: JsonClient) -> dict[str, Any]:
     return {each["name"]: each for each in client.ask("woosh.map.SceneDataEasy")["maps"]}
 
 
+def library(simulator: SimulatorThread) -> Any:
+    """Return the files and maps of all scenes, and the current scene and map."""
+    return simulator.call(
+        lambda s: (
+            {name: (dict(each.files), list(each.maps)) for name, each in s.chassis.scenes.items()},
+            s.chassis.scene,
+            s.chassis.map,
+        )
+    )
+
+
 def test_laser_sees_the_uploaded_map(client: JsonClient) -> None:
     scene = switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png()))
     assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("lab", "floor", "1")
@@ -90,24 +101,21 @@ def test_laser_sees_the_uploaded_map(client: JsonClient) -> None:
 
 
 def test_navigation_plans_on_the_uploaded_map(client: JsonClient) -> None:
-    client.ask(
-        "woosh.robot.SwitchMap", switch_request("lab", floor_yaml=NAV2, floor_png=floor_png())
-    )
+    switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png()))
     distance_ahead(client)
-    client.subscribe("woosh.robot.TaskProc", "woosh.robot.PoseSpeed")
-    beyond = {"poses": [{"x": 9.2, "y": 0.0}], "targetPose": {"x": 9.2, "y": 0.0}}
     client.subscribe("woosh.ros.Feedbacks")
-    client.ask("woosh.ros.CallAction", {"moveBase": {"action": 1, **beyond}})
-    end = client.next_push(
-        "woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5)
-    )
-    assert "no free path" in end["fbs"][0]["msg"]
-    near = {"poses": [{"x": 0.0, "y": 3.0}], "targetPose": {"x": 0.0, "y": 3.0}}
-    client.ask("woosh.ros.CallAction", {"moveBase": {"action": 1, **near}})
-    end = client.next_push(
-        "woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] in (1, -1, 5)
-    )
-    assert end["fbs"][0]["state"] == 1
+
+    def end_of_drive(x: float, y: float) -> Json:
+        pose = {"x": x, "y": y}
+        move = {"action": 1, "poses": [pose], "targetPose": pose}
+        client.ask("woosh.ros.CallAction", {"moveBase": move})
+        ends = (1, -1, 5)
+        body = client.next_push("woosh.ros.Feedbacks", lambda b: b["fbs"][0]["state"] in ends)
+        end: Json = body["fbs"][0]
+        return end
+
+    assert "no free path" in end_of_drive(9.2, 0.0)["msg"]  # beyond the wall
+    assert end_of_drive(0.0, 3.0)["state"] == 1
 
 
 def test_uploaded_map_is_added_to_a_shipped_scene(client: JsonClient) -> None:
@@ -151,9 +159,7 @@ def test_uploaded_scene_brings_maps_marks_and_tasks(client: JsonClient) -> None:
 
 def test_robot_inside_an_uploaded_wall_loses_localisation(client: JsonClient) -> None:
     distance_ahead(client)
-    client.ask(
-        "woosh.robot.SwitchMap", switch_request("lab", floor_yaml=NAV2, floor_png=floor_png(4.2))
-    )
+    switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png(4.2)))
     assert client.ask("woosh.robot.DeviceState")["software"] & 1 == 0
     assert "locali" in client.refusal("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
 
@@ -201,24 +207,12 @@ INVALID_UPLOADS: list[tuple[dict[str, bytes], str]] = [
 def test_invalid_uploads_are_refused_and_change_nothing(
     simulator: SimulatorThread, client: JsonClient, scene: str, files: dict[str, bytes], reason: str
 ) -> None:
-    def state() -> Any:
-        return simulator.call(
-            lambda s: (
-                {
-                    name: (dict(each.files), list(each.maps))
-                    for name, each in s.chassis.scenes.items()
-                },
-                s.chassis.scene,
-                s.chassis.map,
-            )
-        )
-
-    before = state()
+    before = library(simulator)
     request = {"sceneName": scene, "fileDatas": file_datas(files)}
     text = client.refusal("woosh.robot.SwitchMap", request)
     assert reason in text
     assert len(text) < 1000
-    assert state() == before
+    assert library(simulator) == before
 
 
 def test_total_size_of_uploads_is_limited() -> None:
@@ -230,9 +224,7 @@ def test_total_size_of_uploads_is_limited() -> None:
 
 
 def test_invalid_second_upload_keeps_the_first(client: JsonClient) -> None:
-    client.ask(
-        "woosh.robot.SwitchMap", switch_request("lab", floor_yaml=NAV2, floor_png=floor_png())
-    )
+    switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png()))
     text = client.refusal(
         "woosh.robot.SwitchMap", switch_request("lab", **{"floor/map_png": b"junk"})
     )

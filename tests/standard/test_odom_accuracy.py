@@ -44,9 +44,9 @@ def drive(profile: str, delay: float, seed: int) -> Errors:
     driving = load_profile(profile).driving
     base = Base(
         Pose(),
-        0.0,
-        driving.rolls_for,
-        driving.stops_below,
+        odometer=0.0,
+        rolls_for=driving.rolls_for,
+        stops_below=driving.stops_below,
         max_speed=driving.max_speed,
         max_turn_rate=driving.max_turn_rate,
     )

@@ -25,7 +25,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, Twist
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.__main__ import main as simulator_main
 from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER, Profile, load_profile
-from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, is_query
+from woosh_robot_agent.simulator.protocol.handlers import QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
 from woosh_robot_agent.simulator.serving.exchange import Received
 from woosh_robot_agent.tools.doctor.learn import learn, learn_profile, profile_text
@@ -254,7 +254,7 @@ def test_report_has_rates_delays_and_sizes(surveyed: Surveyed) -> None:
 
 def test_survey_only_reads(surveyed: Surveyed) -> None:
     sent = {each.type for each in surveyed.requests} - {"woosh.robot.Twist", "woosh.Subscription"}
-    assert sent == set(filter(is_query, HANDLERS))
+    assert sent == set(QUERIES)
     kinds = {each.message.req_type for each in surveyed.requests if "CountData" in each.type}
     assert kinds == {CountData.kGet}
 

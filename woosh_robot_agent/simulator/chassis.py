@@ -10,8 +10,9 @@ from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
+from woosh_robot_agent.simulator.behaviour.manual_driving import Follower, Teleop
 from woosh_robot_agent.simulator.behaviour.mapping import Deployment, Mapping
-from woosh_robot_agent.simulator.behaviour.ownership import Follower, Ownership, Teleop
+from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -100,8 +101,9 @@ class Chassis(Robot):
             return util_robot_pb2.kMapping
         if not readiness.initialised:
             return util_robot_pb2.kUninit
-        until_full = self.profile.charging.confirmed_after is None
-        if self.battery.charges and (until_full or not self.tasks.state):
+        # With `confirmed_after`, the task is soon completed, and the battery goes on charging.
+        tasks_last_until_full = self.profile.charging.confirmed_after is None
+        if self.battery.charges and (tasks_last_until_full or not self.tasks.state):
             return util_robot_pb2.kCharging
         if self.follower.active:
             return util_robot_pb2.kFollowing
@@ -114,7 +116,7 @@ class Chassis(Robot):
         """Choose how long the answer to a request takes, given the full name of its type."""
         answers = self.profile.answers
         times = answers.requests.get(type_name, answers.default)
-        self.answer_delay = times.at(self.chance.random())
+        self.answer_delay = times.sample(self.chance)
         self.state_first = self.chance.random() < self.profile.tasks.state_first
 
     def tick(self, dt: float) -> None:
@@ -135,9 +137,9 @@ class Chassis(Robot):
         self.battery.tick(dt, self.base.odometer - odometer)
         self.statistics.tick(self.base.odometer)
         if self.base.moving:
-            self.actions.clear(Device.CHARGER, "robot drove away")
+            self.actions.cancel_on(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
-        self.look()
+        self.begin_due_scan()
         self.mapping.tick()
 
     def localise(self, pose: Pose) -> None:
@@ -155,7 +157,7 @@ class Chassis(Robot):
 
     def initialise(self) -> float:
         """Begin to initialise the robot; return the duration, in seconds."""
-        duration = self.profile.answers.initialisation.at(self.chance.random())
+        duration = self.profile.answers.initialisation.sample(self.chance)
         self.readiness.initialised = False
 
         def finish() -> None:
@@ -165,8 +167,8 @@ class Chassis(Robot):
         self._initialisation.add(duration, finish)
         return duration
 
-    def enter(self, scene: Scene, area: Map) -> None:
-        super().enter(scene, area)
+    def switch_map(self, scene: Scene, area: Map) -> None:
+        super().switch_map(scene, area)
         self.tasks.forget_failed()
 
     def set_emergency_stop(self, pressed: bool) -> None:
@@ -175,25 +177,16 @@ class Chassis(Robot):
         self._check_conditions()
 
     def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
-        """Turn the key switch to manual, or to automatic.
+        """Turn the key switch to manual, where the motors are off, or to automatic.
 
-        At manual it overrides the control mode and switches the motors off.
-
-        Args:
-            manual: True for manual, False for automatic.
-            accept: at manual, accept requests instead of refusing them. The motors stay off.
+        With `accept`, requests are accepted at manual, although nothing moves.
         """
         self.readiness.key_manual = manual
         self.readiness.key_accepts = accept
         self._check_conditions()
 
     def hold_remote_keys(self, keys: int, address: int) -> None:
-        """Hold down keys of a radio remote controller.
-
-        Args:
-            keys: one bit for each key, 0 if all are released.
-            address: address of the controller.
-        """
+        """Hold down keys of a radio remote controller, one bit for each key; 0 releases all."""
         self.remote_controller = device_pb2.RfRemoteController(address=address, keys=keys)
 
     def lose_localisation(self) -> None:
@@ -214,8 +207,8 @@ class Chassis(Robot):
         if readiness.emergency_stop:
             self.base.halt()
             self.teleop.release()
-        if readiness.obstruction:
-            self.ownership.suspend_all(readiness.obstruction.reason)
+        if readiness.refusal:
+            self.ownership.suspend_all(readiness.refusal.reason)
 
     def _report_control_mode(self) -> None:
         """Report the control mode if it has changed."""

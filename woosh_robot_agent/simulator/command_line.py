@@ -8,11 +8,10 @@ import importlib
 import logging
 import os
 import sys
-from collections.abc import Coroutine, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import woosh_robot_agent.link.protos  # noqa: F401 - reports protobuf modules that are missing
 from woosh_robot_agent.data_files import DataFileError
@@ -92,7 +91,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     except (DataFileError, _DashboardError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except BrokenPipeError:  # nobody reads the output any more
+    except BrokenPipeError:  # concerns the output, not a port
         raise
     except OSError as error:
         reason = error.strerror or str(error)
@@ -145,10 +144,11 @@ def _learn(source: Path, profile: Path) -> int:
 
 
 class _DashboardError(Exception):
-    """The page cannot be served."""
+    """The page cannot be served. The text says why, and what to do."""
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
+    """Serve clients, and the page if it has a port, until a signal arrives."""
     loop, stopping = asyncio.get_running_loop(), asyncio.Event()
 
     def on_signal() -> None:
@@ -179,11 +179,13 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
                     flush=True,
                 )
                 await stopping.wait()
-            await _wait_first(
-                _wait_second(stopping),
-                simulator.wait_disconnected(),
-                timeout=_DISCONNECT_TIMEOUT,
+            waits = (_wait_for_another(stopping), simulator.wait_disconnected())
+            ends = [asyncio.ensure_future(each) for each in waits]
+            await asyncio.wait(
+                ends, timeout=_DISCONNECT_TIMEOUT, return_when=asyncio.FIRST_COMPLETED
             )
+            for each in ends:
+                each.cancel()
     finally:
         loop.remove_reader(signals.fd)
 
@@ -203,19 +205,11 @@ def _port(text: str) -> int:
     return port
 
 
-async def _wait_second(signal: asyncio.Event) -> None:
+async def _wait_for_another(signal: asyncio.Event) -> None:
     """Wait for another signal, except within `_REPEAT_TIME` of the first one."""
     await asyncio.sleep(_REPEAT_TIME)
     signal.clear()
     await signal.wait()
-
-
-async def _wait_first(*awaitables: Coroutine[Any, Any, object], timeout: float) -> None:
-    """Wait until one of `awaitables` is done, for `timeout` seconds at most; cancel the others."""
-    tasks = [asyncio.ensure_future(each) for each in awaitables]
-    await asyncio.wait(tasks, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
-    for task in tasks:
-        task.cancel()
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -233,9 +227,11 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=_HelpFormatter,
     )
     for option in _OPTIONS:
-        kind: dict[str, Any] = {} if option.default is None else {"type": type(option.default)}
+        arguments = dict(option.metadata)
+        if option.default is not None:
+            arguments["type"] = type(option.default)
         name = option.name.replace("_", "-")
-        parser.add_argument(f"--{name}", default=option.default, **kind, **option.metadata)
+        parser.add_argument(f"--{name}", default=option.default, **arguments)
     parser.add_argument(
         "--scene",
         type=Path,

@@ -7,10 +7,10 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from woosh_robot_agent.simulator.profile import SHIPPED, Profile
-from woosh_robot_agent.simulator.status_codes import LANGUAGES, Language
+from woosh_robot_agent.simulator.status_codes import Language
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class SimulatorConfig:
     code_language: Language | None = _option(  # noqa: RUF009 - a field
         None,
         "language of the texts of status codes; none: no texts; default: as in the profile",
-        choices=LANGUAGES,
+        choices=get_args(Language),
     )
     robot_id: int = _option(30001, "number of the robot")
     max_frame: int = _option(

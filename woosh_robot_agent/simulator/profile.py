@@ -6,6 +6,7 @@ fields; docs/simulator_reference.md has the same descriptions as a table.
 
 from __future__ import annotations
 
+import random
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -38,9 +39,11 @@ class Distribution(NamedTuple):
     usual: float
     longest: float
 
-    def at(self, share: float) -> float:
-        """Return the quantile of the times at `share`, from 0 to 1."""
+    def sample(self, rng: random.Random) -> float:
+        """Return a random time."""
+        share = rng.random()
         if share <= 0.5:
+            # The profile does not give a minimum: 90 % of the median.
             return self.median * (0.9 + 0.2 * share)
         if share <= 0.9:
             return self.median + (self.usual - self.median) * (share - 0.5) / 0.4
@@ -59,9 +62,9 @@ class Interval(NamedTuple):
     least: float
     most: float
 
-    def at(self, share: float) -> float:
-        """Return the quantile of the times at `share`, from 0 to 1."""
-        return self.least + (self.most - self.least) * share
+    def sample(self, rng: random.Random) -> float:
+        """Return a random time."""
+        return rng.uniform(self.least, self.most)
 
 
 class Corner(NamedTuple):
@@ -77,7 +80,7 @@ def _check_rising(times: Distribution | Interval) -> None:
         raise ValueError(f"must be [{shape}], each at least as long as the one before")
 
 
-def _check_request(requests: Mapping[str, object]) -> None:
+def _check_requests(requests: Mapping[str, object]) -> None:
     for name in requests:
         try:
             message_type(name)
@@ -85,8 +88,8 @@ def _check_request(requests: Mapping[str, object]) -> None:
             raise ValueError(f"there is no such request: {name}") from None
 
 
-Spread = Annotated[Distribution, _check_rising]
-Range = Annotated[Interval, _check_rising]
+RisingDistribution = Annotated[Distribution, _check_rising]
+RisingInterval = Annotated[Interval, _check_rising]
 Share = Annotated[float, Between(0.0, 1.0)]
 Count = Annotated[int, Between(0, 2**31 - 1)]
 
@@ -112,9 +115,9 @@ class TaskProfile:
     starting_states: tuple[Literal["kInit", "kReady"], ...]
     first_report: tuple[NotNegative, ...]
     between_jobs: NotNegative
-    order_effect: Spread
+    order_effect: RisingDistribution
     state_first: Share
-    empty_report: Range | None
+    empty_report: RisingInterval | None
     report_last_action: bool
     final_wait: bool
     leave_dock: bool
@@ -130,21 +133,21 @@ class TaskProfile:
 class AnswerProfile:
     """Times from a request to its answer."""
 
-    default: Spread
-    requests: Annotated[Mapping[str, Spread], _check_request]
-    initialisation: Range
+    default: RisingDistribution
+    requests: Annotated[Mapping[str, RisingDistribution], _check_requests]
+    initialisation: RisingInterval
 
 
 @dataclass(frozen=True)
 class MappingProfile:
     """Making maps."""
 
-    start: Range
+    start: RisingInterval
     state_after: NotNegative
     picture_period: Annotated[float, Between(0.001)]
-    save: Spread
+    save: RisingDistribution
     scene_after: NotNegative
-    cancel: Range
+    cancel: RisingInterval
 
 
 @dataclass(frozen=True)
@@ -154,7 +157,7 @@ class RateProfile:
     pose_speed: NotNegative
     scan: NotNegative
     scan_push: NotNegative
-    battery: Range | None
+    battery: RisingInterval | None
     operation: NotNegative | None
 
 
@@ -197,8 +200,8 @@ class ChargingProfile:
 class RefusalProfile:
     """Refused requests."""
 
-    always: Annotated[Mapping[str, str], _check_request]
-    texts: Annotated[Mapping[str, str], _check_request]
+    always: Annotated[Mapping[str, str], _check_requests]
+    texts: Annotated[Mapping[str, str], _check_requests]
     explained: bool
     codes: bool
     while_busy: bool

@@ -23,7 +23,7 @@ from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 from woosh_robot_agent.simulator.world.planner import PATH_MARGIN
 
 _DOCK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
-"""Shares of the usual distance at which docking may start."""
+"""Shares of the usual docking distance, tried in this order until one has enough room."""
 
 _CHARGER_DISTANCE = 0.3
 """Distance to a charger at which the robot can charge, in metres."""
@@ -78,7 +78,7 @@ class Robot(Timeline):
         self.state_first = False
 
         self.scenes, self.scene = files.known_scenes(config.scenes)
-        self.map, start = files.start(self.scene)
+        self.map, start = files.start_place(self.scene)
         self.obstacles = Obstacles()
         self._collisions = CollisionDetector()
 
@@ -131,7 +131,7 @@ class Robot(Timeline):
 
     @property
     def ground_truth(self) -> Map:
-        """The hall in which the robot is, with its real walls."""
+        """The current map with its real walls, also if the robot has made the map itself."""
         return self.map.ground_truth or self.map
 
     @property
@@ -175,30 +175,30 @@ class Robot(Timeline):
                 f"pose {pose} is inside a wall of map {self.map.name}: choose one on free floor"
             )
 
-    def enter(self, scene: Scene, area: Map) -> None:
-        """Switch to another scene or map while there is no task. The coordinates stay the same."""
+    def switch_map(self, scene: Scene, area: Map) -> None:
+        """Switch to another scene or map while there is no task. The pose of the robot stays."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
         if not self.can_stand(self.base.pose):
             self.readiness.located = False
 
-    def replace_scene(self, old: Scene | None, new: Scene, map_name: str = "") -> None:
+    def replace_scene(self, old: Scene | None, new: Scene, current_map: str = "") -> None:
         """Store a new scene, or replace a scene.
 
         Args:
             old: the scene to replace, None for a new scene.
             new: the scene to store. It may have another name than the old scene.
-            map_name: if `old` is the current scene: name of the current map in `new`; empty if it
-                has not changed.
+            current_map: name of the current map in `new`, if `old` is the current scene; empty if
+                the map keeps its name.
         """
         if old is self.scene:
-            area = new.map(map_name or self.map.name)
+            area = new.map(current_map or self.map.name)
             assert area is not None
             if area.same_ground(self.map):  # another name or other marks
                 self.scenes[new.name] = self.scene = new
                 self.map = area
             else:
-                self.enter(new, area)
+                self.switch_map(new, area)
         else:
             self.scenes[new.name] = new
         if old and old.name != new.name:
@@ -207,6 +207,11 @@ class Robot(Timeline):
     def change_map(self, area: Map) -> None:
         """Replace the current map by a changed map of the same name."""
         self.replace_scene(self.scene, with_map_changed(self.scene, self.map, area))
+
+    def nearest_mark(self, kind: MarkKind) -> Mark | None:
+        """Return the nearest mark of a kind on the current map, None if there is none."""
+        marks = [mark for mark in self.map.marks.values() if mark.kind is kind]
+        return min(marks, key=lambda mark: self.pose.distance(mark.pose.point), default=None)
 
     @property
     def charger(self) -> Mark | None:
@@ -221,18 +226,21 @@ class Robot(Timeline):
         return None
 
     def dock_distance(self, mark: Mark) -> float:
-        """Return the distance from a mark at which docking starts, in metres; less near walls."""
-        farthest = self.profile.charging.docking_distance
+        """Return the distance from a mark at which docking starts, in metres.
+
+        It is less than usual if walls are near, and 0 without room at any distance.
+        """
+        usual = self.profile.charging.docking_distance
         needed = outer_radius(self.outline) + PATH_MARGIN
         for share in _DOCK_SHARES:
-            place = mark.pose.moved(-share * farthest, 0.0, 0.0).point
-            if self.map.contains(*place) and self.map.clearance(*place) >= needed:
-                return share * farthest
+            start = mark.pose.moved(-share * usual, 0.0, 0.0).point
+            if self.map.contains(*start) and self.map.clearance(*start) >= needed:
+                return share * usual
         return 0.0
 
     def scan(self) -> list[float]:
         """Return the ranges of one scan of the laser, in metres."""
-        self.look()
+        self.begin_due_scan()
         if not self._ranges:
             # The noise depends on the time, not on the number of scans: equal seeds give equal
             # scans.
@@ -240,7 +248,7 @@ class Robot(Timeline):
             self._ranges = self.laser.scan(self.scan_pose, self.walls, rng, self.ground_truth.grid)
         return self._ranges
 
-    def look(self) -> None:
+    def begin_due_scan(self) -> None:
         """Begin a new scan of the laser if it is due."""
         rates = self.profile.rates
         if self.stepped - self.scan_time >= rates.scan - ROUNDING:

@@ -8,9 +8,9 @@ from pathlib import Path
 from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator.profile import Profile
-from woosh_robot_agent.simulator.scenes import robot_files as robot
+from woosh_robot_agent.simulator.scenes import robot_files
 from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS
-from woosh_robot_agent.simulator.scenes.files import load_scene, robot_folder, start
+from woosh_robot_agent.simulator.scenes.files import load_scene, read_robot_folder, start_place
 from woosh_robot_agent.simulator.scenes.scene import (
     MAP_FILE,
     MARK_INFO,
@@ -32,42 +32,42 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
     """
     try:
         is_of_robot = (path / SCENE_INDEX).is_file()
-        findings = list(_in_files(path)) if is_of_robot else []
+        unreadable = list(_unreadable_files(path)) if is_of_robot else []
         # The marks on a map can only be checked if all maps can be read.
-        return findings or list(_in_use(load_scene(path), profile))
+        return unreadable or list(_unusable_places(load_scene(path), profile))
     except DataFileError as error:
         return [str(error)]
 
 
-def _in_files(folder: Path) -> Iterator[str]:
-    """Find unreadable files in the folder of a robot's scene."""
-    files = robot_folder(folder)
-    maps = robot.map_names(files[SCENE_INDEX])
-    yield from _problem(lambda: robot.read_groups(files.get(ACTION_GROUPS, b"")))
-    yield from _problem(lambda: robot.read_task_info(TASK_INFO, files.get(TASK_INFO, b"")))
+def _unreadable_files(folder: Path) -> Iterator[str]:
+    """Yield the error of each file in the folder of a robot's scene that cannot be read."""
+    files = read_robot_folder(folder)
+    maps = robot_files.map_names(files[SCENE_INDEX])
+    yield from _errors_of(lambda: robot_files.read_groups(files.get(ACTION_GROUPS, b"")))
+    yield from _errors_of(lambda: robot_files.read_task_info(TASK_INFO, files.get(TASK_INFO, b"")))
     for name in maps:
-        yield from _in_map_files(name, files)
+        yield from _unreadable_map_files(name, files)
     for other in sorted(folder.glob(f"*/{MAP_FILE}")):
         if other.parent.name not in maps:
             yield f"{other.parent.name}: {SCENE_INDEX} does not name this map"
 
 
-def _in_map_files(name: str, files: Mapping[str, bytes]) -> Iterator[str]:
-    """Find unreadable files in the folder of a map."""
+def _unreadable_map_files(name: str, files: Mapping[str, bytes]) -> Iterator[str]:
+    """Yield the error of each file in the folder of a map that cannot be read."""
 
-    def keepout() -> None:
-        grid = robot.read_map_picture(name, files)
-        robot.read_map_keepout(name, files, grid)
+    def read_keepout() -> None:
+        grid = robot_files.read_map_picture(name, files)
+        robot_files.read_map_keepout(name, files, grid)
 
-    picture = list(_problem(lambda: robot.read_map_picture(name, files)))
-    yield from picture or _problem(keepout)
+    picture_errors = _errors_of(lambda: robot_files.read_map_picture(name, files))
+    yield from picture_errors or _errors_of(read_keepout)
     marks = f"{name}/{MARK_INFO}"
-    yield from _problem(lambda: robot.read_mark_info(marks, files.get(marks, b"")))
-    yield from _problem(lambda: robot.check_carried(name, files))
+    yield from _errors_of(lambda: robot_files.read_mark_info(marks, files.get(marks, b"")))
+    yield from _errors_of(lambda: robot_files.check_unused_files(name, files))
 
 
-def _problem(read: Callable[[], object]) -> list[str]:
-    """Return the error of a function that reads a file, if there is one."""
+def _errors_of(read: Callable[[], object]) -> list[str]:
+    """Call a function that reads a file. Return its error, or an empty list without one."""
     try:
         read()
     except DataFileError as error:
@@ -75,9 +75,9 @@ def _problem(read: Callable[[], object]) -> list[str]:
     return []
 
 
-def _in_use(scene: Scene, profile: Profile) -> Iterator[str]:
-    """Find poses, marks and tasks of a scene that a robot cannot use."""
-    first, pose = start(scene)
+def _unusable_places(scene: Scene, profile: Profile) -> Iterator[str]:
+    """Yield what a robot cannot use in a scene: the start, marks and tasks."""
+    first, pose = start_place(scene)
     outline = hull(profile.model.outline)
     if not first.contains(*pose.point) or first.gap(outline, pose) < 0.0:
         yield f"map {first.name}: the robot cannot stand at the start {pose}"
@@ -90,12 +90,12 @@ def _in_use(scene: Scene, profile: Profile) -> Iterator[str]:
                 yield f"{where} is so close to a wall that the robot cannot stand there"
             elif area.grid and area.grid.kept_out(*mark.pose.point):
                 yield f"{where} is in a keep-out area"
-            elif area is first and not _reaches(area, profile, pose, mark.pose):
+            elif area is first and not _can_drive(area, profile, pose, mark.pose):
                 yield f"{where} cannot be reached from the start {pose}"
-    yield from _in_tasks(scene)
+    yield from _unusable_tasks(scene)
 
 
-def _reaches(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
+def _can_drive(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
     routes = planner(area, outer_radius(profile.model.outline) + PATH_MARGIN)
     try:
         return routes.plan(here.point, there.point) is not None
@@ -103,8 +103,8 @@ def _reaches(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
         return False
 
 
-def _in_tasks(scene: Scene) -> Iterator[str]:
-    """Find actions and marks that tasks lack."""
+def _unusable_tasks(scene: Scene) -> Iterator[str]:
+    """Yield the types of tasks without actions, and the tasks whose marks are on no map."""
     for kind in task_pb2.Type.values():
         if kind and not scene.action_groups.numbers(kind):
             yield f"{ACTION_GROUPS}: it has no actions for tasks of type {kind}"

@@ -7,7 +7,6 @@ import random
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
 
 from google.protobuf.message import Message
 
@@ -18,7 +17,7 @@ from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.faults.fault import Injection
 from woosh_robot_agent.simulator.faults.injector import Injector
 from woosh_robot_agent.simulator.protocol.reports import robot_info
-from woosh_robot_agent.simulator.serving.exchange import Interceptor, Received, added
+from woosh_robot_agent.simulator.serving.exchange import Interceptor, Received, add_hook
 from woosh_robot_agent.simulator.serving.server import Server
 from woosh_robot_agent.simulator.world.geometry import Pose
 
@@ -74,12 +73,7 @@ class SimulatedChassis(Server):
         await self.start()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *error: object) -> None:
         await self.stop()
 
     async def start(self) -> None:
@@ -128,7 +122,7 @@ class SimulatedChassis(Server):
     def clear_faults(self) -> None:
         """End all faults, and send at once all frames that they delay."""
         self._injector.clear()
-        self._connections.release()
+        self._connections.send_delayed()
 
     @property
     def faults(self) -> list[Injection]:
@@ -175,9 +169,10 @@ class SimulatedChassis(Server):
 
     def last(self, type_name: str) -> Message | None:
         """Return the last message of a type from a client, None if there is none."""
-        found = (each for each in reversed(self._exchange.received) if each.type == type_name)
-        received = next(found, None)
-        return received.message if received else None
+        for received in reversed(self._exchange.received):
+            if received.type == type_name:
+                return received.message
+        return None
 
     async def wait_received(
         self, type_name: str, count: int = 1, timeout: float = 60.0
@@ -190,7 +185,7 @@ class SimulatedChassis(Server):
         Raises:
             asyncio.TimeoutError: they have not arrived within `timeout` seconds.
         """
-        await asyncio.wait_for(self._exchange.arrived(type_name, count), timeout)
+        await asyncio.wait_for(self._exchange.wait_received(type_name, count), timeout)
         return self.last(type_name)
 
     def refuse(self, type_name: str, text: str) -> None:
@@ -217,7 +212,7 @@ class SimulatedChassis(Server):
 
     def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
         """Pass all outgoing frames through `interceptor`, and return a function that removes it."""
-        return added(self.hooks.interceptors, interceptor)
+        return add_hook(self.hooks.interceptors, interceptor)
 
     def send_raw(self, data: str | bytes) -> None:
         """Send a frame to every client unchanged."""

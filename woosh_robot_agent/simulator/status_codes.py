@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 from woosh_robot_agent.pb.robot import robot_count_pb2
 from woosh_robot_agent.pb.util import action_pb2
@@ -11,9 +11,6 @@ from woosh_robot_agent.robot.status_codes import meaning
 
 Language = Literal["zh", "en", "none"]
 """Language of the texts of status codes; `none` for codes without a text."""
-
-LANGUAGES: tuple[Language, ...] = get_args(Language)
-"""All languages."""
 
 
 _Status = robot_count_pb2.StatusCode
@@ -95,15 +92,16 @@ CONTROL_MODES = {
 }
 """Codes of changes of the control mode, by the new mode."""
 
-_FAILURES = {
+_FAILURE_CODES = {
     action_pb2.kCharge: CHARGING_FAILED,
     action_pb2.kCarry: LIFT_FAILED,
     action_pb2.kStepCtrl: STEPS_FAILED,
     action_pb2.kSecondposEnter: DOCKING_FAILED,
     action_pb2.kSecondposQuit: LEAVING_DOCK_FAILED,
 }
+"""Codes of failed jobs, by the type of the job. `NAVIGATION_FAILED` stands for all others."""
 
 
-def failure(kind: action_pb2.Type) -> Code:
+def failure_code(kind: action_pb2.Type) -> Code:
     """Return the status code for a failed job of a task, given the type of the job."""
-    return _FAILURES.get(kind, NAVIGATION_FAILED)
+    return _FAILURE_CODES.get(kind, NAVIGATION_FAILED)

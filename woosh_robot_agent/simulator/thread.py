@@ -7,7 +7,6 @@ import concurrent.futures
 import functools
 import threading
 from collections.abc import Callable, Coroutine
-from types import TracebackType
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -22,10 +21,10 @@ _CALL_TIMEOUT = 10.0
 """Timeout of a call in the simulator's thread, in seconds."""
 
 
-def _called(
+def _in_thread(
     method: Callable[Concatenate[SimulatedChassis, P], T],
 ) -> Callable[Concatenate[SimulatorThread, P], T]:
-    """Return a method that calls a method of `SimulatedChassis` in the simulator's thread."""
+    """Return the method of `SimulatorThread` that calls `method` in the simulator's thread."""
 
     @functools.wraps(method)
     def call(thread: SimulatorThread, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -34,10 +33,10 @@ def _called(
     return call  # type: ignore[return-value] # wraps keeps the type of the wrapped function
 
 
-def _awaited(
+def _awaited_in_thread(
     method: Callable[Concatenate[SimulatedChassis, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate[SimulatorThread, P], T]:
-    """Return a method that runs a coroutine of `SimulatedChassis` in the simulator's thread."""
+    """Return the method of `SimulatorThread` that awaits `method` in the simulator's thread."""
 
     @functools.wraps(method)
     def run(thread: SimulatorThread, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -46,13 +45,13 @@ def _awaited(
     return run  # type: ignore[return-value] # wraps keeps the type of the wrapped function
 
 
-class _Value(Generic[T]):
+class _Property(Generic[T]):
     """A property of `SimulatedChassis` that is read in the simulator's thread."""
 
-    def __init__(self, value: Callable[[SimulatedChassis], T]) -> None:
-        found: Any = value  # for mypy, a property of a class is the function that it calls
-        self._get: Callable[[SimulatedChassis], T] = found.fget
-        self.__doc__ = value.__doc__
+    def __init__(self, getter: Callable[[SimulatedChassis], T]) -> None:
+        prop: Any = getter  # mypy takes a property of a class for its getter
+        self._get: Callable[[SimulatedChassis], T] = prop.fget
+        self.__doc__ = prop.__doc__
 
     def __get__(self, thread: SimulatorThread, owner: type[SimulatorThread]) -> T:
         return thread.call(self._get)
@@ -97,12 +96,7 @@ class SimulatorThread:
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.stop()
 
     def start(self) -> None:
@@ -144,29 +138,29 @@ class SimulatorThread:
         """TCP port."""
         return self._simulator.tcp_port
 
-    connections = _Value(SimulatedChassis.connections)
-    state = _Value(SimulatedChassis.state)
-    received = _Value(SimulatedChassis.received)
-    counts = _Value(SimulatedChassis.counts)
-    bad_frames = _Value(SimulatedChassis.bad_frames)
-    injected = _Value(SimulatedChassis.injected)
-    last = _called(SimulatedChassis.last)
-    wait_received = _awaited(SimulatedChassis.wait_received)
-    refuse = _called(SimulatedChassis.refuse)
-    delay = _called(SimulatedChassis.delay)
-    mute = _called(SimulatedChassis.mute)
-    answer_as = _called(SimulatedChassis.answer_as)
-    accept = _called(SimulatedChassis.accept)
-    push = _called(SimulatedChassis.push)
-    send_raw = _called(SimulatedChassis.send_raw)
-    drop = _called(SimulatedChassis.drop)
-    clear_faults = _called(SimulatedChassis.clear_faults)
-    set_emergency_stop = _called(SimulatedChassis.set_emergency_stop)
-    set_key_switch = _called(SimulatedChassis.set_key_switch)
-    hold_remote_keys = _called(SimulatedChassis.hold_remote_keys)
-    lose_localisation = _called(SimulatedChassis.lose_localisation)
-    listen = _awaited(SimulatedChassis.listen)
-    stop_listening = _awaited(SimulatedChassis.stop_listening)
+    connections = _Property(SimulatedChassis.connections)
+    state = _Property(SimulatedChassis.state)
+    received = _Property(SimulatedChassis.received)
+    counts = _Property(SimulatedChassis.counts)
+    bad_frames = _Property(SimulatedChassis.bad_frames)
+    injected = _Property(SimulatedChassis.injected)
+    last = _in_thread(SimulatedChassis.last)
+    wait_received = _awaited_in_thread(SimulatedChassis.wait_received)
+    refuse = _in_thread(SimulatedChassis.refuse)
+    delay = _in_thread(SimulatedChassis.delay)
+    mute = _in_thread(SimulatedChassis.mute)
+    answer_as = _in_thread(SimulatedChassis.answer_as)
+    accept = _in_thread(SimulatedChassis.accept)
+    push = _in_thread(SimulatedChassis.push)
+    send_raw = _in_thread(SimulatedChassis.send_raw)
+    drop = _in_thread(SimulatedChassis.drop)
+    clear_faults = _in_thread(SimulatedChassis.clear_faults)
+    set_emergency_stop = _in_thread(SimulatedChassis.set_emergency_stop)
+    set_key_switch = _in_thread(SimulatedChassis.set_key_switch)
+    hold_remote_keys = _in_thread(SimulatedChassis.hold_remote_keys)
+    lose_localisation = _in_thread(SimulatedChassis.lose_localisation)
+    listen = _awaited_in_thread(SimulatedChassis.listen)
+    stop_listening = _awaited_in_thread(SimulatedChassis.stop_listening)
 
     def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
         """Pass all outgoing frames through `interceptor`, which runs in the simulator's thread.

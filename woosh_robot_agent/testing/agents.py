@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any, Protocol
 
+import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -60,7 +61,9 @@ def own_domain() -> Iterator[int]:
                 continue
             _locks[domain] = lock
             try:
-                with _environment(domain_variables(domain)):
+                with pytest.MonkeyPatch.context() as patch:
+                    for name, value in domain_variables(domain).items():
+                        patch.setenv(name, value)
                     yield domain
             finally:
                 del _locks[domain]
@@ -81,21 +84,7 @@ def domain_variables(domain: int) -> dict[str, str]:
     return {"ROS_DOMAIN_ID": str(domain), **this_computer_only()}
 
 
-@contextlib.contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-_TURN = 1.0
+_IDLE_SPIN_TIMEOUT = 1.0
 """Maximum duration of a call of `spin_once` without work, in seconds."""
 
 
@@ -126,7 +115,7 @@ class Spinner:
     def _spin(self) -> None:
         try:
             while not self._stop.is_set():
-                self.executor.spin_once(timeout_sec=_TURN)
+                self.executor.spin_once(timeout_sec=_IDLE_SPIN_TIMEOUT)
         except ExternalShutdownException:
             pass
         except BaseException as error:
@@ -153,8 +142,8 @@ def spinning(*nodes: Any) -> Iterator[None]:
             executor.shutdown()
 
 
-_SPIN_TIMEOUT = 0.02
-"""Duration of one step of the executor while the agent closes, in seconds."""
+_CLOSING_SPIN_TIMEOUT = 0.02
+"""Maximum duration of a call of `spin_once` while the agent closes, in seconds."""
 
 
 class RunningAgent(Protocol):
@@ -183,10 +172,10 @@ class RunningAgent(Protocol):
 
 
 _LINK_FIELDS = {field.name for field in fields(LinkConfig)} - {p.name for p in PARAMETERS}
-"""Fields of the link's configuration that are no parameters."""
+"""Fields of `LinkConfig` that are not parameters of the agent."""
 _STALL = 10.0
-"""Stall after which an agent in this process moves nothing for a moment, in seconds. On a busy
-machine, tests stand still for longer than a robot's computer should."""
+"""Stall of this process after which the agent refuses older commands, in seconds. It is longer than
+on a robot, because tests on a busy machine stall for longer than a robot's computer."""
 
 
 class AgentInProcess:
@@ -241,7 +230,7 @@ class AgentInProcess:
         try:
             self._spinner.stop()
         finally:
-            self.agent.close(lambda: self.executor.spin_once(timeout_sec=_SPIN_TIMEOUT))
+            self.agent.close(lambda: self.executor.spin_once(timeout_sec=_CLOSING_SPIN_TIMEOUT))
             self.executor.shutdown()
             rclpy.try_shutdown(context=self.context)
 
@@ -262,10 +251,9 @@ class AgentProcess:
         lines: lines that the agent has logged.
     """
 
+    # Subclasses may override the module to run, and options of `subprocess.Popen`.
     module = "woosh_robot_agent.agent"
-    """Module that is started."""
     popen_options: Mapping[str, Any] = {"stdin": subprocess.DEVNULL}
-    """Further options of `subprocess.Popen`."""
 
     def __init__(
         self, domain: int, namespace: str = NAMESPACE, *arguments: str, **parameters: Any
@@ -304,7 +292,7 @@ class AgentProcess:
         """
 
         def is_logged() -> bool:
-            is_running = self.process.poll() is None
+            is_running = self.process.poll() is None  # before `output`, so that no text is missed
             if self.output.count(text) >= times:
                 return True
             status = self.process.returncode

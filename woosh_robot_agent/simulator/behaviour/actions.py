@@ -119,15 +119,15 @@ class Actions:
         """
         run = self._find(name)
         run.paused = False
-        run.job.suspend(self._robot)  # also resets the timeouts of the job
+        run.job.suspend(self._robot)  # resets the timeouts of the job, and its path
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
 
-    def clear(self, device: Device, reason: str) -> None:
+    def cancel_on(self, device: Device, reason: str) -> None:
         """Cancel the actions that run or are paused on `device`."""
         for run in [run for run in self._runs.values() if run.job.device is device]:
             self._end(run, ros_pack_pb2.kRosCancel, reason)
 
-    def abort(self, reason: str) -> None:
+    def fail_all(self, reason: str) -> None:
         """End every action with a failure."""
         for run in list(self._runs.values()):
             self._end(run, ros_pack_pb2.kRosExecuteFailed, reason)

@@ -292,13 +292,14 @@ class MoveLift(Job):
         self.device = lift.device
         self._lift = lift
         self._heights = list(heights)
+        """Heights that the lift has not reached yet, in metres."""
         self._speed = abs(speed) or lift.default_speed
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         if not robot.readiness.motors_on:
             return Progress(text=f"at {self._lift.height:.3f} m")
-        distance = self._heights[0] - self._lift.height if self._heights else 0.0
-        if self._heights and abs(distance) <= self._speed * dt:
+        distance = self._heights[0] - self._lift.height
+        if abs(distance) <= self._speed * dt:
             self._lift.height = self._heights.pop(0)
         else:
             self._lift.height += math.copysign(self._speed * dt, distance)
@@ -351,12 +352,13 @@ class LeaveCharger(Job):
 
     def __init__(self) -> None:
         self._way_out: Job | None = None
+        """The job that drives out of the charger, None before it has started."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         robot.battery.charging = robot_pb2.Battery.kNot
         if self._way_out is None and robot.charger is None:
             return Progress(done=True, text="not at a charger")
-        self._way_out = self._way_out or leave_charger(robot)
+        self._way_out = self._way_out or leave_charger_job(robot)
         progress = self._way_out.tick(robot, dt)
         return replace(progress, text="left the charger") if progress.done else progress
 
@@ -366,15 +368,15 @@ class LeaveCharger(Job):
             self._way_out.suspend(robot)
 
 
-def leave_charger(robot: Robot) -> Job:
+def leave_charger_job(robot: Robot) -> Job:
     """Return the job that drives a robot out of a charger: backwards, unless it turned there."""
     charger = robot.charger
     distance = robot.dock_distance(charger) if charger else 0.0
     turned = charger is not None and math.cos(robot.base.pose.theta - charger.pose.theta) < 0.0
-    return dock(robot, distance if turned else -distance, util_action_pb2.kSecondposQuit)
+    return dock_job(robot, distance if turned else -distance, util_action_pb2.kSecondposQuit)
 
 
-def dock(robot: Robot, distance: float, kind: util_action_pb2.Type) -> Job:
+def dock_job(robot: Robot, distance: float, kind: util_action_pb2.Type) -> Job:
     """Return the job that drives into a dock or out of it.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,6 +28,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark
 
 if TYPE_CHECKING:  # numpy, scipy and Pillow load slowly, and only mapping needs them
+    from woosh_robot_agent.simulator.world.grid import Grid
     from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid, Raster
 
 _LOG = logging.getLogger(__name__)
@@ -39,7 +40,19 @@ _REST_PERIOD = 1.0
 """Minimum time between two such scans while the robot stands, in seconds."""
 
 _MIN_DISTANCE, _MIN_ANGLE = 0.02, 0.02
-"""Motion from which on the robot does not stand, in metres and radians."""
+"""Motion between two scans below which the robot counts as standing, in metres and radians."""
+
+
+def require_name(field: str, name: str) -> None:
+    """Check that the text of a request's field can be the name of a scene or map.
+
+    Raises:
+        RefusedError: the name is empty, too long, or a path.
+    """
+    if not name:
+        raise RefusedError(refusals.NO_NAME, field=field)
+    if not is_plain(name):
+        raise RefusedError(refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME)
 
 
 class Phase(Enum):
@@ -147,10 +160,7 @@ class Mapping:
             )
         if (scene_name, map_name) != (self._robot.scene.name, self._robot.map.name):
             raise RefusedError(refusals.UPDATE_OTHER_MAP, scene=scene_name, map=map_name)
-        if not self._robot.readiness.initialised:
-            raise RefusedError(refusals.NOT_INITIALISED)
-        if not self._robot.readiness.located:
-            raise RefusedError(refusals.LOCALISATION_LOST)
+        self._robot.readiness.require_located()
         return self._start(scene_name, map_name, update=True)
 
     def save(self) -> float:
@@ -166,11 +176,11 @@ class Mapping:
         if self.draft:
             self._require_new(self._scene_name, self._map_name)
         robot, profile = self._robot, self._profile
-        duration = profile.save.at(robot.chance.random())
-        finished = self._finished_map()
+        duration = profile.save.sample(robot.chance)
+        use_map = partial(self._use_map, self._finished_grid(), self.draft, robot.base.pose)
         self._phase = Phase.SAVING
         self._pictures.cancel_all()
-        robot.after(min(profile.scene_after, duration), partial(self._enter, finished))
+        robot.after(min(profile.scene_after, duration), use_map)
         robot.after(duration, self._end)
         return duration
 
@@ -182,7 +192,7 @@ class Mapping:
         """
         self._require_running()
         robot = self._robot
-        duration = self._profile.cancel.at(robot.chance.random())
+        duration = self._profile.cancel.sample(robot.chance)
         self._phase = Phase.CANCELLING
         self._pictures.cancel_all()
         self.draft = None
@@ -194,11 +204,8 @@ class Mapping:
         grid, robot = self._grid, self._robot
         if grid is None or self._phase is not Phase.RUNNING or not robot.readiness.located:
             return
-        elapsed, pose, before = (
-            robot.scan_time - self._added_time,
-            robot.scan_pose,
-            self._added_pose,
-        )
+        pose, before = robot.scan_pose, self._added_pose
+        elapsed = robot.scan_time - self._added_time
         turned = abs(math.remainder(pose.theta - before.theta, math.tau))
         stands = pose.distance(before.point) < _MIN_DISTANCE and turned < _MIN_ANGLE
         if elapsed < (_REST_PERIOD if stands else _SCAN_PERIOD) - ROUNDING:
@@ -217,13 +224,8 @@ class Mapping:
         self._require_modes(refusals.MAPPING_OUTSIDE_DEPLOYMENT)
         self.require_settled()
         self.require_none(refusals.MAPPING_RUNS)
-        for what, name in (("scene_name", scene_name), ("map_name", map_name)):
-            if not name:
-                raise RefusedError(refusals.NO_NAME, field=what)
-            if not is_plain(name):
-                raise RefusedError(
-                    refusals.NAME_INVALID, field=what, name=name[:MAX_NAME], limit=MAX_NAME
-                )
+        require_name("scene_name", scene_name)
+        require_name("map_name", map_name)
 
     def _require_running(self) -> None:
         if self._phase is Phase.NONE:
@@ -254,11 +256,12 @@ class Mapping:
         robot, profile = self._robot, self._profile
         self._scene_name, self._map_name = scene_name, map_name
         self._phase = Phase.STARTING
-        duration = profile.start.at(robot.chance.random())
+        duration = profile.start.sample(robot.chance)
         robot.after(min(profile.state_after, duration), partial(self._begin, update=update))
         return duration
 
     def _begin(self, *, update: bool) -> None:
+        """Begin to add scans to the map."""
         from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
         from woosh_robot_agent.simulator.world.picture import rasterised
 
@@ -279,44 +282,43 @@ class Mapping:
         self.picture_time = self._robot.elapsed
         self._pictures.add(self._profile.picture_period, self._picture_is_due)
 
-    def _finished_map(self) -> Callable[[], tuple[Scene, Map]]:
-        """Return a function that returns the scene with the map, and the map as it is now.
-
-        The other contents of the scene are as they are when the function is called.
-        """
+    def _finished_grid(self) -> Grid:
+        """Return the cells of the map as it is now."""
         from woosh_robot_agent.simulator.world.grid import Grid
 
         assert self._grid
-        robot, draft = self._robot, self.draft
         raster = self._grid.raster()
-        old = None if draft else robot.map.grid
+        old = None if self.draft else self._robot.map.grid
         keep_out = old.keep_out_on(raster) if old else None
-        grid = Grid(raster.cells, raster.resolution, raster.low, keep_out)
-        end, scene_name = robot.base.pose, self._scene_name
+        return Grid(raster.cells, raster.resolution, raster.low, keep_out)
 
-        def finished() -> tuple[Scene, Map]:
-            area = dataclasses.replace(
-                draft or robot.map,
-                low=grid.low,
-                high=grid.high,
-                walls=(),
-                grid=grid,
-                end=end,
-                ground_truth=robot.ground_truth,
-            )
-            if draft:
-                before = robot.scenes.get(scene_name) or Scene(scene_name, [])
-                scene = with_map(before, area)
-                saved = scene.map(area.name)
-                assert saved
-                return scene, saved
+    def _use_map(self, grid: Grid, draft: Map | None, end: Pose) -> None:
+        """Store the finished map in its scene, and switch to it.
+
+        Args:
+            grid: cells of the map.
+            draft: the new map without its cells; None for an update of the current map.
+            end: pose of the robot at the end of the mapping.
+        """
+        robot = self._robot
+        area = dataclasses.replace(
+            draft or robot.map,
+            low=grid.low,
+            high=grid.high,
+            walls=(),
+            grid=grid,
+            end=end,
+            ground_truth=robot.ground_truth,
+        )
+        if draft:
+            before = robot.scenes.get(self._scene_name) or Scene(self._scene_name, [])
+            scene = with_map(before, area)
+            saved = scene.map(area.name)
+            assert saved
+            robot.switch_map(scene, saved)
+        else:
             area = dataclasses.replace(area, version=area.version + 1)
-            return with_map_changed(robot.scene, robot.map, area), area
-
-        return finished
-
-    def _enter(self, finished: Callable[[], tuple[Scene, Map]]) -> None:
-        self._robot.enter(*finished())
+            robot.switch_map(with_map_changed(robot.scene, robot.map, area), area)
         self.draft = None
 
     def _end(self) -> None:
@@ -399,7 +401,7 @@ class Deployment:
             if kind is not PointKind.BEACON:
                 where.theta = pose.theta
         point = CollectedPoint(kind, id_, pose)
-        self._change(dataclasses.replace(area, marks=marks, other_marks=others))
+        self._replace_area(dataclasses.replace(area, marks=marks, other_marks=others))
         self._collected.append(point)
         return point
 
@@ -408,22 +410,22 @@ class Deployment:
 
         Marks that a client has renamed since then stay.
         """
-        gone = {(each.kind, each.id) for each in self._collected if each.kind in kinds}
+        cancelled = {(each.kind, each.id) for each in self._collected if each.kind in kinds}
         self._collected = [each for each in self._collected if each.kind not in kinds]
-        if not gone:
+        if not cancelled:
             return
         area, others = self._area, copy_of(self._area.other_marks)
         kept = {
             number: mark
             for number, mark in area.marks.items()
-            if (PointKind.MARK, mark.id) not in gone or number != str(mark.id)
+            if (PointKind.MARK, mark.id) not in cancelled or number != str(mark.id)
         }
         for kind in (PointKind.BEACON, PointKind.CODE, PointKind.REFLECTOR):
             entries = getattr(others, kind.value)
-            left = [each for each in entries if (kind, each.id) not in gone]
+            left = [each for each in entries if (kind, each.id) not in cancelled]
             del entries[:]
             entries.extend(left)
-        self._change(dataclasses.replace(area, marks=kept, other_marks=others))
+        self._replace_area(dataclasses.replace(area, marks=kept, other_marks=others))
 
     def calibrate(self) -> list[CollectedPoint]:
         """Return the reflectors of the map. The robot finds all of them at their poses.
@@ -431,15 +433,15 @@ class Deployment:
         Raises:
             RefusedError: the map has no reflectors.
         """
-        found = [
+        reflectors = [
             CollectedPoint(
                 PointKind.REFLECTOR, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
             )
             for each in self._area.other_marks.reflectors
         ]
-        if not found:
+        if not reflectors:
             raise RefusedError(f"map {self._area.name} has no reflectors: collect them first")
-        return found
+        return reflectors
 
     def end_session(self) -> None:
         """Keep the points: they can no longer be cancelled."""
@@ -460,9 +462,10 @@ class Deployment:
 
     @property
     def _area(self) -> Map:
+        """The map to which points are added."""
         return self._mapping.draft or self._robot.map
 
-    def _change(self, area: Map) -> None:
+    def _replace_area(self, area: Map) -> None:
         if self._mapping.draft:
             self._mapping.draft = area
         else:

@@ -85,7 +85,7 @@ def plan_route(
         robot: the robot.
         start: pose at which the route starts.
         stops: poses to pass, the goal last.
-        strict: connect the poses by straight lines.
+        strict: drive in straight lines from pose to pose, without a search.
         obstacles: walls to avoid in addition to the walls of the map.
 
     Raises:
@@ -146,7 +146,7 @@ _LOOKAHEAD = 0.2
 _STEERING_TOLERANCE = 1e-3
 """Bearing of this point up to which the base drives straight on, in radians."""
 
-_MAX_RUN = 2.0
+_MAX_STRETCH = 2.0
 """Length of the path ahead that determines the speed, in metres; more than the braking distance."""
 
 _PATH_SPACING = 0.3
@@ -164,18 +164,18 @@ _WAITING_MODES = (
 """Modes in which the robot never leaves the path, and waits at an obstacle without a timeout."""
 
 
-class _Run(NamedTuple):
-    """The part of a path that the base drives without stopping.
+class _Stretch(NamedTuple):
+    """The part of the path ahead that the base drives without stopping.
 
     Attributes:
         length: length from the base on, in metres.
         aim: the point that the base steers to.
-        next: corner after the next corner; None if the base stops at the next corner.
+        second: second corner of the stretch; None if the base stops at the first one.
     """
 
     length: float
     aim: Point
-    next: Point | None
+    second: Point | None
 
 
 def _direction(here: Point, there: Point) -> float:
@@ -226,8 +226,8 @@ class Navigate(Job):
         """Remaining corners of the path to each stop, None if a path must be planned first."""
         self._announced = False
         """True if the start of the navigation has been reported."""
-        self._from: Point = (0.0, 0.0)
-        """The corner before the next corner."""
+        self._last_corner: Point = (0.0, 0.0)
+        """The last corner that the base has passed, or the start of the path."""
         self._turning = True
         """True until the base points to the next corner."""
         self._waited = 0.0
@@ -237,11 +237,6 @@ class Navigate(Job):
 
         The search is repeated only when the obstacles have changed.
         """
-
-    @property
-    def stops(self) -> tuple[Pose, ...]:
-        """Poses that are still to be passed, the goal last."""
-        return tuple(self._stops)
 
     def change_path(self, robot: Robot, via: Iterable[Pose], *, strict: bool) -> None:
         """Take another way to the same goal.
@@ -298,13 +293,13 @@ class Navigate(Job):
             if corners:
                 if self._drive_to(corners[0], robot, dt):
                     return impeded or self._progress(base)
-                self._from = corners.popleft()
+                self._last_corner = corners.popleft()
             elif self._turn_to(stop, base, dt):
                 return impeded or self._progress(base)
             else:
                 self._corners.popleft()
                 self._stops.popleft()
-        self._stops.append(self.goal)
+        self._stops.append(self.goal)  # a task may list the same drive twice
         return Progress(done=True, text=f"arrived at {base.pose}")
 
     def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> None:
@@ -322,30 +317,31 @@ class Navigate(Job):
         )
         self.path = route.poses
         self._corners = deque(map(deque, route.legs))
-        self._from = robot.base.pose.point
+        self._last_corner = robot.base.pose.point
         self._turning = True
 
     def _clear_ahead(self, robot: Robot) -> bool:
         """Return True if no obstacle is in the way to the next corner."""
         if self._turning or not self._corners or not self._corners[0]:
             return True
-        return is_clear(robot, 0.0, self._run(robot.base.pose).length)
+        return is_clear(robot, 0.0, self._stretch_ahead(robot.base.pose).length)
 
     def _handle_obstacle(self, robot: Robot) -> Progress:
         """Drive round an obstacle, wait or give up, depending on the mode."""
         mode, base = self._mode.mode, robot.base
-        limit = float(self._mode.wait_timeout) or _WAIT_TIMEOUT
+        wait_timeout = float(self._mode.wait_timeout) or _WAIT_TIMEOUT
         text = f"an obstacle stands in the way at {base.pose}"
         if mode in _WAITING_MODES:
             return Progress(text=text, impeded=True)
-        timeout = limit
-        if mode != navigation_pb2.kOvertime:
-            wait = limit if mode == navigation_pb2.kTimeout else 0.0
-            if self._waited > wait and not base.moving and self._detour(robot):
+        if mode == navigation_pb2.kOvertime:  # never leaves the path, and gives up after the wait
+            gives_up_after = wait_timeout
+        else:
+            detours_after = wait_timeout if mode == navigation_pb2.kTimeout else 0.0
+            if self._waited > detours_after and not base.moving and self._detour(robot):
                 return self._progress(base)
-            most = robot.profile.tasks.obstacle_timeout
-            timeout = math.inf if most is None else wait + most
-        if self._waited > timeout:
+            timeout = robot.profile.tasks.obstacle_timeout
+            gives_up_after = math.inf if timeout is None else detours_after + timeout
+        if self._waited > gives_up_after:
             return failed(f"{text}: remove it or choose another goal")
         return Progress(text=text, impeded=True)
 
@@ -363,13 +359,14 @@ class Navigate(Job):
         return True
 
     def _drive_to(self, corner: Point, robot: Robot, dt: float) -> bool:
-        """Drive towards `corner`. Return False when it is reached or passed."""
-        base, run = robot.base, self._run(robot.base.pose)
+        """Drive towards `corner`. Return False instead when it is reached or passed."""
+        base, stretch = robot.base, self._stretch_ahead(robot.base.pose)
         distance, bearing = base.pose.distance(corner), base.pose.bearing(corner)
-        if run.next and base.pose.distance(run.next) <= math.dist(corner, run.next):
+        second = stretch.second
+        if second and base.pose.distance(second) <= math.dist(corner, second):
             return False
         if distance <= _POSITION_TOLERANCE:
-            self._turning = run.next is None
+            self._turning = second is None
             return False
         if self._turning:
             if abs(bearing) > _ANGLE_TOLERANCE:
@@ -377,15 +374,15 @@ class Navigate(Job):
                 return True
             self._turning = False
             robot.codes.report(DRIVING_STRAIGHT, self.kind)
-        ahead = run.length if run.next else distance * math.cos(bearing)
+        ahead = stretch.length if second else distance * math.cos(bearing)
         if ahead <= _POSITION_TOLERANCE:
             self._turning = True
             return False
         speed, turn = approach(ahead, self._speed(), ACCELERATION, dt), 0.0
-        to_aim = base.pose.bearing(run.aim)
+        to_aim = base.pose.bearing(stretch.aim)
         if abs(to_aim) > _STEERING_TOLERANCE:
             # The arc that leads to the aim.
-            curvature = 2.0 * math.sin(to_aim) / base.pose.distance(run.aim)
+            curvature = 2.0 * math.sin(to_aim) / base.pose.distance(stretch.aim)
             speed = min(speed, TURN_SPEED / abs(curvature))
             turn = speed * curvature
         # Turn first if the base points elsewhere, e.g. after a detour.
@@ -393,42 +390,42 @@ class Navigate(Job):
         base.drive(Velocity(speed, turn=turn))
         return True
 
-    def _run(self, here: Pose) -> _Run:
-        """Return the part of the path up to the next place where the base has to stop."""
-        points = self._points_of_run()
-        length, aim, before = 0.0, points[-1], here.point
-        for point in points:
-            step = math.dist(before, point)
+    def _stretch_ahead(self, here: Pose) -> _Stretch:
+        """Return the part of the path from `here` to the next place where the base has to stop."""
+        corners = self._corners_of_stretch()
+        length, aim, before = 0.0, corners[-1], here.point
+        for corner in corners:
+            step = math.dist(before, corner)
             if length < _LOOKAHEAD <= length + step:
                 share = (_LOOKAHEAD - length) / step
                 aim = (
-                    before[0] + share * (point[0] - before[0]),
-                    before[1] + share * (point[1] - before[1]),
+                    before[0] + share * (corner[0] - before[0]),
+                    before[1] + share * (corner[1] - before[1]),
                 )
             length += step
-            before = point
-        return _Run(length, aim, points[1] if len(points) > 1 else None)
+            before = corner
+        return _Stretch(length, aim, corners[1] if len(corners) > 1 else None)
 
-    def _points_of_run(self) -> list[Point]:
+    def _corners_of_stretch(self) -> list[Point]:
         """Return the next corners up to the first one at which the base has to stop."""
         assert self._corners
-        points: list[Point] = []
+        corners: list[Point] = []
         length = 0.0
         for number, leg in enumerate(self._corners):
             for corner in leg:
-                if points and corner != points[-1]:
-                    before, last = points[-2] if len(points) > 1 else self._from, points[-1]
-                    if (
-                        abs(wrap(_direction(last, corner) - _direction(before, last)))
-                        > _GENTLE_BEND
-                    ):
-                        return points
+                if not corners:
+                    corners.append(corner)
+                elif corner != corners[-1]:
+                    before = corners[-2] if len(corners) > 1 else self._last_corner
+                    last = corners[-1]
+                    bend = wrap(_direction(last, corner) - _direction(before, last))
+                    if abs(bend) > _GENTLE_BEND:
+                        return corners
                     length += math.dist(last, corner)
-                if not points or corner != points[-1]:
-                    points.append(corner)
-            if self._turns_at(number) or length > _MAX_RUN:
+                    corners.append(corner)
+            if self._turns_at(number) or length > _MAX_STRETCH:
                 break
-        return points
+        return corners
 
     def _turns_at(self, number: int) -> bool:
         """Return True if the base turns to the heading of a stop; the next stop has number 0."""
@@ -438,7 +435,7 @@ class Navigate(Job):
         return self._one_by_one and stop.distance(after.point) >= _PATH_SPACING
 
     def _turn_to(self, stop: Pose, base: Base, dt: float) -> bool:
-        """Turn to the heading of `stop`. Return False when no turn is needed."""
+        """Turn to the heading of `stop`. Return False instead when no turn is needed."""
         last = len(self._stops) == 1
         if not self._turns_at(0) or (last and self._mode.type == navigation_pb2.kVague):
             return False

@@ -20,119 +20,14 @@ from collections.abc import Sequence
 
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.actions import Actions, short_name
-from woosh_robot_agent.simulator.behaviour.jobs import Job, is_clear
+from woosh_robot_agent.simulator.behaviour.jobs import Job
+from woosh_robot_agent.simulator.behaviour.manual_driving import Follower, Teleop
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
-from woosh_robot_agent.simulator.body.base import (
-    ACCELERATION,
-    ANGULAR_ACCELERATION,
-    Base,
-    Velocity,
-    approach,
-)
+from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 from woosh_robot_agent.simulator.robot import Robot
-from woosh_robot_agent.simulator.timeline import ROUNDING
-from woosh_robot_agent.simulator.world.geometry import Point
-
-_DISTANCE = 1.0
-"""Distance that a following robot keeps from its centre to the nearest side of the leader, in
-metres."""
-
-_MAX_DISTANCE = 3.0
-"""Distance up to which the robot sees a leader, in metres."""
-
-_MAX_BEARING = 1.0
-"""Angle from straight ahead up to which the robot sees a leader, in radians."""
-
-_MAX_DRIVING_BEARING = 0.3
-"""Angle from straight ahead up to which the robot drives while it turns, in radians."""
-
-_SPEED = 0.8
-"""Maximum speed while following, in m/s."""
-
-
-class Follower:
-    """Follows a leader, the nearest obstacle ahead, at a distance. Without one the robot stands.
-
-    Attributes:
-        active: True if a client has ordered the robot to follow.
-    """
-
-    def __init__(self) -> None:
-        self.active = False
-
-    def tick(self, robot: Robot, dt: float) -> None:
-        """Drive for `dt` seconds."""
-        leader = _leader(robot) if self.active else None
-        if leader is None:
-            return
-        base = robot.base
-        bearing = base.pose.bearing(leader)
-        ahead = max(0.0, base.pose.distance(leader) - _DISTANCE)
-        drives = abs(bearing) < _MAX_DRIVING_BEARING and is_clear(robot, 0.0, ahead)
-        speed = approach(ahead, _SPEED, ACCELERATION, dt) if drives else 0.0
-        turn = approach(bearing, base.max_turn_rate, ANGULAR_ACCELERATION, dt)
-        base.drive(Velocity(speed, 0.0, turn))
-
-
-def _leader(robot: Robot) -> Point | None:
-    """Return the leader's position: the middle of the nearest visible side of an obstacle."""
-    pose = robot.base.pose
-    sides = [
-        ((wall.x1 + wall.x2) / 2.0, (wall.y1 + wall.y2) / 2.0) for wall in robot.obstacles.walls
-    ]
-    seen = [
-        side
-        for side in sides
-        if pose.distance(side) <= _MAX_DISTANCE and abs(pose.bearing(side)) <= _MAX_BEARING
-    ]
-    return min(seen, key=pose.distance, default=None)
-
-
-COMMAND_TIMEOUT = 0.5
-"""Time after which the base slows down unless a new command arrives, in seconds."""
-
-
-class Teleop:
-    """Drives the base by the last velocity command until the command times out.
-
-    Args:
-        start_delay: time from the first command to the first motion, in seconds.
-    """
-
-    def __init__(self, start_delay: float) -> None:
-        self._start_delay = start_delay
-        self._waiting = 0.0
-        """Remaining time until the base starts to move, in seconds."""
-        self._velocity: Velocity | None = None
-        """Velocity of the last command, None if there is none or it timed out."""
-        self._left = 0.0
-        """Remaining time until the last command times out, in seconds."""
-
-    def command(self, velocity: Velocity) -> None:
-        """Drive with this velocity until the next command, or until the timeout."""
-        if self._velocity is None:
-            self._waiting = self._start_delay
-        self._velocity = velocity
-        self._left = COMMAND_TIMEOUT
-
-    def release(self) -> None:
-        """Drop the last command. The base slows down."""
-        self._velocity = None
-
-    def tick(self, base: Base, dt: float) -> None:
-        """Drive `base` for `dt` seconds if there is a command."""
-        if self._velocity is None:
-            return
-        self._waiting = 0.0 if base.moving else self._waiting - dt
-        if self._waiting <= ROUNDING:
-            base.drive(self._velocity, rolls_on=True)
-        self._left -= dt
-        if self._left <= ROUNDING:
-            self.release()
-
 
 _STEP_CONTROL = "StepControl"
 """Short name of the action that makes steps."""
@@ -233,13 +128,15 @@ class Ownership:
         Raises:
             RefusedError: a task owns one of the devices, or steps run already.
         """
-        if self._robot.profile.refusals.while_busy and short_name(name) == _STEP_CONTROL:
-            self._require_no_steps()
+        is_steps = short_name(name) == _STEP_CONTROL
+        owner = self._actions.owner(Device.WHEELS)
+        if is_steps and owner == _STEP_CONTROL and self._robot.profile.refusals.while_busy:
+            raise RefusedError(refusals.STEPS_RUNNING, action=owner)
         devices = [each for each in (job.device, ends) if each is not Device.NONE]
         for device in devices:
             self._take_device_for_action(device, name)
         for device in devices:
-            self._actions.clear(device, f"replaced by {short_name(name)}")
+            self._actions.cancel_on(device, f"replaced by {short_name(name)}")
         self._actions.start(name, job)
 
     def resume_action(self, name: str) -> None:
@@ -286,8 +183,8 @@ class Ownership:
     def end_driving(self, reason: str) -> None:
         """End remote control, following, and every action that drives or charges."""
         self._end_manual_driving()
-        self._actions.clear(Device.WHEELS, reason)
-        self._actions.clear(Device.CHARGER, reason)
+        self._actions.cancel_on(Device.WHEELS, reason)
+        self._actions.cancel_on(Device.CHARGER, reason)
 
     def suspend_all(self, reason: str) -> None:
         """End actions and following, because the robot is no longer ready.
@@ -295,19 +192,20 @@ class Ownership:
         A task that the robot started by itself is cancelled, and one of a client is paused.
         """
         self._follower.active = False
-        self._actions.abort(reason)
+        self._actions.fail_all(reason)
         self._tasks.cancel_automatic(reason)
         if self._tasks.active:
             self._tasks.pause(reason)
 
     def _take_wheels(self, user: str, refusal: Refusal) -> None:
+        """Take the wheels for remote control or following; raise `refusal` if they are in use."""
         self._tasks.cancel_automatic(f"replaced by {user}")
         if self.driver:
             raise RefusedError(refusal, driver=self.driver)
         self._follower.active = False
 
     def _has_precedence(self, order: TaskOrder) -> bool:
-        """Return True if the running task has precedence over a new task."""
+        """Return True if the current task has precedence over a new one, which is then refused."""
         if not self._robot.profile.refusals.while_busy:
             return False
         if not self._tasks.active:
@@ -316,6 +214,7 @@ class Ownership:
         return not self._tasks.automatic or self._tasks.proc.type == order.type
 
     def _take_device_for_task(self) -> None:
+        """Take the device of the task's job, or raise RefusedError if the robot is not ready."""
         self._robot.readiness.require_ready()
         device = self._tasks.device
         self._require_no_action(device)
@@ -323,20 +222,16 @@ class Ownership:
             self._end_manual_driving()
 
     def _take_device_for_action(self, device: Device, name: str) -> None:
+        """Take a device for the action `name`; raise RefusedError if a client's task owns it."""
         if device is Device.WHEELS or self._tasks.owns(device):
             self._tasks.cancel_automatic(f"replaced by {short_name(name)}")
         if self._tasks.owns(device):
             task = self._tasks.proc.robot_task_id
-            steps = short_name(name) == _STEP_CONTROL
-            refusal = refusals.STEPS_DURING_TASK if steps else refusals.ACTION_DURING_TASK
+            is_steps = short_name(name) == _STEP_CONTROL
+            refusal = refusals.STEPS_DURING_TASK if is_steps else refusals.ACTION_DURING_TASK
             raise RefusedError(refusal, task=task)
         if device is Device.WHEELS:
             self._end_manual_driving()
-
-    def _require_no_steps(self) -> None:
-        owner = self._actions.owner(Device.WHEELS)
-        if owner == _STEP_CONTROL:
-            raise RefusedError(refusals.STEPS_RUNNING, action=owner)
 
     def _require_no_action(self, device: Device) -> None:
         owner = self._actions.owner(device)

@@ -16,7 +16,7 @@ from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 from woosh_robot_agent.simulator.robot import Robot
-from woosh_robot_agent.simulator.status_codes import failure
+from woosh_robot_agent.simulator.status_codes import failure_code
 from woosh_robot_agent.simulator.timeline import DelayedCalls
 
 
@@ -32,7 +32,7 @@ class TaskReports:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self.last = self._no_task()
+        self.last = self._empty_report()
         self._withheld = False
         """True if `last` has not been pushed yet."""
 
@@ -42,7 +42,7 @@ class TaskReports:
         The next report of the task replaces it if both have the same state, and follows it
         otherwise.
         """
-        self.last = self._about(task, state)
+        self.last = self._report_about(task, state)
         self._withheld = True
 
     def push(
@@ -62,18 +62,18 @@ class TaskReports:
         """
         if self._withheld and state != self.last.state:
             self._robot.emit(self.last)
-        self._push(self._about(task, state, action, msg))
+        self._push(self._report_about(task, state, action, msg))
 
     def push_empty(self) -> None:
         """Push the report that there is no task."""
-        self._push(self._no_task())
+        self._push(self._empty_report())
 
     def _push(self, report: robot_pb2.TaskProc) -> None:
         self._withheld = False
         self.last = report
         self._robot.emit(report)
 
-    def _about(
+    def _report_about(
         self,
         task: robot_pb2.TaskProc,
         state: util_task_pb2.State,
@@ -91,7 +91,7 @@ class TaskReports:
             report.action.CopyFrom(action)
         return report
 
-    def _no_task(self) -> robot_pb2.TaskProc:
+    def _empty_report(self) -> robot_pb2.TaskProc:
         """Return a new report that there is no task."""
         report = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
         report.action.SetInParent()
@@ -160,7 +160,7 @@ class Tasks:
         self._robot = robot
         self._profile = robot.profile.tasks
         self._reports = TaskReports(robot)
-        self._planned = DelayedCalls(robot)
+        self._scheduled = DelayedCalls(robot)
         """Scheduled calls of the task: reports, the start of the next job, effects of orders."""
         self._jobs: deque[Job] = deque()
         """Remaining jobs of the task, the current one first.
@@ -265,14 +265,14 @@ class Tasks:
         self._stop_working()
         self.proc.state = util_task_pb2.kPaused
         report = partial(self._report, util_task_pb2.kPaused, state, reason)
-        self._planned.add(self._order_delay() if ordered else 0.0, report)
+        self._scheduled.add(self._order_delay() if ordered else 0.0, report)
 
     def resume(self) -> None:
         """Resume a paused task, or end the wait of a waiting task."""
         if self.paused:
             self.retry()
         elif isinstance(self.job, Wait):
-            self._planned.add(self._order_delay(), self.job.end)
+            self._scheduled.add(self._order_delay(), self.job.end)
 
     def retry(self) -> None:
         """Start the current or failed job again."""
@@ -282,7 +282,7 @@ class Tasks:
             self._robot.statistics.task_started(self.proc.robot_task_id, self.proc.dest)
         self._stop_working()
         self.proc.state = self._running_state()
-        self._planned.add(self._order_delay(), self._begin_job)
+        self._scheduled.add(self._order_delay(), self._begin_job)
 
     def end_wait(self) -> None:
         """End the current wait of the task.
@@ -292,7 +292,7 @@ class Tasks:
         """
         if self.paused or not isinstance(self.job, Wait):
             raise RefusedError(refusals.NOT_WAITING)
-        self._planned.add(self._order_delay(), self.job.end)
+        self._scheduled.add(self._order_delay(), self.job.end)
 
     def cancel(self, reason: str, *, ordered: bool = False) -> None:
         """Cancel the task and the rest of its set. Between two tasks of a set, cancel the rest.
@@ -314,7 +314,7 @@ class Tasks:
         self._stop_working()
         self._canceling = True
         end = partial(self._end, util_task_pb2.kCanceled, reason)
-        self._planned.add(self._order_delay() if ordered else 0.0, end)
+        self._scheduled.add(self._order_delay() if ordered else 0.0, end)
 
     def cancel_automatic(self, reason: str) -> None:
         """Cancel the task if it is automatic."""
@@ -362,7 +362,7 @@ class Tasks:
         if not self._rest_of_set:
             return
         order = self._rest_of_set.popleft()
-        self._planned.cancel_all()
+        self._scheduled.cancel_all()
         self._automatic = order.automatic
         self._jobs = deque(order.jobs())
         self._waits_done = 0
@@ -379,30 +379,32 @@ class Tasks:
         delay = 0.0 if at_once else self._robot.answer_delay
         self._show_state(0.0 if at_once or self._robot.state_first else delay)
         states = [_STARTING_STATES[name] for name in self._profile.starting_states]
-        calls: deque[Callable[[], None]] = deque(partial(self._report, state) for state in states)
-        calls.append(self._begin_job)
+        starting: deque[Callable[[], None]] = deque(partial(self._report, each) for each in states)
+        starting.append(self._begin_job)
 
         def announce() -> None:
-            self._starting = calls
-            calls.popleft()()
+            self._starting = starting
+            starting.popleft()()  # the others follow in the next ticks
 
         if self._profile.first_report:
             delay += self._robot.chance.choice(self._profile.first_report)
-            self._planned.add(delay, announce)
+            self._scheduled.add(delay, announce)
         else:
             # Begun in the next tick, so that the reports follow the answer to the request.
-            self._starting = calls
+            self._starting = starting
             self._reports.withhold(self.proc, states[0] if states else util_task_pb2.kInit)
 
     def _show_state(self, delay: float) -> None:
-        """Show the state that the task gives the robot after `delay` seconds."""
+        """Set `state` to the state that the task gives the robot, after `delay` seconds."""
         task = self.proc.robot_task_id
 
         def show() -> None:
             if self.active and self.proc.robot_task_id == task:
                 self.state = self._robot_state()
 
-        self._robot.after(delay + _PUSH_GAP if delay else 0.0, show)
+        if delay:
+            delay += _PUSH_GAP  # the state is pushed after the answer
+        self._robot.after(delay, show)
 
     def _robot_state(self) -> util_robot_pb2.State:
         """Return the state that the task gives the robot."""
@@ -431,7 +433,7 @@ class Tasks:
         progress = self._jobs[0].tick(self._robot, dt)
         if progress.failure:
             kind = self._jobs[0].kind
-            self._robot.codes.report(failure(kind), kind, progress.failure)
+            self._robot.codes.report(failure_code(kind), kind, progress.failure)
             # The rest of the set is kept: the task may be recovered.
             self._end(util_task_pb2.kFailed, progress.failure)
         elif progress.done:
@@ -453,16 +455,18 @@ class Tasks:
         if not last or self._profile.report_last_action:
             self._report(self.proc.state, util_action_pb2.kRosSuccess)
         if not last:
-            self._waits_done += isinstance(self._jobs.popleft(), Wait)
-            self._planned.add(self._profile.between_jobs, self._begin_job)
+            done = self._jobs.popleft()
+            if isinstance(done, Wait):
+                self._waits_done += 1
+            self._scheduled.add(self._profile.between_jobs, self._begin_job)
             return
         charging = self._jobs[0].kind == util_action_pb2.kCharge
         delay = self._robot.profile.charging.completed_after if charging else 0.0
-        self._planned.add(delay, partial(self._end, util_task_pb2.kCompleted, text))
+        self._scheduled.add(delay, partial(self._end, util_task_pb2.kCompleted, text))
 
     def _stop_working(self) -> None:
-        """Stop the current job, and drop everything that is planned for the task."""
-        self._planned.cancel_all()
+        """Stop the current job, and drop all scheduled calls of the task."""
+        self._scheduled.cancel_all()
         self._starting.clear()
         self._working = False
         self.impeded = False
@@ -474,14 +478,14 @@ class Tasks:
         self._stop_working()
         self._canceling = False
         if state == util_task_pb2.kCanceled and self._profile.report_last_action:
-            same = self.reported.robot_task_id == self.proc.robot_task_id
-            shown = self.reported.state if same else util_task_pb2.kExecuting
+            was_reported = self.reported.robot_task_id == self.proc.robot_task_id
+            shown = self.reported.state if was_reported else util_task_pb2.kExecuting
             self._report(shown, action_state)
         self._report(state, action_state, reason)
         self.proc.state = state
         self.history.append(self.reported)
         self._robot.statistics.task_ended(state)
-        empty_report, chance = self._profile.empty_report, self._robot.chance
+        empty_report = self._profile.empty_report
         if empty_report is None:
             self.state = _NO_STATE
             if state == util_task_pb2.kCompleted:
@@ -490,23 +494,23 @@ class Tasks:
             self._robot.battery.charges and not self._rest_of_set
         ):
             # The last report stays: the task can be recovered, or the robot is still charging.
-            self._planned.add(_PUSH_GAP, self._clear_state)
+            self._scheduled.add(_PUSH_GAP, self._clear_state)
         else:
-            self._planned.add(empty_report.at(chance.random()), self._go_on)
+            self._scheduled.add(empty_report.sample(self._robot.chance), self._leave_task)
 
     def _clear_state(self) -> None:
-        """Show that the robot has no task."""
+        """Set `state` to that of a robot without a task."""
         self.state = _NO_STATE
 
-    def _go_on(self) -> None:
+    def _leave_task(self) -> None:
         """Report that the robot has no task, and start the next task of the set."""
         self._reports.push_empty()
         self._clear_state()
-        self._planned.add(_PUSH_GAP, partial(self._start_next, at_once=True))
+        self._scheduled.add(_PUSH_GAP, partial(self._start_next, at_once=True))
 
     def _order_delay(self) -> float:
         """Return the time from an order to the report that shows its effect, in seconds."""
-        return self._profile.order_effect.at(self._robot.chance.random())
+        return self._profile.order_effect.sample(self._robot.chance)
 
     def _report(
         self,

@@ -70,24 +70,26 @@ class Base:
     def __init__(
         self,
         pose: Pose,
+        *,
         odometer: float,
         rolls_for: float = 0.0,
         stops_below: float = 0.0,
-        *,
         max_speed: float,
         max_turn_rate: float,
     ) -> None:
-        self.max_speed = max_speed
-        self.max_turn_rate = max_turn_rate
-        self._rolls_for = rolls_for
-        self._stops_below = stops_below
-        self._rolls_on = False
         self.pose = pose
         self.odometry = Pose()
         self.velocity = STANDSTILL
         self.odometer = odometer
         self.blocked = False
+        self.max_speed = max_speed
+        self.max_turn_rate = max_turn_rate
+        self._rolls_for = rolls_for
+        self._stops_below = stops_below
+        self._rolls_on = False
+        """True if the base slows down exponentially when it is not driven."""
         self._wanted = STANDSTILL
+        """Velocity that `drive` has requested for the next step."""
 
     @property
     def moving(self) -> bool:
@@ -110,7 +112,7 @@ class Base:
         self.velocity = self._wanted = STANDSTILL
 
     def brake(self) -> None:
-        """Stop as after a velocity of zero: at once, or by rolling on from the next step."""
+        """Stop as robots do after a velocity of zero: at once, or by an exponential slowdown."""
         if self._rolls_for:
             self.drive(self.velocity, rolls_on=True)
         else:
@@ -130,19 +132,23 @@ class Base:
             dt: duration of the step, in seconds.
             gap: returns the gap in metres between the base at a pose and its surroundings.
         """
-        wanted = self._wanted if self._wanted != STANDSTILL else self._rolling(dt)
+        wanted = self._wanted if self._wanted != STANDSTILL else self._slowed(dt)
         self.velocity = _accelerated(self.velocity, wanted, dt)
         self._wanted = STANDSTILL
         self.blocked = False
         if not self.moving:
             return
+
+        def is_free(pose: Pose) -> bool:
+            there = gap(pose)
+            # A base on its way out of a collision still overlaps, but less than before.
+            return there >= 0.0 or there >= gap(self.pose) - _TOLERANCE
+
         # A base that cannot drive on may still be able to turn.
         for velocity in (self.velocity, Velocity(turn=self.velocity.turn), STANDSTILL):
             moved = displacement(velocity, dt)
             goal = self.pose.moved(*moved)
-            if velocity == STANDSTILL or (there := gap(goal)) >= 0.0:
-                break
-            if there >= gap(self.pose) - _TOLERANCE:  # on the way out of a collision
+            if velocity == STANDSTILL or is_free(goal):
                 break
             self.blocked = True
         self.velocity = velocity
@@ -150,8 +156,8 @@ class Base:
         self.odometry = self.odometry.moved(*moved)
         self.odometer += velocity.speed * dt
 
-    def _rolling(self, dt: float) -> Velocity:
-        """Return the velocity after `dt` seconds of a base that is not driven any more."""
+    def _slowed(self, dt: float) -> Velocity:
+        """Return the wanted velocity of a base that is not driven: slower, or zero."""
         now = self.velocity
         if (
             not (self._rolls_on and self._rolls_for)
@@ -180,6 +186,7 @@ def approach(distance: float, fastest: float, acceleration: float, dt: float) ->
 
 
 def _accelerated(now: Velocity, wanted: Velocity, dt: float) -> Velocity:
+    """Return the velocity after accelerating towards `wanted` for `dt` seconds."""
     forward, left = wanted.forward - now.forward, wanted.left - now.left
     change, limit = math.hypot(forward, left), ACCELERATION * dt
     share = limit / change if change > limit + _TOLERANCE else 1.0

@@ -66,7 +66,7 @@ class Lift:
     """A vertical axis.
 
     Attributes:
-        name: name for texts.
+        name: name in refusals.
         device: device that a job owns while it moves the lift.
         travel: maximum height, in metres; the minimum is 0.
         default_speed: speed if a request gives none, in m/s.
@@ -126,7 +126,7 @@ class WiFi:
 
     def scan(self) -> bytes:
         """Scan for networks and return them as JSON."""
-        found = [
+        networks = [
             {
                 "ssid": ssid,
                 "signal": signal,
@@ -135,7 +135,7 @@ class WiFi:
             }
             for ssid, signal in _IN_REACH.items()
         ]
-        self.list_json = json.dumps({"wifi_list": found}).encode()
+        self.list_json = json.dumps({"wifi_list": networks}).encode()
         return self.list_json
 
     def add(self, content: bytes, *, connect: bool) -> None:
@@ -192,9 +192,9 @@ class Readiness:
     """The modes and conditions that decide whether the robot may move by itself.
 
     Attributes:
-        ctrl: control mode that clients requested.
-        key_manual: True if the key switch is at manual, which overrides `ctrl` and switches the
-            motors off.
+        requested_control: control mode that a client has requested.
+        key_manual: True if the key switch is at manual, which overrides the request
+            and switches the motors off.
         key_accepts: True if requests are accepted although the key switch is at manual.
         work: work mode.
         initialised: True if a client has told the robot its pose since it was switched on.
@@ -203,7 +203,7 @@ class Readiness:
         battery_empty: True if the battery is empty.
     """
 
-    ctrl: util_robot_pb2.ControlMode = util_robot_pb2.kAuto
+    requested_control: util_robot_pb2.ControlMode = util_robot_pb2.kAuto
     key_manual: bool = False
     key_accepts: bool = False
     work: util_robot_pb2.WorkMode = util_robot_pb2.kTaskMode
@@ -215,7 +215,7 @@ class Readiness:
     @property
     def control(self) -> util_robot_pb2.ControlMode:
         """The effective control mode."""
-        return util_robot_pb2.kManual if self.key_manual else self.ctrl
+        return util_robot_pb2.kManual if self.key_manual else self.requested_control
 
     @property
     def motors_on(self) -> bool:
@@ -225,14 +225,14 @@ class Readiness:
     @property
     def ready(self) -> bool:
         """True if the robot may move by itself."""
-        return not self.objections()
+        return not self._reasons_not_ready()
 
     @property
-    def obstruction(self) -> Refusal | None:
-        """The first reason to refuse and to stop tasks and actions; None without a reason."""
-        for objection in self.objections():
-            if not (objection is refusals.KEY_AT_MANUAL and self.key_accepts):
-                return objection
+    def refusal(self) -> Refusal | None:
+        """The first reason to refuse and to stop tasks and actions; None if there is none."""
+        for reason in self._reasons_not_ready():
+            if not (reason is refusals.KEY_AT_MANUAL and self.key_accepts):
+                return reason
         return None
 
     def require_ready(self) -> None:
@@ -241,8 +241,8 @@ class Readiness:
         Raises:
             RefusedError: the robot does not accept them.
         """
-        if self.obstruction:
-            raise RefusedError(self.obstruction)
+        if self.refusal:
+            raise RefusedError(self.refusal)
 
     def require_located(self) -> None:
         """Check that the robot knows its pose.
@@ -255,19 +255,19 @@ class Readiness:
         if not self.located:
             raise RefusedError(refusals.LOCALISATION_LOST)
 
-    def objections(self) -> list[Refusal]:
+    def _reasons_not_ready(self) -> list[Refusal]:
         """Return every reason why the robot may not move by itself."""
         manual, maintenance = util_robot_pb2.kManual, util_robot_pb2.kMaintain
         deployment, schedule = util_robot_pb2.kDeployMode, util_robot_pb2.kScheduleMode
-        reasons = (
+        conditions = (
             (self.emergency_stop, refusals.EMERGENCY_STOP),
             (self.key_manual, refusals.KEY_AT_MANUAL),
-            (self.ctrl == manual, refusals.MANUAL_MODE),
-            (self.ctrl == maintenance, refusals.MAINTENANCE_MODE),
+            (self.requested_control == manual, refusals.MANUAL_MODE),
+            (self.requested_control == maintenance, refusals.MAINTENANCE_MODE),
             (self.work == deployment, refusals.DEPLOYMENT_MODE),
             (self.work == schedule, refusals.SCHEDULE_MODE),
             (not self.initialised, refusals.NOT_INITIALISED),
             (self.initialised and not self.located, refusals.LOCALISATION_LOST),
             (self.battery_empty, refusals.BATTERY_EMPTY),
         )
-        return [refusal for applies, refusal in reasons if applies]
+        return [refusal for applies, refusal in conditions if applies]

@@ -6,7 +6,7 @@ import datetime
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from google.protobuf.message import Message
 
@@ -27,7 +27,7 @@ _ENDS = {
 }
 """States in the records of ended tasks, by the state of the task."""
 
-Record = TypeVar("Record", count_pb2.Operation, count_pb2.Task, count_pb2.Status)
+Record = TypeVar("Record", count_pb2.Task, count_pb2.Status)
 
 
 class Statistics:
@@ -140,7 +140,7 @@ class Statistics:
 
     def _open(self, records: deque[Record], record: Record) -> None:
         record.robot_id, record.id = self._timeline.robot_id, _next_id(records)
-        if isinstance(record, count_pb2.Task | count_pb2.Status) and not record.bucket.start:
+        if not record.bucket.start:
             record.bucket.start = int(self._timeline.time)
         records.append(record)
         self._push(record)
@@ -155,8 +155,8 @@ class Statistics:
         self._timeline.emit(copy_of(record))  # the record may change further
 
 
-def _next_id(records: deque[Record]) -> int:
-    return records[-1].id + 1 if records else 1
+def _next_id(records: deque[Any]) -> int:
+    return int(records[-1].id) + 1 if records else 1
 
 
 def _date(time: float) -> int:

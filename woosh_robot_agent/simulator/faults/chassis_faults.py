@@ -203,8 +203,8 @@ def _code_burst(server: Server, injection: Injection) -> End:
 
 
 def _repeat(server: Server, injection: Injection, push: Callable[[], None]) -> End:
-    """Call `push` repeatedly, as the arguments `count` and `rate` say."""
-    pushing = asyncio.ensure_future(_pushing(server, injection, push))
+    """Call `push` in the background, as the arguments `count` and `rate` say, until the end."""
+    pushing = asyncio.ensure_future(_push_repeatedly(server, injection, push))
 
     def end() -> None:
         pushing.cancel()
@@ -212,13 +212,13 @@ def _repeat(server: Server, injection: Injection, push: Callable[[], None]) -> E
     return end
 
 
-async def _pushing(server: Server, injection: Injection, push: Callable[[], None]) -> None:
+async def _push_repeatedly(server: Server, injection: Injection, push: Callable[[], None]) -> None:
     loop = asyncio.get_running_loop()
-    begun = loop.time()
+    start = loop.time()
     rate, count = injection["rate"], injection["count"]
     for number in range(count):
         if rate:
-            await asyncio.sleep(max(0.0, begun + number / rate - loop.time()))
+            await asyncio.sleep(max(0.0, start + number / rate - loop.time()))
         elif number % _SLICE == 0:
             await _wait_for_clients(server)
         push()
@@ -226,7 +226,7 @@ async def _pushing(server: Server, injection: Injection, push: Callable[[], None
 
 
 def _current(chassis: Chassis, type_name: str) -> Message:
-    """Return a current state, or an empty event."""
+    """Return the current report of a type; for an event, an empty message."""
     cls: Any = message_type(type_name)
     report = STATES.get(cls) or PERIODIC.get(cls)
     return report(chassis) if report else cls()
@@ -235,7 +235,7 @@ def _current(chassis: Chassis, type_name: str) -> Message:
 async def _wait_for_clients(server: Server) -> None:
     """Wait until clients have read enough, or until a timeout."""
     loop = asyncio.get_running_loop()
-    until = loop.time() + _BACKLOG_TIMEOUT
+    deadline = loop.time() + _BACKLOG_TIMEOUT
     await asyncio.sleep(0)
-    while server.backlog > server.config.max_outbox // 2 and loop.time() < until:
+    while server.backlog > server.config.max_outbox // 2 and loop.time() < deadline:
         await asyncio.sleep(_POLL_PERIOD)

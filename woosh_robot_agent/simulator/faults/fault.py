@@ -134,6 +134,7 @@ def _number(value: float) -> str:
 
 
 def _article(text: str) -> str:
+    """Add the indefinite article to a description such as "integer"; not to a list of choices."""
     if " or " in text or not isinstance(text, Said):
         return text
     article = "an" if text[0] in "aeiou" else "a"
@@ -159,7 +160,7 @@ class Fault:
         name: name of the fault.
         description: effect of the fault, for the documentation.
         begin: function that begins the fault.
-        own: arguments, without `for`, which all lasting faults have.
+        own_arguments: arguments, without `for`, which all lasting faults have.
         lasting: True if the fault lasts until it is cleared or expires; False if it is momentary.
         shared: True if simultaneous injections act as one fault, which ends with the last of them.
         check: raises FaultError for an invalid combination of arguments.
@@ -168,15 +169,15 @@ class Fault:
     name: str
     description: str
     begin: Begin
-    own: tuple[Argument, ...] = ()
+    own_arguments: tuple[Argument, ...] = ()
     lasting: bool = True
     shared: bool = False
     check: Callable[[Mapping[str, Any]], None] | None = None
 
     @property
-    def takes(self) -> tuple[Argument, ...]:
-        """All arguments, including `for`."""
-        return (*self.own, FOR) if self.lasting else self.own
+    def all_arguments(self) -> tuple[Argument, ...]:
+        """Arguments of the fault, and `for` if it lasts."""
+        return (*self.own_arguments, FOR) if self.lasting else self.own_arguments
 
     def resolve(
         self, arguments: Mapping[str, object], extra: tuple[Argument, ...] = ()
@@ -192,7 +193,7 @@ class Fault:
         """
         if not self.lasting and not {"for", "for_"}.isdisjoint(arguments):
             raise FaultError(_MOMENTARY(fault=self.name))
-        known = {each.name: each for each in (*self.takes, *extra)}
+        known = {each.name: each for each in (*self.all_arguments, *extra)}
         resolved: dict[str, Any] = {name: each.default for name, each in known.items()}
         for key, value in arguments.items():
             name = key.removesuffix("_")
@@ -200,7 +201,7 @@ class Fault:
                 names = ", ".join(known) or "none"
                 raise FaultError(_NO_ARGUMENT(fault=self.name, name=repr(name), names=names))
             if value is None and known[name].default is None:
-                continue
+                continue  # the argument is optional
             try:
                 resolved[name] = known[name].check(value)
             except FaultError as error:
@@ -216,7 +217,7 @@ FAULTS: dict[str, Fault] = {}
 
 def fault(
     description: str,
-    *own: Argument,
+    *own_arguments: Argument,
     lasting: bool = True,
     shared: bool = False,
     check: Callable[[Mapping[str, Any]], None] | None = None,
@@ -226,7 +227,7 @@ def fault(
     def add(begin: Begin) -> Begin:
         name = begin.__name__.strip("_")
         said = Sentence(f"fault.{name}", description)()
-        FAULTS[name] = Fault(name, said, begin, own, lasting, shared, check)
+        FAULTS[name] = Fault(name, said, begin, own_arguments, lasting, shared, check)
         return begin
 
     return add
@@ -268,7 +269,7 @@ class Injection:
         """Return the fault as on the command line, without arguments at their defaults."""
         parts = [
             f"{argument.name}={shlex.quote(str(self.arguments[argument.name]))}"
-            for argument in self.fault.takes
+            for argument in self.fault.all_arguments
             if self.arguments[argument.name] != argument.default
         ]
         return " ".join([self.fault.name, *parts])
@@ -283,7 +284,7 @@ class Injection:
         self._clear(self)
 
     def hit(self) -> None:
-        """Count an answer, frame or connection, and end the fault when `count` is reached."""
+        """Count an affected answer, frame or connection; end the fault if `count` is reached."""
         self.hits += 1
         if self.hits == self.arguments.get("count"):
             self.clear()

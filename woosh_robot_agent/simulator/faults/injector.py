@@ -6,7 +6,7 @@ import logging
 import random
 import shlex
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import yaml
@@ -35,7 +35,7 @@ _NO_PAIR = Sentence("fault.noPair", "{fault}: {word} is not of the form key=valu
 _TWICE = Sentence("fault.twice", "{fault}: {name} is given twice")
 
 
-def find(name: str) -> Fault:
+def find_fault(name: str) -> Fault:
     """Return the fault called `name`.
 
     Raises:
@@ -52,13 +52,13 @@ def markdown() -> str:
     """Return the table of all faults in Markdown."""
     rows = [("Fault", "Effect", "Kind", "Arguments"), ("---",) * 4]
     for fault in FAULTS.values():
-        arguments = "<br>".join(_argument(argument) for argument in fault.own)
+        arguments = "<br>".join(_describe_argument(argument) for argument in fault.own_arguments)
         kind = "lasting" if fault.lasting else "momentary"
         rows.append((f"`{fault.name}`", fault.description, kind, arguments))
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
-def _argument(argument: Argument) -> str:
+def _describe_argument(argument: Argument) -> str:
     default = argument.default
     if default is None:
         text = "none"
@@ -72,7 +72,7 @@ def _argument(argument: Argument) -> str:
 _AT = Argument("at", 0.0, "time at which the fault begins", 0.0, unit="s of simulated time")
 
 
-def make_step(name: str, **arguments: object) -> Step:
+def _make_step(name: str, arguments: Mapping[str, object]) -> Step:
     """Return a step of a scenario, with all defaults filled in.
 
     Args:
@@ -82,7 +82,7 @@ def make_step(name: str, **arguments: object) -> Step:
     Raises:
         FaultError: there is no such fault, or an argument is invalid.
     """
-    resolved = find(name).resolve(arguments, extra=(_AT,))
+    resolved = find_fault(name).resolve(arguments, extra=(_AT,))
     return Step(resolved.pop("at"), name, resolved)
 
 
@@ -99,7 +99,7 @@ def parse_fault(text: str) -> Step:
     except ValueError as error:
         raise FaultError(_UNREADABLE(text=repr(text), error=str(error))) from None
     name, words = (words[0], words[1:]) if words else ("", [])
-    taken = {argument.name: argument for argument in (*find(name).takes, _AT)}
+    known = {argument.name: argument for argument in (*find_fault(name).all_arguments, _AT)}
     arguments: dict[str, object] = {}
     for word in words:
         key, equals, value = word.partition("=")
@@ -107,9 +107,9 @@ def parse_fault(text: str) -> Step:
             raise FaultError(_NO_PAIR(fault=name, word=repr(word)))
         if key in arguments:
             raise FaultError(_TWICE(fault=name, name=key))
-        # `make_step` rejects unknown keys.
-        arguments[key] = taken[key].parse(value) if key in taken else value
-    return make_step(name, **arguments)
+        # `_make_step` rejects unknown keys.
+        arguments[key] = known[key].parse(value) if key in known else value
+    return _make_step(name, arguments)
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -128,13 +128,14 @@ def load_scenario(path: str | Path) -> Scenario:
     steps = []
     for number, entry in enumerate(entries, 1):
         try:
-            steps.append(_entry(entry))
+            steps.append(_parse_entry(entry))
         except FaultError as error:
             raise FaultError(f"{path}: entry {number}: {error}") from None
     return Scenario(tuple(steps))
 
 
-def _entry(entry: object) -> Step:
+def _parse_entry(entry: object) -> Step:
+    """Return the step that an entry of a scenario file describes."""
     if not isinstance(entry, dict) or not all(isinstance(key, str) for key in entry):
         raise FaultError(f"{entry!r} is not of the form {{at: SECONDS, do: NAME}}")
     arguments = dict(entry)
@@ -145,7 +146,7 @@ def _entry(entry: object) -> Step:
         raise FaultError("`do` must name a fault")
     if "at" not in arguments:
         raise FaultError(f"{name}: `at` is missing: give the simulated seconds since the start")
-    return make_step(name, **arguments)
+    return _make_step(name, arguments)
 
 
 class Injector:
@@ -166,10 +167,11 @@ class Injector:
         self._seed = seed
         self._steps = deque(sorted(steps, key=lambda step: step.at))
         self._clock = 0.0
+        """Time that has passed, in seconds; unlike that of the chassis, it never freezes."""
         self._active: dict[Injection, float | None] = {}
         """Active faults, oldest first, with the simulated times at which they expire."""
         self._ends: dict[object, End] = {}
-        """Functions that end the faults. All injections of a shared fault have one function."""
+        """Functions that end the active faults, by injection, or by fault if it is shared."""
 
     @property
     def active(self) -> list[Injection]:
@@ -182,11 +184,11 @@ class Injector:
         Raises:
             FaultError: there is no such fault, or an argument is invalid.
         """
-        fault = find(name)
+        fault = find_fault(name)
         number = self.counts[name] + 1
         rng = random.Random(f"{self._seed}:{name}:{number}")
         injection = Injection(fault, number, fault.resolve(arguments), rng, self._clear)
-        key = fault if fault.shared else injection
+        key = fault if fault.shared else injection  # a shared fault begins only once
         if key not in self._ends:
             end = fault.begin(self._server, injection)
             if end is not None:
@@ -208,7 +210,7 @@ class Injector:
             injection.clear()
 
     def advance(self, seconds: float) -> None:
-        """End expired faults and begin due ones. Time also advances while the chassis is frozen."""
+        """Let `seconds` pass: end expired faults and begin due ones."""
         self._clock = round(self._clock + seconds, 6)
         for injection, until in list(self._active.items()):
             if until is not None and until <= self._clock:

@@ -18,7 +18,7 @@ from woosh_robot_agent.link.server import Encoded, ServerTransport, Write
 from woosh_robot_agent.link.transport import varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.simulator.faults.fault import Argument, Begin, End, Injection, fault
-from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release, added
+from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release, add_hook
 from woosh_robot_agent.simulator.serving.server import Server
 
 
@@ -36,7 +36,7 @@ def _accept_then_drop(server: Server, injection: Injection) -> End:
         injection.hit()
         return False
 
-    return added(server.hooks.admissions, refuse_connection)
+    return add_hook(server.hooks.admissions, refuse_connection)
 
 
 @fault(
@@ -86,23 +86,20 @@ _FRAMES = Argument(
 def _on_frames(
     alter: Callable[[Injection, Outgoing], Iterable[Outgoing]],
 ) -> Callable[[Server, Injection], End]:
-    """Return the function that begins a fault which replaces the frames that it affects."""
+    """Turn a function that replaces a frame into the function that begins the fault."""
 
     def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
-            frames = injection.arguments.get("frames", "answers")
-            name = frame.request if frame.is_answer else frame.type
-            if (
-                not injection.active
-                or frames not in ("all", "answers" if frame.is_answer else "pushes")
-                or injection["type"] not in ("", name)
-            ):
+            kind, name = ("answers", frame.request) if frame.is_answer else ("pushes", frame.type)
+            of_kind = injection.arguments.get("frames", "answers") in (kind, "all")
+            of_type = injection["type"] in (name, "")
+            if not (injection.active and of_kind and of_type):
                 return [frame]
             altered = alter(injection, frame)
             injection.hit()
             return altered
 
-        return added(server.hooks.faults, intercept)
+        return add_hook(server.hooks.faults, intercept)
 
     begin.__name__ = alter.__name__
     return begin
@@ -122,7 +119,7 @@ def _refuse(server: Server, injection: Injection) -> End:
         text: str = injection["text"]
         return text
 
-    return added(server.hooks.refusals, refusal)
+    return add_hook(server.hooks.refusals, refusal)
 
 
 @fault(
@@ -142,14 +139,17 @@ def _delay(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
 
 
 class _Shuffle:
-    """Collects the frames of each client up to a number or a timeout, and shuffles them."""
+    """Collects the frames of each client up to `window` or a timeout, and sends them shuffled."""
 
     def __init__(self, injection: Injection) -> None:
         self._injection = injection
         self._kept: dict[object, list[Release]] = {}
+        """Functions that send the collected frames, by client."""
         self._timers: dict[object, asyncio.TimerHandle] = {}
+        """Timeouts of the collected frames, by client."""
 
     def keep(self, client: object, release: Release) -> None:
+        """Collect a frame instead of sending it; the `hold` of an `Outgoing`."""
         kept = self._kept.setdefault(client, [])
         kept.append(release)
         if len(kept) >= self._injection["window"] or not self._injection.active:
@@ -160,6 +160,7 @@ class _Shuffle:
             self._timers[client] = timer
 
     def flush(self) -> None:
+        """Send all collected frames."""
         for client in list(self._kept):
             self._flush(client)
 
@@ -168,11 +169,11 @@ class _Shuffle:
         if timer:
             timer.cancel()
         kept = self._kept.pop(client)
-        mixed = kept[:]
-        self._injection.rng.shuffle(mixed)
-        if mixed == kept:  # the shuffle had no effect
-            mixed.reverse()
-        for release in mixed:
+        shuffled = kept[:]
+        self._injection.rng.shuffle(shuffled)
+        if shuffled == kept:
+            shuffled.reverse()
+        for release in shuffled:
             release()
 
 
@@ -185,8 +186,8 @@ class _Shuffle:
 )
 def _reorder(server: Server, injection: Injection) -> End:
     shuffle = _Shuffle(injection)
-    keep = _on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
-    stop = keep(server, injection)
+    begin = _on_frames(lambda injection, frame: [dataclasses.replace(frame, hold=shuffle.keep)])
+    stop = begin(server, injection)
 
     def end() -> None:
         stop()
@@ -230,30 +231,39 @@ def _wrong_type(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
 
 
 _MIB = 1024 * 1024
+
 _CHUNK = 256 * 1024
+"""Size of the parts in which padding is sent, in bytes."""
+
 _UNKNOWN_NAME, _UNKNOWN_VALUE = "fieldOfLaterFirmware", {"level": [1, 2.5, "x", None]}
 _UNKNOWN_NUMBER = 1999
 """Name, value and number of a field that no message of the chassis has."""
+
 _VARINT, _FIXED64, _DELIMITED = 0, 1, 2
-_WIDE = (
+"""Wire types of protobuf."""
+
+_FIXED64_TYPES = (
     FieldDescriptor.TYPE_DOUBLE,
     FieldDescriptor.TYPE_FIXED64,
     FieldDescriptor.TYPE_SFIXED64,
 )
+"""Types of fields with the wire type `_FIXED64`."""
 
 Json = dict[str, Any]
 
-
 _SELECTION = (_TYPE, _COUNT, _FRAMES)
+"""Arguments that select the frames to damage."""
 
 
 def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Begin:
+    """Turn a function that damages an encoded frame into the function that begins the fault."""
+
     def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
         before = frame.damage
 
         def damage_further(codec: Codec, data: str | bytes) -> Encoded:
             damaged = before(codec, data) if before else data
-            # A frame that is already unreadable, or written by a fault, is not damaged further.
+            # Another fault may have damaged the frame already, or writes the frame itself.
             if callable(damaged) or (before and not _readable(codec, damaged)):
                 return damaged
             return damage(injection, codec, damaged)
@@ -377,6 +387,7 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
         body = frame["body"]
         if body:
             name = injection.rng.choice(list(body))
+            # A text in place of a list or an object; an object in place of anything else.
             body[name] = "neither" if isinstance(body[name], dict | list) else {"neither": 1}
         else:
             frame["body"] = "neither"
@@ -388,12 +399,13 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
     present: list[Any] = [field for field, _ in message.ListFields()]
     field = injection.rng.choice(present or list(message.DESCRIPTOR.fields))
     message.ClearField(field.name)
-    wire_type, value = (_VARINT, b"\1") if field.type in _WIDE else (_FIXED64, b"\1" * 8)
+    wire_type, value = (_VARINT, b"\1") if field.type in _FIXED64_TYPES else (_FIXED64, b"\1" * 8)
     pack.body.value = message.SerializeToString() + _tag(field.number, wire_type) + value
     return pack.SerializeToString()
 
 
 def _body(pack: MessagePackJson) -> Message | None:
+    """Return the decoded body of a frame, None if its type is unknown."""
     try:
         message = message_type(pack.type)()
         message.ParseFromString(pack.body.value)

@@ -42,6 +42,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 
 @command(pack.Twist)
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
+    """Drive by remote control. A velocity of zero stops everything that drives."""
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
         driver = chassis.ownership.driver
@@ -87,16 +88,17 @@ _Lift3 = action_pb2.LiftControl3
 
 @command(ros_pack_pb2.CallAction)
 def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
-    which = request.WhichOneof("action")
-    if which is None:
+    """Execute, cancel, pause or resume an action, or set the navigation mode."""
+    field = request.WhichOneof("action")
+    if field is None:
         raise RefusedError("CallAction names no action: set one of its fields")
-    command: Any = getattr(request, which)
+    command: Any = getattr(request, field)
     name = command.DESCRIPTOR.full_name
-    if which == "nav_mode":
+    if field == "nav_mode":
         _set_navigation_mode(chassis, command)
         chassis.actions.start(name, Done("navigation mode set"))
         return None
-    if which not in _JOBS:
+    if field not in _JOBS:
         raise RefusedError(
             "unknown action {action}: this chassis has {actions}",
             action=command.type,
@@ -104,8 +106,9 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         )
     if command.action == action_pb2.kExecute:
         chassis.readiness.require_ready()
-        ends = Device.CHARGER if which == "charge_control" else Device.NONE
-        chassis.ownership.start_action(name, _JOBS[which](chassis, command), ends=ends)
+        # Leaving the charger needs the wheels, and ends a charge too.
+        ends = Device.CHARGER if field == "charge_control" else Device.NONE
+        chassis.ownership.start_action(name, _JOBS[field](chassis, command), ends=ends)
     elif command.action == action_pb2.kCancel:
         chassis.actions.cancel(name)
     elif command.action == action_pb2.kPause:
@@ -245,6 +248,7 @@ _JOBS: dict[str, Callable[[Chassis, Any], Job]] = {
 
 @query(pack.PlanNavPath)
 def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
+    """Return the path that a navigation would take, without driving."""
     if not request.HasField("end"):
         raise RefusedError("PlanNavPath has no end: give the pose to plan a path to")
     if request.tolerance < 0.0:

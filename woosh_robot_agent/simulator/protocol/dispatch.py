@@ -11,7 +11,7 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import (
     action_commands,  # noqa: F401 - adds its handlers
     map_commands,  # noqa: F401 - adds its handlers
-    scene_files,  # noqa: F401 - adds its handlers
+    mark_commands,  # noqa: F401 - adds its handlers
     state_commands,  # noqa: F401 - adds its handlers
     task_commands,  # noqa: F401 - adds its handlers
 )
@@ -48,17 +48,12 @@ HANDLERS: dict[str, Handler] = {**QUERIES, **COMMANDS}
 """Handlers by the full protobuf name of the request."""
 
 
-def is_query(name: str) -> bool:
-    """Return True if a request, given its full name, only reads values."""
-    return name in QUERIES
-
-
 def dispatch(chassis: Chassis, request: Message) -> Answer:
     """Execute a request, whose type must be in `HANDLERS`, and return the answer."""
     name = request.DESCRIPTOR.full_name
-    always = chassis.profile.refusals.always.get(name)
-    if always is not None:
-        return Answer(name, None, False, always)
+    text = chassis.profile.refusals.always.get(name)  # this robot model refuses the type
+    if text is not None:
+        return Answer(name, None, ok=False, msg=text)
     try:
         number = non_finite(request)
         if number:
@@ -66,26 +61,27 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
         if name in COMMANDS:
             chassis.auto_tasks.postpone()
         result = HANDLERS[name](chassis, request)
-    except RefusedError as refusal:
-        return _refused(chassis, name, refusal)
+    except RefusedError as error:
+        return _answer_refusal(chassis, name, error)
     if isinstance(result, str):
         explained = chassis.profile.refusals.explained
-        return Answer(name, None, True, result if explained else SUCCESS)
+        return Answer(name, None, ok=True, msg=result if explained else SUCCESS)
     msg = "" if name in QUERIES else SUCCESS
     if result is None:
-        return Answer(name, None, True, msg)
-    return Answer(result.DESCRIPTOR.full_name, result, True, msg)
+        return Answer(name, None, ok=True, msg=msg)
+    return Answer(result.DESCRIPTOR.full_name, result, ok=True, msg=msg)
 
 
-def _refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
+def _answer_refusal(chassis: Chassis, name: str, error: RefusedError) -> Answer:
     refusal, profile = error.refusal, chassis.profile.refusals
     _LOG.info("%s is refused: %s", name, error)
     if profile.explained:
-        return Answer(name, None, refusal.harmless, str(error))
+        return Answer(name, None, ok=refusal.harmless, msg=str(error))
     words = profile.texts.get(name, refusal.words)
-    return Answer(name, None, False, words, refusal.code if profile.codes else None)
+    code = refusal.code if profile.codes else None
+    return Answer(name, None, ok=False, msg=words, code=code)
 
 
-def refusal(name: str, reason: str) -> Answer:
+def refusal_answer(name: str, reason: str) -> Answer:
     """Return the answer to a request that is refused without calling its handler."""
-    return Answer(name if name in HANDLERS else "error", None, False, reason)
+    return Answer(name if name in HANDLERS else "error", None, ok=False, msg=reason)

@@ -9,13 +9,12 @@ from typing import Any, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util import common_pb2
-from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.world.maps import Map, Mark
 
 Result = Message | str | None
 """Content of the answer: a body, a text (then the body is empty), or None (both are empty)."""
@@ -34,15 +33,15 @@ H = TypeVar("H", bound=Handler)
 
 def query(request: type[Message]) -> Callable[[H], H]:
     """Make the decorated function the handler of a request that only reads values."""
-    return _adding(QUERIES, request)
+    return _registering(QUERIES, request)
 
 
 def command(request: type[Message]) -> Callable[[H], H]:
     """Make the decorated function the handler of a request that may change something."""
-    return _adding(COMMANDS, request)
+    return _registering(COMMANDS, request)
 
 
-def _adding(handlers: dict[str, Handler], request: type[Message]) -> Callable[[H], H]:
+def _registering(handlers: dict[str, Handler], request: type[Message]) -> Callable[[H], H]:
     def add(handler: H) -> H:
         handlers[request.DESCRIPTOR.full_name] = handler
         return handler
@@ -65,10 +64,10 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     Raises:
         RefusedError: there are more than `MAX_POSES` messages.
     """
-    found = [pose(message) for message in messages]
-    if len(found) > MAX_POSES:
-        raise RefusedError(f"{len(found)} poses are more than {MAX_POSES}: send fewer")
-    return found
+    converted = [pose(message) for message in messages]
+    if len(converted) > MAX_POSES:
+        raise RefusedError(f"{len(converted)} poses are more than {MAX_POSES}: send fewer")
+    return converted
 
 
 def named_scene(chassis: Chassis, name: str) -> Scene:
@@ -115,39 +114,8 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
     return mark
 
 
-def task_mark(chassis: Chassis, number: str, kind: util_task_pb2.Type) -> Mark:
-    """Return the mark of the current map that is the target of a task.
-
-    Raises:
-        RefusedError: there is no such mark, or it does not suit the type of the task.
-    """
-    mark = named_mark(chassis, number)
-    require_suitable(mark, kind)
-    return mark
-
-
-def require_inside(mark: Mark, area: Map) -> None:
-    """Check that a mark is on the mapped area of its map.
-
-    Raises:
-        RefusedError: the mark is outside.
-    """
-    if not area.contains(*mark.pose.point):
-        raise RefusedError(f"mark {mark.number} is outside map {area.name}: choose a pose inside")
-
-
-def require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
-    """Check that a mark can be the target of a task of a type.
-
-    Raises:
-        RefusedError: the mark does not suit this type of task.
-    """
-    if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
-        raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
-
-
-def require_map_change(chassis: Chassis) -> None:
-    """Check that no task or navigation would continue on another map.
+def require_map_changeable(chassis: Chassis) -> None:
+    """Check that the current map may change: nothing runs or is paused that depends on it.
 
     Raises:
         RefusedError: a task, an action or a navigation runs or is paused.
@@ -180,13 +148,13 @@ def non_finite(message: Message, path: str = "") -> str:
     """Return the path of the first NaN or infinite number in `message`, empty if there is none."""
     for field, value in message.ListFields():
         name = f"{path}.{field.name}" if path else field.name
-        many = hasattr(value, "append") or hasattr(value, "extend")
-        for index, item in enumerate(value if many else [value]):
-            place = f"{name}[{index}]" if many else name
+        is_repeated = hasattr(value, "append") or hasattr(value, "extend")
+        for index, item in enumerate(value if is_repeated else [value]):
+            item_path = f"{name}[{index}]" if is_repeated else name
             if isinstance(item, Message):
-                found = non_finite(item, place)
-                if found:
-                    return found
+                inner = non_finite(item, item_path)
+                if inner:
+                    return inner
             elif isinstance(item, float) and not math.isfinite(item):
-                return place
+                return item_path
     return ""

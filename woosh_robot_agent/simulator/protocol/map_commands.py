@@ -8,34 +8,29 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.pb.map import map_pack_pb2, storage_edit_pb2
+from woosh_robot_agent.pb.map import map_pack_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointKind
+from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointKind, require_name
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
     Result,
     command,
     named_map,
-    named_mark,
     named_scene,
     pose,
     query,
-    require_map_change,
+    require_map_changeable,
 )
 from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.files import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.scene import (
-    MAX_NAME,
     SCENE_INDEX,
     Scene,
     files_of,
-    is_plain,
-    storage_of,
-    storages_of,
     with_map_renamed,
     without_map,
 )
@@ -44,10 +39,10 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 
 @command(pack.SwitchMap)
 def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
+    """Switch to a map, whose files may come with the request."""
     _require_idle(chassis)
-    wanted = "" if request.file_datas else request.map_name
-    name = request.scene_name or _scene_of_map(chassis, wanted)
     if request.file_datas:
+        name = request.scene_name or chassis.scene.name
         old = _old_scene(chassis, name)
         scene = scene_files.updated_scene(name, old, request.file_datas)
         if scene is None:
@@ -58,34 +53,37 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
                 chassis.scene, name=name, maps=[area], start_map="", files=files
             )
     else:
+        name = request.scene_name or _scene_of_map(chassis, request.map_name)
         scene = named_scene(chassis, name)
-    wanted = request.map_name or scene_files.first_map(scene, request.file_datas)
-    chassis.enter(scene, named_map(scene, wanted))
+    map_name = request.map_name or scene_files.first_map(scene, request.file_datas)
+    chassis.switch_map(scene, named_map(scene, map_name))
     chassis.deployment.end_session()
     return None
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
-    """Return the name of the scene of a map that a request names without its scene.
+    """Return the name of the scene with a map: the current scene, unless only another one has it.
 
-    That is the current scene, unless exactly one other scene has the map.
+    Raises:
+        RefusedError: the current scene does not have the map, and several others have it.
     """
     if not map_name or chassis.scene.map(map_name):
         return chassis.scene.name
-    found = [scene.name for scene in chassis.scenes.values() if scene.map(map_name)]
-    if len(found) > 1:
-        raise RefusedError(f"scenes {', '.join(found)} have a map {map_name}: name the scene too")
-    return found[0] if found else chassis.scene.name
+    names = [scene.name for scene in chassis.scenes.values() if scene.map(map_name)]
+    if len(names) > 1:
+        raise RefusedError(f"scenes {', '.join(names)} have a map {map_name}: name the scene too")
+    return names[0] if names else chassis.scene.name
 
 
 @command(map_pack_pb2.Upload)
 def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
+    """Add a scene or change it by uploaded files, without switching to it."""
     if not request.file_datas:
         raise RefusedError("the upload has no files: give at least one")
     name = request.scene_name or chassis.scene.name
     old = _old_scene(chassis, name)
     if old is None:
-        _check_name("scene_name", name)
+        require_name("scene_name", name)
     if old is chassis.scene:
         _require_idle(chassis)
     scene_files.check_pictures(request.file_datas)
@@ -107,31 +105,33 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
 
 @command(map_pack_pb2.Rename)
 def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
-    old = named_scene(chassis, request.old_scene_name)
-    new, map_name = old, ""
+    """Rename a scene, a map, or both."""
+    old = new = named_scene(chassis, request.old_scene_name)
+    current_map = chassis.map.name
     if request.old_map_name:
         area, map_name = named_map(old, request.old_map_name), request.new_map_name
-        _check_name("new_map_name", map_name)
+        require_name("new_map_name", map_name)
         if map_name != area.name:
             if old.map(map_name):
                 raise RefusedError(refusals.MAP_EXISTS, map=map_name, scene=old.name)
             new = with_map_renamed(old, area, map_name)
-        if area is not chassis.map:
-            map_name = ""
+        if area is chassis.map:
+            current_map = map_name
     elif request.new_map_name:
         raise RefusedError(refusals.NO_NAME, field="old_map_name")
     if not request.old_map_name or request.new_scene_name:
-        name = request.new_scene_name
-        _check_name("new_scene_name", name)
-        if name != old.name and name in chassis.scenes:
-            raise RefusedError(f"scene {name} exists already: choose another name")
-        new = dataclasses.replace(new, name=name)
-    chassis.replace_scene(old, new, map_name)
+        scene_name = request.new_scene_name
+        require_name("new_scene_name", scene_name)
+        if scene_name != old.name and scene_name in chassis.scenes:
+            raise RefusedError(f"scene {scene_name} exists already: choose another name")
+        new = dataclasses.replace(new, name=scene_name)
+    chassis.replace_scene(old, new, current_map)
     return None
 
 
 @command(map_pack_pb2.Delete)
 def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
+    """Delete a scene, or one of its maps."""
     if not (request.scene_name or request.map_name):
         raise RefusedError(refusals.NO_NAME, field="scene_name")
     scene = named_scene(chassis, request.scene_name)
@@ -157,7 +157,7 @@ def _require_idle(chassis: Chassis) -> None:
     Raises:
         RefusedError: a task, an action or a navigation runs or is paused, or a map is being made.
     """
-    require_map_change(chassis)
+    require_map_changeable(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
 
 
@@ -167,14 +167,6 @@ def _old_scene(chassis: Chassis, name: str) -> Scene | None:
     if not old and len(chassis.scenes) >= MAX_SCENES:
         raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
     return old
-
-
-def _check_name(field: str, name: str) -> None:
-    """Check a new name of a scene or map."""
-    if not name:
-        raise RefusedError(refusals.NO_NAME, field=field)
-    if not is_plain(name):
-        raise RefusedError(refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME)
 
 
 @query(map_pack_pb2.Download)
@@ -187,19 +179,19 @@ def _download(chassis: Chassis, request: map_pack_pb2.Download) -> Message:
 def _scene_md5(chassis: Chassis, request: map_pack_pb2.SceneMd5) -> Message:
     name = request.scene_name
     scenes = [named_scene(chassis, name)] if name else chassis.scenes.values()
-    return map_pack_pb2.SceneMd5Response(scenes=map(_sums, scenes))
+    return map_pack_pb2.SceneMd5Response(scenes=map(_scene_md5s, scenes))
 
 
-def _sums(scene: Scene) -> map_pack_pb2.SceneFileMD5:
+def _scene_md5s(scene: Scene) -> map_pack_pb2.SceneFileMD5:
     files = files_of(scene)
     return map_pack_pb2.SceneFileMD5(
         scene_name=scene.name,
-        scenes_md5s=_file_sums(files.shared),
+        scenes_md5s=_file_md5s(files.shared),
         maps=[
             map_pack_pb2.SceneFileMD5.MapFileInfo(
                 map_name=area.name,
                 version=area.version,
-                map_md5s=_file_sums(files.of_maps[area.name]),
+                map_md5s=_file_md5s(files.of_maps[area.name]),
             )
             for area in scene.maps
         ],
@@ -209,7 +201,8 @@ def _sums(scene: Scene) -> map_pack_pb2.SceneFileMD5:
 @query(map_pack_pb2.SceneSync)
 def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
     """Return the requested files of the scenes, each once per scene."""
-    found: dict[tuple[str, str], bytes] = {}
+    # By scene and file name, because files of two scenes may have the same name.
+    files_of_scenes: dict[tuple[str, str], bytes] = {}
     for wanted in request.scenes:
         scene = named_scene(chassis, wanted.scene_name)
         files = files_of(scene).all
@@ -221,27 +214,16 @@ def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
                 raise RefusedError(
                     f"scene {scene.name} has no file {name}; SceneMd5 lists its files"
                 )
-            found[scene.name, name] = files[name]
-    # Files of two scenes may have the same name.
-    answered = [(name, data) for (_scene, name), data in found.items()]
+            files_of_scenes[scene.name, name] = files[name]
+    answered = [(name, data) for (_scene, name), data in files_of_scenes.items()]
     return map_pack_pb2.SceneSyncResponse(file_datas=_file_datas(answered))
-
-
-@query(storage_edit_pb2.Find)
-def _find(chassis: Chassis, request: storage_edit_pb2.Find) -> Message:
-    return storage_of(named_mark(chassis, request.no))
-
-
-@query(storage_edit_pb2.Storages)
-def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Message:
-    return storages_of(chassis.map.marks.values())
 
 
 def _file_datas(files: Iterable[tuple[str, bytes]]) -> list[common_pb2.FileData]:
     return [common_pb2.FileData(name=name, data=data) for name, data in files]
 
 
-def _file_sums(files: Mapping[str, bytes]) -> list[common_pb2.FileMD5]:
+def _file_md5s(files: Mapping[str, bytes]) -> list[common_pb2.FileMD5]:
     return [
         common_pb2.FileMD5(name=name, md5=hashlib.md5(data, usedforsecurity=False).hexdigest())
         for name, data in files.items()
@@ -259,18 +241,19 @@ _KINDS: dict[int, PointKind] = {
 
 @command(pack.BuildMap)
 def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
+    """Start to make or to update a map, save it, or cancel it."""
     mapping, kind = chassis.mapping, request.type
     if kind in (pack.BuildMap.kAdd, pack.BuildMap.kUpdate):
-        require_map_change(chassis)
+        require_map_changeable(chassis)
         start = mapping.add if kind == pack.BuildMap.kAdd else mapping.update
         duration = start(request.scene_name, request.map_name)
         chassis.deployment.end_session()
     elif kind == pack.BuildMap.kSave:
         duration = mapping.save()
     elif kind == pack.BuildMap.kCanel:
-        new = mapping.draft is not None
+        is_new_map = mapping.draft is not None
         duration = mapping.cancel()
-        if new:
+        if is_new_map:
             chassis.deployment.end_session()  # the collected points went with the map
         else:
             chassis.deployment.cancel()
@@ -283,11 +266,13 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
 
 @command(pack.Deployment)
 def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
+    """Collect or remove points of the map, or calibrate its reflectors."""
     kind, mode = request.type, request.mode
     if request.robot_id not in (0, chassis.robot_id):
         raise RefusedError(
             f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
         )
+    # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
     if kind not in _KINDS and (kind or mode == pack.kDepCollect):
         raise RefusedError(
             f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
@@ -299,17 +284,19 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
     if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
         raise RefusedError("only reflectors can be calibrated: use type 3")
     chassis.deployment.require_ready()
-    found: Sequence[CollectedPoint] = []
+    points: Sequence[CollectedPoint] = []
     if mode == pack.kDepCollect:
-        where = pose(request.pose)
+        given = pose(request.pose)
         # Some clients send an empty pose if they mean the pose of the robot.
-        given = request.HasField("pose") and where != Pose()
-        found = [chassis.deployment.collect(_KINDS[kind], where if given else None)]
+        where = given if request.HasField("pose") and given != Pose() else None
+        points = [chassis.deployment.collect(_KINDS[kind], where)]
     elif mode == pack.kDepCancel:
         chassis.deployment.cancel([_KINDS[kind]] if kind else list(PointKind))
     else:
-        found = chassis.deployment.calibrate()
-    markers = [pack.DeploymentResponse.Marker(id=each.id, pose=pose2d(each.pose)) for each in found]
+        points = chassis.deployment.calibrate()
+    markers = [
+        pack.DeploymentResponse.Marker(id=each.id, pose=pose2d(each.pose)) for each in points
+    ]
     return pack.DeploymentResponse(
         type=kind, mode=mode, markers=markers, check_times=1 if markers else 0
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping
 
@@ -30,7 +29,7 @@ from woosh_robot_agent.simulator.scenes.scene import (
     task_info_of,
 )
 from woosh_robot_agent.simulator.timeline import ROUNDING, copy_of
-from woosh_robot_agent.simulator.world.geometry import Outline, Pose
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map
 
 _Hardware = robot_pb2.HardwareState
@@ -138,7 +137,7 @@ def task_history(chassis: Chassis) -> robot_pb2.TaskHistory:
 
 def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
     """Return buttons and flags as bits."""
-    software = (
+    flags = (
         (chassis.readiness.located, _Bit.kLocation),
         (chassis.jack.raised, _Bit.kGoodsState),
         (chassis.occupied, _Bit.kOccupancy),
@@ -148,21 +147,16 @@ def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
     return robot_pb2.DeviceState(
         robot_id=chassis.robot_id,
         hardware=_Bit.kEmgBtn if chassis.readiness.emergency_stop else 0,
-        software=sum(bit for is_set, bit in software if is_set),
+        software=sum(bit for is_set, bit in flags if is_set),
     )
 
 
 def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
     """Return the health of the devices."""
-    return copy_of(_hardware_state(chassis.robot_id, chassis.readiness.emergency_stop))
-
-
-@functools.lru_cache(maxsize=64)
-def _hardware_state(robot_id: int, stopped: bool) -> robot_pb2.HardwareState:
     normal = _Hardware.kNormal
     return robot_pb2.HardwareState(
-        robot_id=robot_id,
-        esb=_Hardware.kWarn if stopped else normal,
+        robot_id=chassis.robot_id,
+        esb=_Hardware.kWarn if chassis.readiness.emergency_stop else normal,
         motor=[normal] * 2,
         lidar=[normal] * 2,
         camera=[normal] * 2,
@@ -184,13 +178,8 @@ def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
 
 def model(chassis: Chassis) -> robot_pb2.Model:
     """Return the current footprint."""
-    return copy_of(_model(chassis.robot_id, chassis.footprint, chassis.outline))
-
-
-@functools.lru_cache(maxsize=64)
-def _model(robot_id: int, footprint: util_robot_pb2.FootPrint, outline: Outline) -> robot_pb2.Model:
-    points = [common_pb2.Point(x=x, y=y) for x, y in outline]
-    return robot_pb2.Model(robot_id=robot_id, model=points, type=footprint)
+    points = [common_pb2.Point(x=x, y=y) for x, y in chassis.outline]
+    return robot_pb2.Model(robot_id=chassis.robot_id, model=points, type=chassis.footprint)
 
 
 def status_codes(chassis: Chassis) -> robot_count_pb2.StatusCodes:
@@ -346,12 +335,12 @@ def _map_data(
     def file(name: str) -> bytes:
         return files.get(f"{area.name}/{name}", b"")
 
-    place = area.grid or draw(area)
-    x, y = place.low
+    picture = area.grid or draw(area)
+    x, y = picture.low
     return map_pack_pb2.SceneData.Map(
         id=area.id,
         name=area.name,
-        resolution=place.resolution,
+        resolution=picture.resolution,
         origin=common_pb2.Pose2D(x=x, y=y),
         end=pose2d(end) if end else None,
         map_png=file(PICTURE),
@@ -418,7 +407,7 @@ TOPICS = frozenset(_STATES) | frozenset(_PERIODIC) | _EVENTS
 
 
 class StateWatch:
-    """Detects which of the watched states have changed since the last call of `changed`.
+    """Detects which of the watched states have changed since the last call of `take_changes`.
 
     It limits the rate of PoseSpeed, and repeats an unchanged Battery, both as in the profile.
     """
@@ -449,18 +438,18 @@ class StateWatch:
             if topic in topics
         }
 
-    def changed(self, *, while_moving: bool) -> list[Message]:
-        """Return the periodic reports that are due and the states that have changed.
+    def take_changes(self, *, while_moving: bool) -> list[Message]:
+        """Return the periodic reports that are due and the states that have changed, once each.
 
         Args:
             while_moving: include PoseSpeed, which changes with every step of a moving robot.
         """
-        found = []
+        messages = []
         for topic, last_due in self._due.items():
             due = _DUE_TIMES[topic](self._chassis)
             if due != last_due:
                 self._due[topic] = due
-                found.append(_PERIODIC[topic](self._chassis))
+                messages.append(_PERIODIC[topic](self._chassis))
         for topic, last in self._last.items():
             if topic == _POSE_SPEED and not (while_moving and self._pose_is_due()):
                 continue
@@ -468,12 +457,12 @@ class StateWatch:
             now = message.SerializeToString()
             if now != last or (topic == _BATTERY and self._battery_is_due()):
                 self._last[topic] = now
-                found.append(message)
+                messages.append(message)
                 if topic == _POSE_SPEED:
                     self._plan_pose()
                 elif topic == _BATTERY:
                     self._plan_battery()
-        return found
+        return messages
 
     def _pose_is_due(self) -> bool:
         return self._chassis.elapsed >= self._next_pose - ROUNDING
@@ -487,10 +476,10 @@ class StateWatch:
     def _plan_battery(self) -> None:
         period = self._chassis.profile.rates.battery
         if period:
-            self._repeat_battery = self._wake_after(period.at(self._chassis.chance.random()))
+            self._repeat_battery = self._wake_after(period.sample(self._chassis.chance))
 
     def _wake_after(self, delay: float) -> float:
         """Schedule another check for changes after `delay` seconds; return its time."""
         if delay > 0.0:
-            self._chassis.after(delay, lambda: None)  # the chassis reports the end of each call
+            self._chassis.after(delay, lambda: None)  # changes are reported after each call
         return self._chassis.elapsed + delay

@@ -1,4 +1,4 @@
-"""The files of a scene that a client uploads, and the commands that edit its marks.
+"""The files of a scene that a client uploads.
 
 The files are kept in memory, never on disk. Files that describe the scene, its maps, marks or tasks
 take effect; others are only kept. An invalid upload changes nothing.
@@ -11,36 +11,23 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import PurePosixPath
 
 from woosh_robot_agent.data_files import DataFileError
-from woosh_robot_agent.pb.map import mark_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol.handlers import (
-    Result,
-    command,
-    named_mark,
-    require_inside,
-)
 from woosh_robot_agent.simulator.refusals import RefusedError
-from woosh_robot_agent.simulator.scenes.files import read_written
-from woosh_robot_agent.simulator.scenes.robot_files import MAX_MAPS, MAX_MARKS, read_robot_scene
+from woosh_robot_agent.simulator.scenes.files import read_handwritten_scene
+from woosh_robot_agent.simulator.scenes.robot_files import MAX_MAPS, read_robot_scene
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
     SCENE_INDEX,
     Scene,
     files_of,
-    free_mark_id,
-    has_pose,
     is_plain,
     mark_info_of,
-    mark_of,
-    storage_of,
     with_map,
     with_map_changed,
-    with_marks,
 )
 from woosh_robot_agent.simulator.scenes.scene_yaml import SCENE_FILE, read_maps
-from woosh_robot_agent.simulator.world.maps import Map, Mark
+from woosh_robot_agent.simulator.world.maps import Map
 
 _MAX_FILES = 1000
 """Maximum number of files of a scene."""
@@ -64,8 +51,8 @@ def updated_scene(
 ) -> Scene | None:
     """Return a scene after an upload, in which each map that has changed has another version.
 
-    That is the version in the upload if all files of a robot's folder are uploaded, so that they
-    stay as they are; otherwise a higher one.
+    That is the uploaded version if all files of a robot's folder are uploaded, because these files
+    must not change; otherwise a higher one.
 
     Args:
         name: name of the scene.
@@ -83,7 +70,7 @@ def updated_scene(
     new = merge_files({}, upload)
     files = merge_files(files_of(old).all if old and not replace else {}, upload)
     try:
-        scene = _described(name, old, new, files)
+        scene = _read_upload(name, old, new, files)
     except DataFileError as error:
         raise RefusedError(f"scene {name} is not changed: {error}") from error
     if scene is None:
@@ -93,12 +80,12 @@ def updated_scene(
     for area in scene.maps:
         before = old.map(area.name) if old else None
         if before:
-            whole = replace and SCENE_INDEX in new
-            scene = with_map_changed(scene, area, _continued(area, before, whole=whole))
+            whole = replace and SCENE_INDEX in new  # all files of a robot's folder
+            scene = with_map_changed(scene, area, _with_history(area, before, whole=whole))
     return scene
 
 
-def _described(
+def _read_upload(
     name: str, old: Scene | None, new: Mapping[str, bytes], files: Mapping[str, bytes]
 ) -> Scene | None:
     """Return the scene that an upload describes, None if it describes no scene.
@@ -112,7 +99,7 @@ def _described(
     Raises:
         DataFileError: a file is invalid.
     """
-    used: set[str] = set()
+    used: set[str] = set()  # files whose content is in the maps, so that they are not kept
     read = _reader(new, used)
     if SCENE_INDEX in files and SCENE_FILE not in new:
         maps = read_maps([each for each in new if "/" not in each], read)
@@ -121,14 +108,14 @@ def _described(
         for area in maps:
             scene = with_map(scene, area)
         return scene
-    written = read_written(name, new, read)
-    if written:
-        written.files = {each: data for each, data in new.items() if each not in used}
-    return written
+    handwritten = read_handwritten_scene(name, new, read)
+    if handwritten:
+        handwritten.files = {each: data for each, data in new.items() if each not in used}
+    return handwritten
 
 
-def _continued(area: Map, before: Map, *, whole: bool) -> Map:
-    """Return an uploaded map with what it keeps of the map that it replaces.
+def _with_history(area: Map, before: Map, *, whole: bool) -> Map:
+    """Return an uploaded map with the version, walls and end pose that follow from the old map.
 
     Args:
         area: the map as its files describe it.
@@ -216,93 +203,3 @@ def _reader(files: Mapping[str, bytes], used: set[str]) -> Callable[[str], bytes
         return data
 
     return read
-
-
-_MAX_NUMBER = 100
-"""Maximum length of the number of a mark, in characters."""
-
-_MAX_MARK = 4096
-"""Maximum size of the data of a mark, in bytes."""
-
-
-@command(storage_edit_pb2.Create)
-def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
-    area, storage = chassis.map, mark_pb2.Storage()
-    storage.CopyFrom(request.storage)  # the request is kept as it came
-    if len(area.marks) >= MAX_MARKS:
-        raise RefusedError(f"map {area.name} has {MAX_MARKS} marks already: delete one first")
-    if storage.identity.no in area.marks:
-        raise RefusedError(
-            f"mark {storage.identity.no} of map {area.name} exists already: choose another "
-            "number, or update it"
-        )
-    if not storage.identity.id:
-        storage.identity.id = free_mark_id(area)
-    mark = _checked(chassis, storage)
-    _store(chassis, [*area.marks.values(), mark])
-    return storage_of(mark)
-
-
-@command(storage_edit_pb2.Update)
-def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
-    """Change the mark with the given number; if no mark has it, renumber the mark with the id."""
-    area, changes = chassis.map, request.storage
-    number, id_ = changes.identity.no, changes.identity.id
-    by_id = next((mark for mark in area.marks.values() if id_ and mark.id == id_), None)
-    old = area.marks.get(number) or by_id or named_mark(chassis, number)
-    storage = storage_of(old)
-    for field, _ in changes.ListFields():
-        if field.containing_oneof:
-            storage.ClearField(storage.WhichOneof(field.containing_oneof.name) or field.name)
-        else:
-            storage.ClearField(field.name)
-    storage.MergeFrom(changes)
-    storage.identity.id = id_ or old.id
-    mark = _checked(chassis, storage, old)
-    _store(chassis, [mark if each is old else each for each in area.marks.values()])
-    return None
-
-
-@command(storage_edit_pb2.Delete)
-def _delete(chassis: Chassis, request: storage_edit_pb2.Delete) -> Result:
-    old = named_mark(chassis, request.no)
-    _store(chassis, [each for each in chassis.map.marks.values() if each is not old])
-    return None
-
-
-def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = None) -> Mark:
-    """Return the mark that a client has described.
-
-    Args:
-        chassis: the robot, on whose current map the mark is.
-        storage: data of the mark.
-        old: the mark that it replaces, None for a new mark.
-
-    Raises:
-        RefusedError: the mark cannot be on this map.
-    """
-    area, number = chassis.map, storage.identity.no
-    if not number:
-        raise RefusedError("the mark has no number: set identity.no")
-    if len(number) > _MAX_NUMBER:
-        raise RefusedError(refusals.TEXT_TOO_LONG, field="identity.no", limit=_MAX_NUMBER)
-    if storage.ByteSize() > _MAX_MARK:
-        raise RefusedError(
-            f"the data of mark {number} have {storage.ByteSize()} bytes, more than "
-            f"{_MAX_MARK}: send fewer"
-        )
-    if not has_pose(storage):
-        raise RefusedError(f"mark {number} has no pose: set pose.dock")
-    for other in area.marks.values():
-        if other is not old and other.id == storage.identity.id:
-            raise RefusedError(
-                f"mark {other.number} of map {area.name} has the id {other.id} already: use 0 "
-                "for a free one"
-            )
-    mark = mark_of(storage)
-    require_inside(mark, area)
-    return mark
-
-
-def _store(chassis: Chassis, marks: list[Mark]) -> None:
-    chassis.replace_scene(chassis.scene, with_marks(chassis.scene, chassis.map, marks))

@@ -107,6 +107,7 @@ _MAX_LIGHT = 15
 
 @command(pack.InitRobot)
 def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
+    """Set the pose, end all driving and the task, and initialise the robot."""
     if chassis.profile.refusals.while_busy and chassis.tasks.active:
         task = chassis.tasks.proc.robot_task_id
         raise RefusedError(refusals.INIT_DURING_TASK, task=task)
@@ -161,7 +162,7 @@ def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> R
         )
     if chassis.readiness.key_manual and request.mode != util_robot_pb2.kManual:
         raise RefusedError(refusals.KEY_AT_MANUAL)
-    chassis.readiness.ctrl = request.mode
+    chassis.readiness.requested_control = request.mode
     return reports.mode(chassis)
 
 
@@ -282,7 +283,7 @@ for _request, _report in {
     query(_request)(_answer_with(_report))
 
 
-_PAGE = 100
+_PAGE_SIZE = 100
 """Number of records of a page."""
 
 _Count = pack.CountData
@@ -319,20 +320,22 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
         (_Count.kTask, statistics.tasks, request.task_id),
         (_Count.kStatus, statistics.statuses, request.status_id),
     )
-    found = [[each for each in records if wanted(kind, each, ids)] for kind, records, ids in kinds]
+    matching = [
+        [each for each in records if wanted(kind, each, ids)] for kind, records, ids in kinds
+    ]
+    shown = matching
     if request.req_type == _Count.kGet:
         shown = [
-            each[page * _PAGE : (page + 1) * _PAGE] for each, page in zip(found, pages, strict=True)
+            each[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
+            for each, page in zip(matching, pages, strict=True)
         ]
-    else:
-        shown = found
     return pack.CountDataResponse(
         operations=count_pb2.Operations(ops=shown[0]),
         tasks=count_pb2.Tasks(ts=shown[1]),
         abnormals=count_pb2.Abnormals(ss=shown[2]),
-        operation_qty=len(found[0]),
-        task_qty=len(found[1]),
-        abnormal_qty=len(found[2]),
+        operation_qty=len(matching[0]),
+        task_qty=len(matching[1]),
+        abnormal_qty=len(matching[2]),
     )
 
 

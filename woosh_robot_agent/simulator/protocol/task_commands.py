@@ -17,19 +17,18 @@ from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
 from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.auto_tasks import nearest_mark, task_actions, task_jobs
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Wait
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.behaviour.task_jobs import task_actions, task_jobs
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.handlers import (
     MAX_POSES,
     Result,
     command,
+    named_mark,
     pose,
     poses,
-    require_suitable,
-    task_mark,
     usable_speed,
 )
 from woosh_robot_agent.simulator.refusals import RefusedError
@@ -68,12 +67,14 @@ def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
         RefusedError: the task has no usable target.
     """
     if request.mark_no:
-        return task_mark(chassis, request.mark_no, request.type)
+        mark = named_mark(chassis, request.mark_no)
+        _require_suitable(mark, request.type)
+        return mark
     if request.plan_path.plan_path:
         via, strict = _route(request.plan_path)
         return Navigate(via.pop(), via, strict=strict)
     if request.type == util_task_pb2.kCharge and pose(request.pose) == Pose():
-        charger = nearest_mark(chassis, MarkKind.CHARGER)
+        charger = chassis.nearest_mark(MarkKind.CHARGER)
         if charger is None:
             raise RefusedError(
                 f"map {chassis.map.name} has no charger: add a mark of this type, or name another "
@@ -142,7 +143,7 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
         raise RefusedError(
             f"max_speed {request.nav_mode.max_speed:g} is negative: use 0 for the default"
         )
-    usable_speed(request.nav_mode.max_speed, _MIN_SPEED)
+    usable_speed(request.nav_mode.max_speed, _MIN_SPEED)  # refuses one that is too slow
     chassis.ownership.navigation.change_mode(request.nav_mode)
     return None
 
@@ -220,10 +221,10 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
 
 def _delete(chassis: Chassis, request: RepeatTask) -> Result:
     """Delete a predefined task set. A running task set goes on."""
-    gone = request.task_set.base.id
-    _predefined(chassis, gone)
+    number = request.task_set.base.id
+    _predefined(chassis, number)  # refuses a number that is unknown
     sets = chassis.scene.predefined.repeat_tasks
-    kept = [each for each in sets if each.task_set.base.id != gone]
+    kept = [each for each in sets if each.task_set.base.id != number]
     set_predefined(chassis.scene, kept)
     return None
 
@@ -233,12 +234,10 @@ def _exec(chassis: Chassis, request: RepeatTask) -> Result:
     chassis.readiness.require_ready()
     times = _checked_times(request.times)
     if request.task_set.tasks:
-        task_set = _checked_set(chassis, request.task_set)
+        _start(chassis, _checked_set(chassis, request.task_set), times)
     else:
         predefined = _predefined(chassis, request.task_set.base.id)
-        task_set = predefined.task_set
-        times = times if request.times else predefined.times
-    _start(chassis, task_set, times)
+        _start(chassis, predefined.task_set, times if request.times else predefined.times)
     return None
 
 
@@ -300,8 +299,18 @@ def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
             raise RefusedError(
                 f"unknown mark {task.base.mark_no}: no map of scene {chassis.scene.name} has it"
             )
-        require_suitable(mark, task.base.type)
+        _require_suitable(mark, task.base.type)
         task_actions(chassis, task.base.type, task.base.type_no)
+
+
+def _require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
+    """Check that a mark can be the target of a task of a type.
+
+    Raises:
+        RefusedError: the mark does not suit this type of task.
+    """
+    if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
+        raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
 
 
 def _checked_times(times: int) -> int:
@@ -316,23 +325,27 @@ def _checked_times(times: int) -> int:
 
 
 def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
-    """Start a task set that is run `times` times, at most `_MAX_REPEATS`."""
+    """Start a task set and run it `times` times, at most `_MAX_REPEATS`."""
     number = task_set.base.id
     bases = [task.base for _ in range(min(times, _MAX_REPEATS)) for task in task_set.tasks]
     chassis.ownership.start_tasks([_task_order(chassis, number, base) for base in bases])
 
 
 def _task_order(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
-    mark = task_mark(chassis, base.mark_no, base.type)
+    mark = named_mark(chassis, base.mark_no)
+    _require_suitable(mark, base.type)
     actions = task_actions(chassis, base.type, base.type_no)
     jobs = partial(_jobs, chassis, mark, actions, base)
+    # Clients find the set in the id of its tasks: the last two digits are the task.
     return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
 
 
 def _jobs(
     chassis: Chassis, mark: Mark, actions: Sequence[Action], base: task_pb2.TaskBase
 ) -> list[Job]:
+    """Return the jobs of a task of a set."""
     jobs = task_jobs(chassis, actions, base.direction, mark)
     if base.wait_time:
+        # A negative time is a wait until a client continues the task.
         jobs.append(Wait(base.wait_time if base.wait_time > 0 else math.inf))
     return jobs

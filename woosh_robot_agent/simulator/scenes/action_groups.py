@@ -89,8 +89,8 @@ class ActionGroups:
 
     def actions(self, kind: int, number: int) -> tuple[Action, ...] | None:
         """Return the actions of tasks of a type and number; None if the table has none."""
-        found = (each.order for each in self.groups if (each.type, each.no) == (kind, number))
-        return next(found, None)
+        orders = (each.order for each in self.groups if (each.type, each.no) == (kind, number))
+        return next(orders, None)
 
     def numbers(self, kind: int) -> Collection[int]:
         """Return the numbers of the tasks of a type."""

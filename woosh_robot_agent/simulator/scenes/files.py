@@ -34,13 +34,15 @@ def load_scene(path: Path) -> Scene:
     """
     if path.is_dir():
         if (path / SCENE_INDEX).is_file():
-            return read_robot_scene(path.resolve().name, robot_folder(path))
+            return read_robot_scene(path.resolve().name, read_robot_folder(path))
         folder, name = path, path.resolve().name
         names = sorted(file.name for file in path.iterdir())
     else:
         folder, names = path.parent, [path.name]
         name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
-    scene = read_written(name, names, lambda each: _content(folder / each), use_own_name=True)
+    scene = read_handwritten_scene(
+        name, names, lambda each: _read_file(folder / each), use_own_name=True
+    )
     if scene is None:
         raise DataFileError(
             f"{path}: not a scene: give a folder with {SCENE_INDEX} or {SCENE_FILE}, or a YAML "
@@ -49,7 +51,7 @@ def load_scene(path: Path) -> Scene:
     return scene
 
 
-def robot_folder(folder: Path) -> dict[str, bytes]:
+def read_robot_folder(folder: Path) -> dict[str, bytes]:
     """Return the files in a robot's folder of a scene, by the robot's name for them.
 
     Hidden files beside those of the robot, and the folders that the program `maps` adds, are not
@@ -58,20 +60,20 @@ def robot_folder(folder: Path) -> dict[str, bytes]:
     Raises:
         DataFileError: a file cannot be read.
     """
-    maps = map_names(_content(folder / SCENE_INDEX))
+    maps = map_names(_read_file(folder / SCENE_INDEX))
     files: dict[str, bytes] = {}
     for file in sorted(folder.rglob("*")):
         name = file.relative_to(folder)
         added = name.parts[0] in _ADDED_FOLDERS and name.parts[0] not in maps
         if file.is_file() and not added and not name.parts[0].startswith("."):
-            files[unquote(name.as_posix())] = _content(file)
+            files[unquote(name.as_posix())] = _read_file(file)
     return files
 
 
-def read_written(
+def read_handwritten_scene(
     name: str, names: Collection[str], read: Read, *, use_own_name: bool = False
 ) -> Scene | None:
-    """Read a scene that a person has written. Return None if no file describes a scene or a map.
+    """Read a `scene.yaml`, or maps of map_server; return None if there are neither.
 
     Args:
         name: name of the scene.
@@ -88,7 +90,7 @@ def read_written(
     return Scene(name, maps) if maps else None
 
 
-def _content(file: Path) -> bytes:
+def _read_file(file: Path) -> bytes:
     try:
         if file.stat().st_size > _MAX_FILE_BYTES:
             raise DataFileError(f"{file}: the file has more than {_MAX_FILE_BYTES} bytes")
@@ -115,12 +117,12 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
     Raises:
         DataFileError: a file cannot be used.
     """
-    shipped, own = [_loaded(path) for path in _SHIPPED], [_loaded(path) for path in given]
+    shipped, own = [_load(path) for path in _SHIPPED], [_load(path) for path in given]
     return {scene.name: scene for scene in shipped + own}, (own or shipped)[0]
 
 
-def start(scene: Scene) -> tuple[Map, Pose]:
-    """Return the map and the pose where a robot starts: any free place by default."""
+def start_place(scene: Scene) -> tuple[Map, Pose]:
+    """Return the map and the pose at which a robot starts: by default any free place."""
     area = scene.map(scene.start_map) or scene.maps[0]
     return area, scene.start or Pose(*_free_place(area))
 
@@ -133,12 +135,10 @@ def _free_place(area: Map) -> Point:
     return area.grid.roomiest() if area.grid else (0.0, 0.0)
 
 
-def _loaded(path: Path) -> Scene:
-    """Return a new scene. Its maps are shared, so that their planners are computed only once."""
-    scene = _read_once(path) if path in _SHIPPED else load_scene(path)
+_load_shipped = lru_cache(load_scene)
+
+
+def _load(path: Path) -> Scene:
+    """Return a new scene. All robots share the shipped maps: planners are computed once per map."""
+    scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)
     return dataclasses.replace(scene, maps=list(scene.maps), files=dict(scene.files))
-
-
-@lru_cache
-def _read_once(path: Path) -> Scene:
-    return load_scene(path)

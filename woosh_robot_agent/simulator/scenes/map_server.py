@@ -18,13 +18,12 @@ from PIL import Image, UnidentifiedImageError
 
 from woosh_robot_agent.data_files import Between, DataFileError, structure
 from woosh_robot_agent.simulator.world.grid import Grid, KeepOut
-from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED, UNKNOWN
+from woosh_robot_agent.simulator.world.growing_grid import FREE, OCCUPIED, UNKNOWN, Cells
 
 _MAX_PIXELS = 4096 * 4096
 """Maximum size of a picture: 200 x 200 m with pixels of 5 cm. Computing the distance fields then
 takes some seconds."""
 
-Cells: TypeAlias = npt.NDArray[np.int8]
 Floats: TypeAlias = npt.NDArray[np.float32]
 
 

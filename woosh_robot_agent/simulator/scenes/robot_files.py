@@ -187,10 +187,10 @@ def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
     path = f"{name}/{MAP_FILE}"
 
     def read(file: str) -> bytes:
-        found = f"{name}/{file}"
-        if found not in files:
-            raise DataFileError(f"{found}: the file of map {name} is missing")
-        return files[found]
+        file_path = f"{name}/{file}"
+        if file_path not in files:
+            raise DataFileError(f"{file_path}: the file of map {name} is missing")
+        return files[file_path]
 
     # numpy, scipy and Pillow load in a third of a second, which only pictures need.
     from woosh_robot_agent.simulator.scenes.map_server import read_grid
@@ -219,7 +219,7 @@ def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
     """Return a map with the marks in its files, and the properties in its entry of the index."""
     path, end = f"{entry.name}/{MARK_INFO}", entry.end_pose
     info = read_mark_info(path, files.get(path, b""))
-    check_carried(entry.name, files)
+    check_unused_files(entry.name, files)
     return dataclasses.replace(
         area,
         id=entry.id,
@@ -231,7 +231,7 @@ def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
     )
 
 
-def check_carried(name: str, files: Mapping[str, bytes]) -> None:
+def check_unused_files(name: str, files: Mapping[str, bytes]) -> None:
     """Check the files of a map that SceneData contains and the robot does not use.
 
     Raises:

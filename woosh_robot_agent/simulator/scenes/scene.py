@@ -143,7 +143,7 @@ def with_map(scene: Scene, area: Map) -> Scene:
     A new map gets a free id. A map that replaces another one gets the other's id and floor, and if
     it has no marks, the other's marks.
     """
-    old = next((each for each in scene.maps if each.name == area.name), None)
+    old = scene.map(area.name)
     if old is None:
         number = _free_id(each.id for each in scene.maps)
         files = {name: data for name, data in scene.files.items() if name != SCENE_INDEX}
@@ -272,19 +272,19 @@ class SceneFiles:
 
 
 def files_of(scene: Scene) -> SceneFiles:
-    """Return the files of a scene: stored files as they came, missing or outdated files anew."""
-    made: dict[str, dict[str, bytes]] = {
-        area.name: _map_files(area, scene.files) for area in scene.maps
-    }
+    """Return all files of a scene: the stored files, and new files in place of missing ones."""
+    of_maps = {area.name: _missing_files(area, scene.files) for area in scene.maps}
     shared: dict[str, bytes] = {}
     for name, data in scene.files.items():
-        made.get(name.partition("/")[0], shared)[name] = data
+        folder, _, _ = name.partition("/")
+        files = of_maps.get(folder, shared)
+        files[name] = data
     if SCENE_INDEX not in shared:
         shared[SCENE_INDEX] = _index(scene)
     shared[ACTION_GROUPS] = scene.action_groups.data
     if TASK_INFO not in shared:
         shared[TASK_INFO] = task_info_of(scene).SerializeToString(deterministic=True)
-    return SceneFiles(shared, made)
+    return SceneFiles(shared, of_maps)
 
 
 def task_info_of(scene: Scene) -> woosh_task_pb2.TaskInfo:
@@ -296,8 +296,8 @@ def task_info_of(scene: Scene) -> woosh_task_pb2.TaskInfo:
 
 def end_of(scene: Scene, area: Map) -> Pose | None:
     """Return the pose at which the robot was last on a map; None if that is not known."""
-    starts = scene.start and area is scene.map(scene.start_map)
-    return scene.start if starts else area.end
+    starts_here = area is scene.map(scene.start_map)
+    return scene.start if scene.start and starts_here else area.end
 
 
 def _index(scene: Scene) -> bytes:
@@ -311,8 +311,8 @@ def _index(scene: Scene) -> bytes:
     return (json.dumps({"maps": maps}, indent=2, ensure_ascii=False) + "\n").encode()
 
 
-def _map_files(area: Map, given: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files of a map that are not in `given`."""
+def _missing_files(area: Map, given: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return new files of a map for those that are not in `given`."""
     files: dict[str, bytes] = {}
     picture, folder = f"{area.name}/{PICTURE}", f"{area.name}/"
     if picture not in given:

@@ -238,7 +238,7 @@ def read_maps(names: Collection[str], read: Read) -> list[Map]:
             continue
         stem = Path(file).stem
         entry = MapEntry(name=stem, image=file, where=file)
-        maps.append(_map(entry, iter([len(maps) + 1]), read, content))
+        maps.append(_map(entry, len(maps) + 1, read, content))
         check_pixels(file, maps)
         if stem in [other.name for other in maps[:-1]]:
             raise DataFileError(f"{file}: another file has the map name {stem} too")
@@ -251,7 +251,7 @@ def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
     given = [each.id for each in entry.maps]
     free_ids = (number for number in count(1) if number not in given)
     for each in entry.maps:
-        maps.append(_map(each, free_ids, read))
+        maps.append(_map(each, next(free_ids) if each.id is None else each.id, read))
         check_pixels(each.where, maps)
     places = [each.where for each in entry.maps]
     check_unique(places, "name", [each.name for each in maps])
@@ -270,16 +270,16 @@ def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
             woosh_task_pb2.RepeatTask(times=each.times, task_set=_task_set(each, marks))
             for each in entry.tasks.predefined
         )
-        scene.calls.call_tasks.extend(_call(each, marks) for each in entry.tasks.calls)
+        scene.calls.call_tasks.extend(_call_task(each, marks) for each in entry.tasks.calls)
     return scene
 
 
-def _map(entry: MapEntry, free_ids: Iterator[int], read: Read, content: Any = None) -> Map:
+def _map(entry: MapEntry, id_: int, read: Read, content: Any = None) -> Map:
     """Return the map that an entry describes.
 
     Args:
         entry: the entry.
-        free_ids: ids for maps without an id.
+        id_: id of the map.
         read: returns the content of a file.
         content: content of the file `image`, None to read it.
     """
@@ -298,11 +298,11 @@ def _map(entry: MapEntry, free_ids: Iterator[int], read: Read, content: Any = No
         corners = [point for wall in walls for point in ((wall.x1, wall.y1), (wall.x2, wall.y2))]
         corners += [mark.pose.point for mark in marks.values()] if walls else []
         corners += [grid.low, grid.high] if grid else []
-    x, y = ([*values] for values in zip(*corners, strict=True))
+    x, y = zip(*corners, strict=True)
     low, high = (min(x), min(y)), (max(x), max(y))
     check_sides(entry.where, low, high)
     return Map(
-        id=next(free_ids) if entry.id is None else entry.id,
+        id=id_,
         name=entry.name,
         floor=entry.floor or DEFAULT_FLOOR,
         version=entry.version or 1,
@@ -334,13 +334,13 @@ def _walls(entry: MapEntry) -> Iterator[Wall]:
 def _marks(entry: MapEntry) -> dict[str, Mark]:
     marks = [
         Mark(
-            number if each.id is None else each.id,
-            each.number,
-            Pose(*each.pose),
-            each.type,
-            each.description,
+            id=index if each.id is None else each.id,
+            number=each.number,
+            pose=Pose(*each.pose),
+            kind=each.type,
+            description=each.description,
         )
-        for number, each in enumerate(entry.marks, start=1)
+        for index, each in enumerate(entry.marks, start=1)
     ]
     places = [each.where for each in entry.marks]
     check_unique(places, "number", [mark.number for mark in marks])
@@ -348,7 +348,7 @@ def _marks(entry: MapEntry) -> dict[str, Mark]:
     return {mark.number: mark for mark in marks}
 
 
-def _call(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.CallTask:
+def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.CallTask:
     if entry.button is None:
         raise DataFileError(f"{entry.where}: button is missing")
     info = woosh_task_pb2.CallInfo

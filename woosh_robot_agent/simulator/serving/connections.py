@@ -50,7 +50,7 @@ class Connections:
         """Set while frames are sent."""
         self._left = asyncio.Event()
         """Set when a client leaves."""
-        self.calls = HttpCalls(exchange, config, self.readable, self._writing)
+        self.calls = HttpCalls(exchange, config, self.wait_readable, self._writing)
 
     @property
     def count(self) -> int:
@@ -84,7 +84,7 @@ class Connections:
         for client in list(self._exchange.clients):
             client.drop()
 
-    def pause(self, paused: bool) -> None:
+    def set_paused(self, paused: bool) -> None:
         """Stop reading and writing without closing the connections, or continue."""
         self._paused = paused
         self._update_gates()
@@ -94,16 +94,15 @@ class Connections:
             else:
                 client.transport.resume()
 
-    def freeze(self, frozen: bool) -> None:
+    def set_frozen(self, frozen: bool) -> None:
         """Queue requests instead of executing them and send nothing, or continue."""
-        self._exchange.frozen = frozen
+        self._exchange.set_frozen(frozen)
         self._update_gates()
-        self._exchange.freeze(frozen)
 
-    def release(self) -> None:
+    def send_delayed(self) -> None:
         """Send all delayed frames at once."""
         for client in list(self._exchange.clients):
-            client.release()
+            client.send_delayed()
 
     def send_raw(self, data: str | bytes) -> None:
         """Send a frame to every client unchanged; a call over HTTP gets nothing but its answer."""
@@ -111,21 +110,21 @@ class Connections:
             if not isinstance(client.transport, HttpTransport):
                 client.send(data)
 
-    async def readable(self) -> None:
+    async def wait_readable(self) -> None:
         """Wait while the connections are paused."""
         await self._reading.wait()
 
     async def serve(self, transport: ServerTransport) -> None:
         """Serve a new connection until it ends."""
-        if not self._admits(transport):
+        if not self._admit(transport):
             transport.abort()
             return
         client = Client(transport, self._config.max_outbox)
         self._exchange.join(client)
         writer = asyncio.ensure_future(client.write(self._writing))
-        # A WebSocket client has sent its handshake.
+        # The handshake of a WebSocket counts as a first frame.
         client.has_sent = isinstance(transport, WebSocketServerTransport)
-        self._limit_silence(client)
+        self._drop_if_silent(client)
         _LOG.info("%s connected", transport.peer)
         if self._paused:
             transport.pause()
@@ -141,8 +140,8 @@ class Connections:
             writer.cancel()
             await transport.close(_CLOSE_TIMEOUT)
 
-    def _admits(self, transport: ServerTransport) -> bool:
-        """Return False, and log the reason, if a new connection must be dropped."""
+    def _admit(self, transport: ServerTransport) -> bool:
+        """Return True to serve a new connection; otherwise log the reason and return False."""
         if self.count >= self._config.max_connections:
             if not self._full:
                 _LOG.warning(
@@ -154,19 +153,19 @@ class Connections:
             self._full = True
             return False
         self._full = False
-        if not self._exchange.hooks.admits():
+        if not self._exchange.hooks.admit():
             _LOG.info("%s connected and is dropped by a fault", transport.peer)
             return False
         return True
 
-    def _limit_silence(self, client: Client) -> None:
-        """Drop a client that sends nothing, unless the connections are paused."""
+    def _drop_if_silent(self, client: Client) -> None:
+        """Drop a client that sends nothing in time. The time starts again after a pause."""
 
         def check() -> None:
             if client.has_sent or client not in self._exchange.clients:
                 return
             if self._paused:
-                self._limit_silence(client)
+                self._drop_if_silent(client)
                 return
             _LOG.warning(
                 "%s is dropped: it sent no frame for %g s",
@@ -178,6 +177,7 @@ class Connections:
         asyncio.get_running_loop().call_later(self._config.first_frame_timeout, check)
 
     async def _read(self, client: Client) -> None:
+        """Wait for the next frame of a client, and handle it."""
         try:
             data = await client.transport.recv()
             client.has_sent = True
@@ -225,8 +225,8 @@ class Ports:
         """Sockets that keep the ports reserved while they are closed."""
         self._changing = asyncio.Lock()
         """Held while the ports are opened or closed."""
-        self._switching: asyncio.Task[None] | None = None
-        """The last task of `switch`."""
+        self._last_change: asyncio.Task[None] | None = None
+        """The last task of `set_listening`."""
 
     async def listen(self) -> None:
         """Start listening.
@@ -252,9 +252,9 @@ class Ports:
         for listener in self._listeners:
             listener.drop()
 
-    def switch(self, on: bool) -> None:
+    def set_listening(self, on: bool) -> None:
         """Start or stop listening in the background. Failures are logged."""
-        before = self._switching
+        before = self._last_change
 
         async def change() -> None:
             if before:
@@ -264,12 +264,12 @@ class Ports:
             except OSError as error:
                 _LOG.error("cannot listen again on %s: %s", self._config.host, error)
 
-        self._switching = asyncio.ensure_future(change())
+        self._last_change = asyncio.ensure_future(change())
 
     async def settle(self) -> None:
-        """Wait until `switch` has finished."""
-        if self._switching:
-            await asyncio.wait({self._switching})
+        """Wait until the last `set_listening` has taken effect."""
+        if self._last_change:
+            await asyncio.wait({self._last_change})
 
     async def _open(self) -> None:
         config, connections = self._config, self._connections
@@ -280,7 +280,7 @@ class Ports:
                 self.port,
                 max_size=config.max_frame,
                 open_timeout=config.first_frame_timeout,
-                before=connections.readable,
+                before=connections.wait_readable,
                 respond=connections.calls.respond,
                 # Otherwise a browser on this machine would let any web page connect.
                 local_pages_only=config.local,

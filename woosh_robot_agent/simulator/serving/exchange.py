@@ -19,13 +19,8 @@ from woosh_robot_agent.link.server import ConnectedClient, Encoded, ServerTransp
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.dispatch import (
-    HANDLERS,
-    Answer,
-    dispatch,
-    is_query,
-    refusal,
-)
+from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, Answer, dispatch, refusal_answer
+from woosh_robot_agent.simulator.protocol.handlers import QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS, StateWatch
 
 Damage = Callable[[Codec, str | bytes], Encoded]
@@ -84,7 +79,7 @@ _T = TypeVar("_T")
 
 
 class Hooks:
-    """Functions by which faults and tests intervene; `added` adds one.
+    """Functions by which faults and tests intervene; `add_hook` adds one.
 
     Attributes:
         admissions: called for each new connection.
@@ -99,31 +94,31 @@ class Hooks:
         self.faults: list[Interceptor] = []
         self.interceptors: list[Interceptor] = []
 
-    def admits(self) -> bool:
-        """Return False if a new connection must be dropped."""
+    def admit(self) -> bool:
+        """Call the hooks for a new connection. Return False if it must be dropped."""
         return all(admit() for admit in list(self.admissions))
 
     def refusal(self, type_name: str) -> str | None:
-        """Return the reason to refuse a request of a type, or None."""
+        """Call the hooks for a request. Return the reason to refuse it, or None."""
         reasons = (refuse(type_name) for refuse in reversed(list(self.refusals)))
         return next((reason for reason in reasons if reason is not None), None)
 
     def outgoing(self, frame: Outgoing) -> list[Outgoing]:
-        """Return the frames to send in place of `frame`."""
+        """Pass a frame through all interceptors. Return the frames to send instead."""
         frames = [frame]
         for interceptor in [*self.faults, *self.interceptors]:
             frames = [out for each in frames for out in interceptor(each)]
         return frames
 
 
-def added(hooks: list[_T], hook: _T) -> Remove:
+def add_hook(hooks: list[_T], hook: _T) -> Remove:
     """Add a function to one of the lists of `Hooks`, and return a function that removes it."""
     hooks.append(hook)
 
     def remove() -> None:
-        for place, each in enumerate(hooks):
+        for index, each in enumerate(hooks):
             if each is hook:
-                del hooks[place]
+                del hooks[index]
                 return
 
     return remove
@@ -158,7 +153,7 @@ class Client(ConnectedClient):
         self._held = 0
         """Number of frames that are held back."""
 
-    def send_as(self, frame: Outgoing, data: Encoded) -> None:
+    def send_outgoing(self, frame: Outgoing, data: Encoded) -> None:
         """Queue the encoded `frame` once its `hold` releases it and its `delay` has passed."""
         if not frame.hold:
             self._send_after(frame, data)
@@ -167,7 +162,7 @@ class Client(ConnectedClient):
             self.waiting += frame.is_answer
             frame.hold(self, partial(self._release, frame, data))
 
-    def release(self) -> None:
+    def send_delayed(self) -> None:
         """Queue all delayed frames at once, in the order of their times."""
         for key in sorted(self._delayed, key=lambda key: self._delayed[key].timer.when()):
             self._delayed[key].timer.cancel()
@@ -306,6 +301,7 @@ class Exchange:
         self.before_request()
         if request.message is not None:
             self._record(request.type, request.message)
+        # A subscription takes no time, unless it has to wait for a frozen chassis.
         subscribes = request.type == SUBSCRIPTION_TYPE
         if client.waiting >= self._max_waiting and (self.frozen or not subscribes):
             self._refuse_excess(request)
@@ -320,7 +316,7 @@ class Exchange:
         self.bad_frames += 1
         _LOG.debug("%s: unreadable frame: %s", client.transport.peer, error)
 
-    def freeze(self, frozen: bool) -> None:
+    def set_frozen(self, frozen: bool) -> None:
         """Queue requests from now on, or execute all queued ones and continue."""
         self.frozen = frozen
         while self._queue and not self.frozen:
@@ -346,15 +342,16 @@ class Exchange:
             while_moving: include PoseSpeed, which changes with every step of a moving robot.
         """
         self._push_events()
-        for message in self._watch.changed(while_moving=while_moving):
+        for message in self._watch.take_changes(while_moving=while_moving):
             self.push(message)
 
-    async def arrived(self, type_name: str, count: int) -> None:
+    async def wait_received(self, type_name: str, count: int) -> None:
         """Wait until clients have sent `count` messages of a type since the start of the run."""
         while self.counts[type_name] < count:
             await self._arrival.wait()
 
     def _read(self, client: Client, codec: Codec, data: str | bytes) -> Request:
+        """Decode a frame. A request that cannot be executed gets a reason to refuse it."""
         envelope = codec.decode(data)
         name = envelope.type
         if name in _SUBSCRIPTIONS:
@@ -375,13 +372,14 @@ class Exchange:
         return Request(client, codec, name, envelope.sn, message, refusal_reason)
 
     def _execute(self, request: Request) -> None:
+        """Execute a request, and send its answer, at once or after a delay."""
         if isinstance(request.message, Subscription):
             self._subscribe(request.client, request.codec, request.message)
             return
         chassis = self._chassis
         chassis.begin_request(request.type)
-        if is_query(request.type):
-            # Read the value when it is sent: an older value must not follow a newer push.
+        if request.type in QUERIES:
+            # Execute a query when its answer is due: an older value must not follow a newer push.
             self._after_delay(request, lambda: self._send_answer(request, self._answer(request)))
             return
         answer = self._answer(request)
@@ -420,15 +418,15 @@ class Exchange:
     def _answer(self, request: Request) -> Answer:
         name = request.type
         if request.message is None or request.refusal_reason:
-            return refusal(name, request.refusal_reason)
+            return refusal_answer(name, request.refusal_reason)
         reason = self.hooks.refusal(name)
         if reason is not None:
-            return refusal(name, reason)
+            return refusal_answer(name, reason)
         try:
             return dispatch(self._chassis, request.message)
         except Exception:  # a bug in a handler must not end the client's connection
             _LOG.exception("cannot execute %s", name)
-            return refusal(name, "internal error of the simulator: see its log")
+            return refusal_answer(name, "internal error of the simulator: see its log")
 
     def _refuse_excess(self, request: Request) -> None:
         """Refuse a request beyond the limit at once. Faults do not affect this answer."""
@@ -440,7 +438,7 @@ class Exchange:
             _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
             request.client.drop()
             return
-        answer = refusal(request.type, text)
+        answer = refusal_answer(request.type, text)
         frame = Outgoing(answer.type, None, request.sn, answer.ok, answer.msg)
         request.client.send(self._encoded(request.codec, frame))
 
@@ -475,7 +473,7 @@ class Exchange:
     def _send(self, client: Client, codec: Codec, frame: Outgoing) -> None:
         for out in self.hooks.outgoing(frame):
             data = self._encoded(codec, out)
-            client.send_as(out, out.damage(codec, data) if out.damage else data)
+            client.send_outgoing(out, out.damage(codec, data) if out.damage else data)
 
     def _encoded(self, codec: Codec, out: Outgoing) -> str | bytes:
         timestamp = round(self._chassis.time * 1000)

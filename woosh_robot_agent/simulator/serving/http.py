@@ -47,10 +47,9 @@ class _HttpCodec(JsonCodec):
         type_name: str,
         body: Message | None,
         *,
-        sn: int = 0,
         ok: bool | None = None,
         msg: str = "",
-        timestamp: int | None = None,
+        **_left_out: int | None,
     ) -> str:
         return super().encode(type_name, body, ok=ok, msg=msg)
 
@@ -129,7 +128,7 @@ class HttpCalls:
     Args:
         exchange: executes the requests.
         config: the options; the limits are among them.
-        readable: waits while nothing is read.
+        wait_readable: waits while nothing is read.
         writable: set while something may be sent.
     """
 
@@ -137,19 +136,19 @@ class HttpCalls:
         self,
         exchange: Exchange,
         config: SimulatorConfig,
-        readable: Callable[[], Awaitable[object]],
+        wait_readable: Callable[[], Awaitable[object]],
         writable: asyncio.Event,
     ) -> None:
         self._exchange = exchange
         self._config = config
-        self._readable = readable
+        self._wait_readable = wait_readable
         self._writable = writable
 
     async def respond(
         self, request: web.BaseRequest, connection: HttpConnection
     ) -> web.StreamResponse:
         """Answer an HTTP request."""
-        await self._readable()
+        await self._wait_readable()
         if request.method in ("GET", "HEAD"):
             about = _ABOUT.format(robot=self._config.robot_id, host=request.host)
             return web.Response(text=about)
@@ -159,7 +158,7 @@ class HttpCalls:
         if len(self._exchange.clients) >= self._config.max_connections:
             text = f"there are already {self._config.max_connections} clients"
             return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, text)
-        if not self._exchange.hooks.admits():
+        if not self._exchange.hooks.admit():
             connection.transport.abort()
             return web.Response()
         if request.headers.get("Expect", "").lower() == "100-continue":  # curl, for large bodies
@@ -171,7 +170,7 @@ class HttpCalls:
         if data is None:
             text = f"the body has more than {self._config.max_frame} bytes"
             return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
-        await self._readable()
+        await self._wait_readable()
         return await self._execute(connection, name, data)
 
     async def _body(self, request: web.BaseRequest) -> bytes | None:

@@ -20,7 +20,7 @@ _MIN_STEP = 0.005
 At a higher speed, the simulated time advances only by whole steps.
 """
 
-_ROUND = 0.02
+_ROUND_DURATION = 0.02
 """Real duration of a round of steps at a high speed, in seconds.
 
 Waking up costs more than a step, so each round has several steps.
@@ -104,15 +104,15 @@ class Server:
         """Listen again on the same ports, or drop all clients and refuse new ones."""
         if not on:
             self.drop()
-        self._ports.switch(on)
+        self._ports.set_listening(on)
 
     def pause_connections(self, paused: bool) -> None:
         """Stop reading and writing without closing the connections, or continue."""
-        self._connections.pause(paused)
+        self._connections.set_paused(paused)
 
     def freeze(self, frozen: bool) -> None:
         """Stop the simulated time and queue all requests, or continue."""
-        self._connections.freeze(frozen)
+        self._connections.set_frozen(frozen)
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
@@ -174,11 +174,12 @@ class Server:
         """Act after each step of the simulated time, also while the robot is frozen."""
 
     async def _tick(self) -> None:
+        """Advance the simulated time step by step, as fast as `speed` says."""
         loop = asyncio.get_running_loop()
         self._step_start = loop.time()
         while True:
             duration = TIME_STEP / self.speed
-            steps = 1 if self._runs_within_steps else max(1, int(_ROUND / duration))
+            steps = 1 if self._runs_within_steps else max(1, int(_ROUND_DURATION / duration))
             due = max(self._step_start + steps * duration, loop.time() - _MAX_LAG)
             self._wake_for(self.chassis.next_call)
             await asyncio.sleep(max(0.0, due - loop.time()))

@@ -20,8 +20,10 @@ class Obstacles:
 
     def __init__(self) -> None:
         self._circles: dict[str, tuple[float, float, float]] = {}
-        self._walls: dict[str, tuple[Wall, ...]] = {}
-        self._all: tuple[Wall, ...] = ()
+        """Position of the centre and radius of each obstacle in metres, by name."""
+        self._sides: dict[str, tuple[Wall, ...]] = {}
+        """Sides of each obstacle, by name."""
+        self._all_sides: tuple[Wall, ...] = ()
 
     def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
         """Add an obstacle, or move and resize the obstacle of the same name.
@@ -40,8 +42,8 @@ class Obstacles:
         if not 0.0 < radius < math.inf:
             raise ValueError(f"obstacle {name}: radius {radius} m is not a positive number")
         self._circles[name] = x, y, radius
-        self._walls[name] = _polygon(x, y, radius)
-        self._all = self._joined()
+        self._sides[name] = _polygon(x, y, radius)
+        self._join_sides()
 
     def remove(self, name: str) -> None:
         """Remove an obstacle.
@@ -49,14 +51,14 @@ class Obstacles:
         Raises:
             KeyError: there is no obstacle of this name.
         """
-        del self._circles[name], self._walls[name]
-        self._all = self._joined()
+        del self._circles[name], self._sides[name]
+        self._join_sides()
 
     def clear(self) -> None:
         """Remove all obstacles."""
         self._circles.clear()
-        self._walls.clear()
-        self._all = ()
+        self._sides.clear()
+        self._join_sides()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,7 +68,7 @@ class Obstacles:
     @property
     def walls(self) -> tuple[Wall, ...]:
         """Sides of all obstacles; the same tuple object as long as no obstacle changes."""
-        return self._all
+        return self._all_sides
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest obstacle, in metres.
@@ -79,11 +81,11 @@ class Obstacles:
             if distance <= radius * math.cos(math.pi / _CORNERS):
                 return 0.0
             if distance - radius < nearest:
-                nearest = min(nearest, *(wall.distance(x, y) for wall in self._walls[name]))
+                nearest = min(nearest, *(wall.distance(x, y) for wall in self._sides[name]))
         return nearest
 
-    def _joined(self) -> tuple[Wall, ...]:
-        return tuple(wall for walls in self._walls.values() for wall in walls)
+    def _join_sides(self) -> None:
+        self._all_sides = tuple(side for sides in self._sides.values() for side in sides)
 
 
 def _polygon(x: float, y: float, radius: float) -> tuple[Wall, ...]:
@@ -100,10 +102,11 @@ class CollisionDetector:
 
     def __init__(self) -> None:
         self._surroundings: tuple[Map, tuple[Wall, ...]] | None = None
+        """Map and walls of the obstacles for which the clearance was last computed."""
         self._centre: Point = (0.0, 0.0)
         """Position at which the clearance was last computed, in metres."""
         self._clearance = 0.0
-        """Clearance at `_centre`, in metres."""
+        """Minimum distance from `_centre` to walls and obstacles, in metres."""
 
     def gap(self, outline: Outline, pose: Pose, area: Map, obstacles: Obstacles) -> float:
         """Return the gap in metres between the outline at `pose` and walls and obstacles.
@@ -117,10 +120,10 @@ class CollisionDetector:
             self._surroundings = (area, obstacles.walls)
             self._clearance = 0.0
         if self._clearance - pose.distance(self._centre) > shape.radius:
-            return math.inf
+            return math.inf  # the base has not moved far enough to be near anything
         self._centre = pose.point
-        self._clearance = min(area.clearance(*self._centre), obstacles.clearance(*self._centre))
-        self._clearance -= area.clearance_error
+        clearance = min(area.clearance(*self._centre), obstacles.clearance(*self._centre))
+        self._clearance = clearance - area.clearance_error
         if self._clearance > shape.radius:
             return math.inf
         return min(area.gap(shape, pose), shape.gap(pose, obstacles.walls))

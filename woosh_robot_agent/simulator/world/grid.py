@@ -59,30 +59,26 @@ class Grid:
 
     def kept_out(self, x: float, y: float) -> bool:
         """Return True if (x, y) is in a keep-out cell."""
-        column, row = (math.floor(value) for value in self._in_cells(x, y))
-        rows, columns = self.cells.shape
-        inside = 0 <= row < rows and 0 <= column < columns
-        return inside and self.keep_out is not None and bool(self.keep_out[row, column])
+        cell = self._cell(x, y)
+        return bool(cell and self.keep_out is not None and self.keep_out[cell])
 
     def keep_out_on(self, raster: Raster) -> KeepOut | None:
         """Return the keep-out cells on another raster of the same map and resolution."""
         if self.keep_out is None:
             return None
-        found: KeepOut = np.zeros(raster.cells.shape, np.bool_)
+        keep_out: KeepOut = np.zeros(raster.cells.shape, np.bool_)
         rows, columns = np.nonzero(self.keep_out)
         columns = columns + round((self.low[0] - raster.low[0]) / self.resolution)
         rows = rows + round((self.low[1] - raster.low[1]) / self.resolution)
-        height, width = found.shape
+        height, width = keep_out.shape
         inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        found[rows[inside], columns[inside]] = True
-        return found
+        keep_out[rows[inside], columns[inside]] = True
+        return keep_out
 
     def known(self, x: float, y: float) -> bool:
         """Return True if (x, y) is in a cell that is not unknown."""
-        column, row = (math.floor(value) for value in self._in_cells(x, y))
-        rows, columns = self.cells.shape
-        inside = 0 <= row < rows and 0 <= column < columns
-        return inside and int(self.cells[row, column]) != UNKNOWN
+        cell = self._cell(x, y)
+        return bool(cell and self.cells[cell] != UNKNOWN)
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest occupied cell, in metres.
@@ -201,8 +197,8 @@ class Grid:
             going = ~hit & (travelled < limit)
             rays, dx, dy = rays[going], dx[going], dy[going]
             travelled, limit = travelled[going], limit[going]
-        found: list[float] = ranges.tolist()
-        return found
+        lengths: list[float] = ranges.tolist()
+        return lengths
 
     @cached_property
     def _any_occupied(self) -> bool:
@@ -224,16 +220,22 @@ class Grid:
         # Everything outside the grid is unknown.
         return _distances(np.pad(free, 1))[1:-1, 1:-1]
 
+    def _cell(self, x: float, y: float) -> tuple[int, int] | None:
+        """Return row and column of the cell at (x, y), None outside the grid."""
+        column, row = (math.floor(value) for value in self._in_cells(x, y))
+        rows, columns = self.cells.shape
+        return (row, column) if 0 <= row < rows and 0 <= column < columns else None
+
     def _in_cells(self, x: float, y: float) -> Point:
         return (x - self.low[0]) / self.resolution, (y - self.low[1]) / self.resolution
 
     def _interpolated(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
         places = (points - self.low) / self.resolution - 0.5
-        found = ndimage.map_coordinates(
+        distances = ndimage.map_coordinates(
             field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"
         )
         # The field gives distances to the centres of cells; subtract the half cell to the border.
-        return np.maximum(0.0, (found - 0.5) * self.resolution)
+        return np.maximum(0.0, (distances - 0.5) * self.resolution)
 
 
 def _distances(free: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:

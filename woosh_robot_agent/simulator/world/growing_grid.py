@@ -166,7 +166,8 @@ class GrowingGrid:
     def _reserve(self, left: int, bottom: int, right: int, top: int) -> bool:
         """Grow until the grid has these columns and rows. Return False if it would be too large."""
         height, width = self._evidence.shape
-        more = [
+        # Rows below and above, columns before and after.
+        growth = [
             missing + _MARGIN if missing > 0 else 0
             for missing in (
                 self._bottom - bottom,
@@ -175,9 +176,9 @@ class GrowingGrid:
                 right - (self._left + width - 1),
             )
         ]
-        if not any(more):
+        if not any(growth):
             return True
-        below, above, before, after = more
+        below, above, before, after = growth
         if (height + below + above) * (width + before + after) > _MAX_CELLS:
             return False
         self._evidence = np.pad(self._evidence, ((below, above), (before, after)))

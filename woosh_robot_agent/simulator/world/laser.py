@@ -82,8 +82,8 @@ class Laser:
         if x1 * y2 - x2 * y1 < 0.0:
             x1, y1, x2, y2 = x2, y2, x1, y1
         # The wall now runs counter-clockwise, so its rays span `sweep` radians from `start` on.
-        area = x1 * y2 - x2 * y1
-        if area == 0.0:
+        cross = x1 * y2 - x2 * y1
+        if cross == 0.0:  # seen edge-on
             return
         start = wrap(math.atan2(y1, x1) - origin.theta)
         sweep = wrap(math.atan2(y2, x2) - math.atan2(y1, x1))
@@ -96,4 +96,4 @@ class Laser:
                 angle = origin.theta + self.angle_min + ray * self.increment
                 across = math.cos(angle) * along_y - math.sin(angle) * along_x
                 if across > 0.0:
-                    ranges[ray] = min(ranges[ray], area / across)
+                    ranges[ray] = min(ranges[ray], cross / across)

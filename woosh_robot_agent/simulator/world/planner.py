@@ -76,7 +76,7 @@ class Lattice:
             if (dx, dy) != (0, 0)
         )
 
-    def blocked(self, area: Map, radius: float) -> bytearray:
+    def blocked_places(self, area: Map, radius: float) -> bytearray:
         """Return 1 for each place with a wall or cell of the map within `radius` (m), else 0."""
         rows: Iterable[bytes] = [bytes(self._columns)] * self._rows
         if area.grid:
@@ -122,7 +122,7 @@ class Lattice:
             first: places where the path can start, with their distances from the start in metres.
             last: places where the path can end.
             goal: position of the goal, in metres.
-            blocked: places that the path must avoid, as from `blocked`.
+            blocked: places that the path must avoid, as from `blocked_places`.
             budget: limit of the search.
 
         Raises:
@@ -190,7 +190,7 @@ class Planner:
         self._map = area
         self._radius = radius
         self._lattice = Lattice(area)
-        self._blocked = self._lattice.blocked(area, radius)
+        self._blocked = self._lattice.blocked_places(area, radius)
 
     def plan(
         self,
@@ -286,11 +286,11 @@ def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
     step = 1
     bad = last + 1
     while good < last:
-        there = min(good + step, last)
-        if not fits(there):
-            bad = there
+        candidate = min(good + step, last)
+        if not fits(candidate):
+            bad = candidate
             break
-        good = there
+        good = candidate
         step *= 2
     while bad - good > 1:
         middle = (good + bad) // 2

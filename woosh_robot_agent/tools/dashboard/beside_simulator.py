@@ -66,7 +66,7 @@ class FaultCommands:
             {
                 "name": fault.name,
                 "description": value_data(fault.description),
-                "arguments": ", ".join(argument.name for argument in fault.takes),
+                "arguments": ", ".join(argument.name for argument in fault.all_arguments),
             }
             for fault in FAULTS.values()
         ]

@@ -1,0 +1,109 @@
+"""The jobs of which a task consists, by the table of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
+from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from woosh_robot_agent.simulator.behaviour.jobs import (
+    STEP_SPEED,
+    Charge,
+    Job,
+    MoveLift,
+    Shift,
+    Steps,
+    Turn,
+    Wait,
+    dock_job,
+    leave_charger_job,
+)
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.robot import Robot
+from woosh_robot_agent.simulator.scenes.action_groups import Action
+from woosh_robot_agent.simulator.world.maps import Mark
+
+
+def task_actions(robot: Robot, kind: util_task_pb2.Type, number: int) -> tuple[Action, ...]:
+    """Return the actions of a task, by the table of the scene.
+
+    Args:
+        robot: the robot.
+        kind: type of the task. A task without a type is a pick task.
+        number: number of the task among the tasks of its type.
+
+    Raises:
+        RefusedError: the table has no actions for this task.
+    """
+    kind, groups = kind or util_task_pb2.kPick, robot.scene.action_groups
+    actions = groups.actions(kind, number)
+    if actions is None:
+        known = ", ".join(map(str, groups.numbers(kind))) or "none"
+        raise RefusedError(
+            f"scene {robot.scene.name} has no actions for tasks of type {kind} with the number "
+            f"{number}: the numbers of this type are {known}"
+        )
+    return actions
+
+
+def task_jobs(
+    robot: Robot,
+    actions: Sequence[Action],
+    direction: util_task_pb2.Direction,
+    target: Mark | Navigate,
+) -> list[Job]:
+    """Return the jobs of a task. A robot that stands in a dock leaves it first.
+
+    Without a mark there is no dock: everything from entering it to leaving it is left out.
+
+    Args:
+        robot: the robot.
+        actions: the actions of the task.
+        direction: direction of a task that carries goods.
+        target: the target mark of the task, or the job that drives to another target.
+    """
+    has_dock = any(each.action == util_action_pb2.kSecondposEnter for each in actions)
+    distance = 0.0
+    if isinstance(target, Navigate):
+        drive = target
+    else:
+        distance = robot.dock_distance(target) if has_dock else 0.0
+        drive = Navigate(target.pose.moved(-distance, 0.0, 0.0))
+    jobs = _leave_dock_jobs(robot)
+    for each in actions:
+        kind = each.action
+        if kind == util_action_pb2.kNav:
+            jobs.append(drive)
+        elif kind == util_action_pb2.kCarry:
+            unloads = direction == util_task_pb2.kCutting
+            jobs.append(MoveLift(robot.jack, 0.0 if unloads else robot.jack.travel))
+        elif kind == util_action_pb2.kWait:
+            if each.wait_time or robot.profile.tasks.final_wait:
+                jobs.append(Wait(each.wait_time, each.wait_id))
+        elif kind == util_action_pb2.kCharge:
+            jobs.append(Charge())
+        elif has_dock and isinstance(target, Navigate):
+            continue  # docking, and the steps inside the dock
+        elif kind == util_action_pb2.kSecondposEnter:
+            jobs.append(dock_job(robot, distance, util_action_pb2.kSecondposEnter))
+        elif kind == util_action_pb2.kSecondposQuit:
+            jobs.append(dock_job(robot, -distance, util_action_pb2.kSecondposQuit))
+        else:
+            jobs.append(_step(robot, each))
+    return jobs
+
+
+def _leave_dock_jobs(robot: Robot) -> list[Job]:
+    """Return the job that leaves a dock, or no job if the robot stands in none."""
+    leaves = robot.profile.tasks.leave_dock and robot.charger is not None
+    return [leave_charger_job(robot)] if leaves else []
+
+
+def _step(robot: Robot, action: Action) -> Job:
+    speed, value = action.stepctrl_speed or STEP_SPEED, action.stepctrl_value
+    if action.stepctrl_type:  # a turn
+        step: Shift | Turn = Turn(value, min(speed, robot.base.max_turn_rate))
+    else:
+        step = Shift(0.0, value, min(speed, robot.base.max_speed))
+    return Steps([step], avoid=action.stepctrl_avoid)
