@@ -24,7 +24,7 @@ from woosh_robot_agent.vda5050.mqtt import (
     refused_topics,
 )
 from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
-from woosh_robot_agent.vda5050.session import OtherConnector
+from woosh_robot_agent.vda5050.session import OtherConnectorDetector
 
 EXEC = "woosh.robot.ExecTask"
 
@@ -198,7 +198,7 @@ async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart
 
 @aio
 async def test_another_connector_whose_end_was_missed_is_gone_after_a_while() -> None:
-    other = OtherConnector(lambda payload: False, lambda: None, gone_after=0.0)
+    other = OtherConnectorDetector(lambda payload: False, lambda: None, gone_after=0.0)
     other.connected()
     other.received(b'{"connectionState": "ONLINE"}', False)
     assert other.error is not None

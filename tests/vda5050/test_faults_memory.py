@@ -11,7 +11,7 @@ import pytest
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType, Edge, Node, NodePosition
 from woosh_robot_agent.vda5050.messages.order import Order as VehicleOrder
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType, Position
-from woosh_robot_agent.vda5050.orders.actions import Memory
+from woosh_robot_agent.vda5050.orders.actions import OrderMemory
 from woosh_robot_agent.vda5050.orders.legs import Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.reports import HeaderIds
@@ -47,7 +47,7 @@ def an_order() -> VehicleOrder:
 
 def restarted(machine: OrderMachine) -> OrderMachine:
     """Return a machine that has only what JSON has kept of the other one."""
-    memory = from_plain(Memory, json.loads(to_json(machine.memory)))
+    memory = from_plain(OrderMemory, json.loads(to_json(machine.memory)))
     assert memory == machine.memory
     after = OrderMachine()
     after.restore(memory)
@@ -104,7 +104,7 @@ def test_a_triggered_action_starts_only_where_its_node_is() -> None:
 )
 def test_data_of_another_kind_is_refused(data: object) -> None:
     with pytest.raises(ValueError):
-        from_plain(Memory, data)
+        from_plain(OrderMemory, data)
 
 
 class SavedIds:

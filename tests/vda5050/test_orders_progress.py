@@ -118,7 +118,7 @@ def test_a_jump_passes_no_node() -> None:
 def test_without_a_link_no_node_is_passed_until_the_robot_is_known_to_drive_on() -> None:
     robot = given(path("abcde", actions={"b": [action("light", NONE)]}))
     robot.move(0.5)
-    robot.machine.lose_track()
+    robot.machine.link_lost()
     assert robot.jump(2.0) == []
     assert (robot.last, robot.actions) == ("a", {"light": "WAITING"})
     robot.machine.moved(at(2.1), confirmed=True)
@@ -132,7 +132,7 @@ def test_actions_of_a_node_that_the_robot_has_left_far_behind_without_a_link_fai
     lift, light = action("lift", NONE), action("light", NONE)
     robot.give(path("abcdef", actions={"b": [lift], "d": [light]}))
     robot.move(0.5)
-    robot.machine.lose_track()
+    robot.machine.link_lost()
     robot.machine.moved(at(2.9), confirmed=True)
     assert robot.jump(3.0) == [Perform(light)]
     assert robot.last == "d"
@@ -160,7 +160,7 @@ def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
 ) -> None:
     robot = given(path("abcdef", **nodes))
     robot.move(0.5)
-    robot.machine.lose_track()
+    robot.machine.link_lost()
     robot.machine.moved(at(*back), confirmed=True)
     assert robot.last == "a"
     robot.machine.moved(at(*then), confirmed=True)
@@ -474,7 +474,7 @@ def test_a_vehicle_that_somebody_has_moved_away_does_not_go_on() -> None:
 def test_a_vehicle_that_its_own_actions_have_moved_goes_on() -> None:
     robot = given(path("ab", "c"))
     robot.arrive()
-    robot.machine.moved(at(1.9), by_itself=True)
+    robot.machine.moved(at(1.9), by_action=True)
     robot.machine.moved(at(1.95))
     robot.give(path("bc", first=2, update=1))
     assert robot.legs == ["b", "c"]
@@ -498,8 +498,8 @@ def test_a_drive_that_was_not_sent_is_commanded_again() -> None:
 
 def test_a_lost_link_is_no_reason_to_doubt_where_an_action_has_moved_the_vehicle() -> None:
     robot = given(path("ab", actions={"a": [action("step")]}))
-    robot.machine.doubt_place()  # the link was lost and is back
-    robot.machine.moved(at(0.5), by_itself=True)
+    robot.machine.require_place_check()  # the link was lost and is back
+    robot.machine.moved(at(0.5), by_action=True)
     robot.poll()
     robot.finish("step")
     assert robot.legs == ["b"]

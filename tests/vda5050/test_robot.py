@@ -140,4 +140,4 @@ async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
     runner.obey(Perform(speak, at_once=True))
     runner.obey(EndAction(speak))
     await eventually(lambda: execution.order.status.actions[0].status is ActionStatus.FAILED)
-    await link.work.close()
+    await link.background.close()

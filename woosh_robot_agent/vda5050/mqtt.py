@@ -36,8 +36,8 @@ _MAX_OUTBOX = 1000
 MAX_RECEIVED = 200
 """Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
 _MAX_RECEIVED_SIZE = 16 * 2**20
-"""Maximum size of all messages of one topic that wait to be handled, in bytes; a single message may
-be larger."""
+"""Maximum size of all messages of one topic that wait to be handled, in bytes. A larger
+message is received if no other one waits."""
 _REFUSED = 0x80
 """Lowest result code of a subscription that the broker has refused."""
 _HINTS = (
@@ -48,7 +48,7 @@ _HINTS = (
     (ssl.SSLError, "check that the broker speaks TLS on this port"),
     (ConnectionRefusedError, "check that the broker runs, and listens on this port"),
 )
-"""Hints for errors, by type; the first match is used."""
+"""Types of errors, and hints what to do; the first type that matches is used."""
 _LOGIN_REFUSED = frozenset({4, 5, 134, 135})
 """Reason codes of MQTT 3.1.1 and 5 for a wrong user name or password, or a missing right."""
 
@@ -140,7 +140,7 @@ class MqttConnection:
         self.connected = False
         """True while messages can be published."""
         self._connected_at = math.inf
-        """Loop time at which the connection began; infinite without a connection."""
+        """Loop time at which the last connection began; infinite if the last attempt failed."""
 
     def publish(self, publication: Publication) -> None:
         """Queue a message for publication; drop it if there is no connection."""
@@ -238,7 +238,7 @@ class MqttConnection:
         handler = self._handlers.get(topic)
         if handler is None or not isinstance(message.payload, bytes | bytearray):
             return
-        if not message.payload:  # a retained message was removed from the broker
+        if not message.payload:  # somebody has removed a retained message from the broker
             return
         try:
             handler(bytes(message.payload), message.retain)
@@ -264,7 +264,7 @@ class _Client(aiomqtt.Client):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        # asyncio logs an exception that was never asked for; the calls that fail raise it anyway
+        # otherwise asyncio logs the exception as never retrieved; the calls that fail raise it too
         self._disconnected.add_done_callback(
             lambda future: future.cancelled() or future.exception()
         )
@@ -277,7 +277,7 @@ class _Client(aiomqtt.Client):
             raise
 
     def _on_disconnect(self, *args: Any, **kwargs: Any) -> None:
-        if not self._connected.cancelled():  # else nobody waits for it, and its result is an error
+        if not self._connected.cancelled():  # aiomqtt would set the result of a cancelled future
             super()._on_disconnect(*args, **kwargs)
 
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
@@ -298,7 +298,7 @@ class _Client(aiomqtt.Client):
 
 
 class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
-    """Received messages that wait to be handled; drops new messages of a topic with too many.
+    """Queue of received messages; drops a new message if too many of its topic wait already.
 
     Each topic has its own limit, so that a flood of orders does not take the place of a pause.
     """

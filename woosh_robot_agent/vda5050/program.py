@@ -28,13 +28,14 @@ from woosh_robot_agent.vda5050.store import state_folder
 from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 _NODE = "agent"
-"""Name of the node in the sections of the file."""
+"""Name of the agent's node in the file."""
 _PARAMETERS = "ros__parameters"
 _TYPES: dict[str, tuple[type, ...]] = {
-    field.name: {"str": (str,), "float": (int, float), "int": (int,)}.get(str(field.type), (str,))
+    # `field.type` is the text of the annotation; other annotations are literals
+    field.name: {"float": (int, float), "int": (int,)}.get(str(field.type), (str,))
     for field in fields(LinkConfig)
 }
-"""Types of the parameters of the link, by name."""
+"""Permitted types of the parameters of the link, by name."""
 
 
 class RobotsFileError(Exception):
@@ -94,7 +95,12 @@ def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
 
 
 def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield the name and the parameters of each node; names may be nested or contain slashes."""
+    """Yield the name and the parameters of each node in the content of a parameter file.
+
+    Args:
+        name: name of the node or namespace that has the content; empty for the whole file.
+        content: a mapping; names of nodes in it may be nested or contain slashes and wildcards.
+    """
     if not isinstance(content, dict):
         raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
     for key, value in content.items():
@@ -114,7 +120,7 @@ def _parameters(sections: list[tuple[str, Mapping[str, Any]]], node: str) -> dic
 
 
 def _regex(pattern: str) -> str:
-    """Return the regular expression for a name with `*` for one part, or `**` for any parts."""
+    """Return the regular expression for a name in which `*` is one part, and `**` any number."""
     parts = {"*": "/[^/]+", "**": "(/[^/]+)*"}
     return "".join(parts.get(part, f"/{re.escape(part)}") for part in pattern.split("/")[1:])
 
@@ -178,7 +184,7 @@ class Connector:
         for vehicle, context in self._vehicles:
             context.run(vehicle.start)
 
-    def dashboard(self, port: int) -> Dashboard:
+    def make_dashboard(self, port: int) -> Dashboard:
         """Return a page that shows the robots with their orders and errors, on this machine.
 
         The page has links of its own, and only reads from the robots.
@@ -186,10 +192,10 @@ class Connector:
         Args:
             port: port of the page; 0 takes a free port.
         """
-        made = Dashboard(self._links, DashboardConfig(port=port))
-        for robot, (vehicle, _) in zip(made.robots, self._vehicles, strict=True):
+        dashboard = Dashboard(self._links, DashboardConfig(port=port))
+        for robot, (vehicle, _) in zip(dashboard.robots, self._vehicles, strict=True):
             robot.order = vehicle.summary
-        return made
+        return dashboard
 
     async def close(self) -> None:
         """Close all vehicles at the same time; see `Vehicle.close`."""
@@ -316,7 +322,7 @@ def _vehicles(
         return {"": _vehicle(options, link_config(parser, options), options.serial_number)}
     if options.serial_number:
         raise ValueError("--serial-number is for one robot; set serial_number in the file")
-    default = link_config(parser, options, Address(LinkConfig.ip))  # each robot has its own
+    default = link_config(parser, options, Address(LinkConfig.ip))  # the file has the addresses
     robots = read_robots(options.robots, default)
     return {each.name: _vehicle(options, each.link, each.serial_number) for each in robots}
 
@@ -344,7 +350,7 @@ async def _run(connector: Connector, dashboard_port: int | None) -> int:
         stack.push_async_callback(connector.close)
         if dashboard_port is not None:
             try:
-                page = await stack.enter_async_context(connector.dashboard(dashboard_port))
+                page = await stack.enter_async_context(connector.make_dashboard(dashboard_port))
             except OSError as error:
                 reason = error.strerror or error
                 remedy = "choose another one: --dashboard PORT"

@@ -19,7 +19,7 @@ from urllib.parse import quote
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
-from woosh_robot_agent.vda5050.orders.actions import Memory
+from woosh_robot_agent.vda5050.orders.actions import OrderMemory
 
 T = TypeVar("T")
 
@@ -53,6 +53,7 @@ def from_plain(cls: type[T], data: Any) -> T:
 
 
 def _value(kind: Any, data: Any) -> Any:
+    """Return the value of a type, e.g. of `tuple[Node, ...]` or `float | None`, for plain data."""
     if kind is Any:
         return data
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
@@ -109,7 +110,8 @@ class Record:
         task_id: id of the robot's task that drives the current leg (part of an order without a
             stop); 0 without such a task.
         known_ids: ids of the last instant actions.
-        last_motion: id of the last instant action that moves something; empty before the first.
+        last_motion: id of the last instant action that moves something; empty before the first. It
+            is only stored so that such an action is saved at once, together with `known_ids`.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
     """
@@ -117,7 +119,7 @@ class Record:
     robot_id: int = 0
     serial_number: int = 0
     task_id: int = 0
-    order: Memory = field(default_factory=Memory)
+    order: OrderMemory = field(default_factory=OrderMemory)
     instant_actions: tuple[ActionState, ...] = ()
     known_ids: tuple[str, ...] = ()
     last_motion: str = ""
@@ -158,7 +160,7 @@ class Store:
         self._next = self._record
         """The record to save."""
         self._timer: asyncio.TimerHandle | None = None
-        """Saves `_next` later; None if it has been saved."""
+        """Saves `_next` later; None if nothing waits to be saved."""
         self._log = LogOnce(_LOG)
         self.error: VehicleError | None = None
 
@@ -229,6 +231,7 @@ class Store:
         self._save(replace(self._next, header_ids=self._record.header_ids))
 
     def _can_wait(self, record: Record) -> bool:
+        """Return True if a record differs from the saved one only in progress; see `save`."""
         saved, order = self._record, self._record.order
         progress = replace(
             record.order,
@@ -256,12 +259,13 @@ class Store:
         try:
             replace_file(self._path, to_json(record))
         except OSError as error:
-            self._failed(self._path, error)
+            self._report_failure(self._path, error)
         else:
             self.error = None
             self._log.clear()
 
-    def _failed(self, path: Path, error: OSError) -> None:
+    def _report_failure(self, path: Path, error: OSError) -> None:
+        """Remove the file, which is out of date, and report why a record was not saved."""
         reason: str = _NOT_SAVED(error=str(error))
         try:
             path.unlink(missing_ok=True)

@@ -43,9 +43,9 @@ _NOT_STORED = Sentence("vda.notStored", "the report cannot be stored: {error}")
 async def start_pause(run: Run) -> None:
     """Pause the drive and the actions that move something."""
     execution, limit = run.execution, run.link.timing.pause_within
-    execution.pause(True)
+    execution.set_pause_wanted(True)
     await run.wait(
-        lambda: (execution.paused and execution.at_rest) or not execution.pause_wanted,
+        lambda: (execution.paused and execution.own_motion_ended) or not execution.pause_wanted,
         limit,
         # the robot must not drive on because it was slow to obey, so the pause stays wanted
         _NOT_PAUSED(seconds=f"{limit:g}"),
@@ -59,8 +59,8 @@ async def stop_pause(run: Run) -> None:
     """Resume the drive and the paused actions, also if a button on the robot has paused them."""
     execution, limit = run.execution, run.link.timing.pause_within
     if execution.pause_wanted:
-        execution.pause(False)
-    elif execution.paused:
+        execution.set_pause_wanted(False)
+    elif execution.paused:  # by people at the robot
         execution.drive.want(Control.RESUME)
     await run.wait(
         lambda: not execution.paused or execution.pause_wanted,
@@ -92,9 +92,9 @@ async def cancel_order(run: Run) -> None:
         order.cancel()
     run.link.changed()
     await run.link.conditions.wait(
-        lambda: not order.canceling or (order.has_ended and execution.at_rest)
+        lambda: not order.canceling or (order.has_ended and execution.own_motion_ended)
     )
-    if order.canceling:
+    if order.canceling:  # otherwise another cancelOrder has emptied it
         order.empty()
 
 

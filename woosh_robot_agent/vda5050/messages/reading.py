@@ -57,16 +57,16 @@ def validator(version: str, topic: str) -> Validator:
 
 
 def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
-    """Validate a message; return the path of an invalid field and the reason, or None."""
+    """Return the path of an invalid field of a message and the reason; None for a valid message."""
     errors = itertools.islice(validator(version, topic).iter_errors(message), _MAX_ERRORS)
     error = best_match(errors)
     if error is None:
         return None
     path = ".".join(str(part) for part in error.absolute_path)
-    return path, _short(error.message)
+    return path, _shortened(error.message)
 
 
-def _short(text: str, limit: int = 200) -> str:
+def _shortened(text: str, limit: int = 200) -> str:
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
@@ -119,7 +119,7 @@ def read_instant_actions(payload: bytes, version: Version, identity: Identity) -
     topic = Topic.INSTANT_ACTIONS
     message = _parse(payload, version, identity, topic)
     if (count := len(message["actions"])) > MAX_INSTANT_ACTIONS:
-        raise _rejected(topic, message, _MANY_ACTIONS(count=count, most=MAX_INSTANT_ACTIONS))
+        raise _rejection(topic, message, _MANY_ACTIONS(count=count, most=MAX_INSTANT_ACTIONS))
     return [_action(version, action) for action in message["actions"]]
 
 
@@ -139,7 +139,7 @@ def refusal_of_zone_set(payload: bytes, version: Version, identity: Identity) ->
 
 
 def _unsupported(version: Version, order: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of fields of an order, or of its actions, that the robot cannot obey."""
+    """Return the names of set fields of an order, or of its actions, that the robot cannot obey."""
     if not version.is_3:
         return ("zoneSetId",) if order.get("zoneSetId") else ()
     parts = (*order["nodes"], *order["edges"])
@@ -250,21 +250,21 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
         message = json.loads(payload)
         _check_limits(message)
     except (ValueError, RecursionError) as error:
-        raise _rejected(topic, None, _UNREADABLE(error=said_by(error))) from None
+        raise _rejection(topic, None, _UNREADABLE(error=said_by(error))) from None
     if found := defect(version.number, topic.value, message):
         field_path, reason = found
         wrong = _MALFORMED(place=field_path or _TOP_LEVEL(), reason=reason)
-        raise _rejected(topic, message, wrong)
+        raise _rejection(topic, message, wrong)
     if message["version"].split(".")[0] != version.number.split(".")[0]:
         reason = _VERSION(version=message["version"], own=version.number)
-        raise _rejected(topic, message, reason)
+        raise _rejection(topic, message, reason)
     for key, own in (
         ("manufacturer", identity.manufacturer),
         ("serialNumber", identity.serial_number),
     ):
         if message[key] != own:
             reason = _OTHER(key=key, value=message[key], own=own)
-            raise _rejected(topic, message, reason)
+            raise _rejection(topic, message, reason)
     return message  # type: ignore[no-any-return]
 
 
@@ -295,7 +295,8 @@ def _check_limits(message: Any) -> None:
     raise ValueError(_DEEP(most=_MAX_DEPTH))
 
 
-def _rejected(topic: Topic, message: Any, reason: str) -> RejectedError:
+def _rejection(topic: Topic, message: Any, reason: str) -> RejectedError:
+    """Return the exception that rejects a message; None as message if it could not be parsed."""
     references = {
         key: str(message[key])[:_MAX_REFERENCE]
         for key in ("headerId", "orderId", "orderUpdateId")
@@ -305,6 +306,7 @@ def _rejected(topic: Topic, message: Any, reason: str) -> RejectedError:
     return RejectedError(
         warning(
             ErrorType.VALIDATION,
+            # a slice is a plain string, which the page cannot translate
             text if len(text) <= _MAX_REASON else text[:_MAX_REASON],
             "correct the message and send it again",
             topic=topic.value,

@@ -1,4 +1,4 @@
-"""The messages of a vehicle, without their headers."""
+"""Write the messages of a vehicle, without their headers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.messages.versions import Version
 
 Fields = dict[str, Any]
-
+"""A message, or a part of one, as it is written in JSON."""
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
 _ARRAY_LIMITS: Mapping[str, int] = {
@@ -102,8 +102,7 @@ def visualization_message(version: Version, robot: RobotStatus, state_id: int) -
     """Return a `visualization` message.
 
     Args:
-        robot: state of the robot.
-        state_id: header id of the last state.
+        state_id: header id of the last `state` message.
     """
     reference = {"referenceStateHeaderId": state_id} if version.is_3 else {}
     return reference | _renamed(_motion(robot), version.names)
@@ -172,7 +171,11 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
 
 
 def _renamed(message: Fields, names: Mapping[str, str]) -> Fields:
-    """Return a message with other names of fields, at any depth."""
+    """Return a message with its fields renamed, at any depth.
+
+    Args:
+        names: new names, by the old names.
+    """
 
     def renamed(value: Any) -> Any:
         if isinstance(value, dict):
@@ -216,7 +219,7 @@ def _trajectory(curve: Trajectory) -> Fields:
 
 
 def _planned_path(state: VehicleState) -> Fields:
-    """Return the field plannedPath while the robot executes an order; empty without a path.
+    """Return the field plannedPath, or no field unless the robot executes an order and has a path.
 
     There is no `intermediatePath`, because the robot does not report arrival times.
     """
@@ -254,7 +257,7 @@ def _motion(robot: RobotStatus) -> Fields:
         message["agvPosition"] = {
             "x": place.x,
             "y": place.y,
-            # rounding may have exceeded the limits of the schemas
+            # rounding may have led outside of the limits of the schemas
             "theta": max(-_MAX_ANGLE, min(_MAX_ANGLE, place.theta)),
             "mapId": place.map_id,
             "positionInitialized": place.initialised,

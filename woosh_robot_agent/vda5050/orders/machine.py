@@ -15,19 +15,24 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleError,
     warning,
 )
-from woosh_robot_agent.vda5050.orders.actions import Memory, OrderActions
+from woosh_robot_agent.vda5050.orders.actions import OrderActions, OrderMemory
 from woosh_robot_agent.vda5050.orders.legs import (
     Command,
     Control,
     Drive,
     Leg,
+    need_standstill,
     needs_base,
     next_leg,
     speed_limit,
-    stops,
 )
 from woosh_robot_agent.vda5050.orders.reach import Route, in_sequence
-from woosh_robot_agent.vda5050.orders.structure import Verdict, check_action_ids, check_start, judge
+from woosh_robot_agent.vda5050.orders.structure import (
+    OrderKind,
+    check_action_ids,
+    check_start,
+    classify,
+)
 
 _RESTARTED = Sentence("vda.restarted", "the connector was restarted while the action ran")()
 _OTHER_MAP = Sentence("vda.otherMap", "the vehicle waits before node {node}: it is on map {map}")
@@ -58,14 +63,14 @@ class OrderMachine:
         """True if the order was cancelled."""
         self._holds: set[str] = set()
         """Names of the holds that keep the vehicle from driving."""
-        self._is_held: bool | None = False
-        """True if the drive was paused because of `held`; None if it may be paused or not."""
+        self._is_drive_paused: bool | None = False
+        """True if the last command about the drive was a pause; None if unknown after a restart."""
 
     # Properties of the order
 
     @property
     def held(self) -> bool:
-        """True while a hold keeps the vehicle from driving, or the order was interrupted."""
+        """True while a hold or an interruption of the order keeps the vehicle from driving."""
         interrupted = self.error is not None and self.error.type == ErrorType.INTERRUPTED.value
         return bool(self._holds) or interrupted
 
@@ -100,7 +105,7 @@ class OrderMachine:
         node = route.nodes[0] if route.nodes and route.nodes[0].released else None
         if node is None or here is None or route.is_on_map_of(node):
             return ()
-        if self._actions.forbid_driving():
+        if self._actions.need_standstill():
             return ()  # an action may bring the vehicle to the other map
         return (
             warning(
@@ -177,8 +182,10 @@ class OrderMachine:
 
     # Events
 
-    def receive(self, order: Order, check: Callable[[Order], None] = lambda order: None) -> Verdict:
-        """Take an order or an update.
+    def receive(
+        self, order: Order, check: Callable[[Order], None] = lambda order: None
+    ) -> OrderKind:
+        """Take an order or an update, and return its kind.
 
         Args:
             check: raises a RejectedError if the vehicle cannot perform the order.
@@ -186,21 +193,21 @@ class OrderMachine:
         Raises:
             RejectedError: the vehicle cannot take the order; nothing has changed.
         """
-        verdict = judge(
+        kind = classify(
             order,
             self._order,
             busy=self.busy,
             cancelled=self._cancelled,
             decision_point=self._decision_point,
         )
-        if verdict is Verdict.KNOWN:
-            return verdict
+        if kind is OrderKind.KNOWN:
+            return kind
         horizon: list[Node | Edge] = []
-        if verdict is Verdict.UPDATE:
+        if kind is OrderKind.UPDATE:
             horizon = [part for part in self._route.parts if not part.released]
             check_action_ids(order, self._actions.ids_without(horizon))
         check(order)  # before check_start, which would fail with another error on an unknown map
-        if verdict is Verdict.NEW:
+        if kind is OrderKind.NEW:
             check_start(order, self._route.stands_on)
             self.error = None
             self._cancelled = False
@@ -212,17 +219,17 @@ class OrderMachine:
             self._route.append(order)
             self._actions.add(in_sequence(order.nodes[1:], order.edges))
         self._order = order
-        return verdict
+        return kind
 
     def set_last_node(self, node_id: str) -> None:
-        """Set the last node, on which the vehicle stands by its own knowledge or by a command.
+        """Set the last node, without a drive to it.
 
         Args:
             node_id: id of the node; empty if the vehicle stands on no node.
         """
         last = self._route.last_node
         number = last.sequence_id if last and self.busy else 0
-        self._route.place(Node(node_id, number) if node_id else None)
+        self._route.set_last_node(Node(node_id, number) if node_id else None)
 
     def forget_left_node(self) -> None:
         """Forget the last node, unless the vehicle stands on it; not during an order."""
@@ -231,25 +238,22 @@ class OrderMachine:
             self.set_last_node("")
 
     def moved(
-        self, position: Position, *, by_itself: bool = False, confirmed: bool = False
+        self, position: Position, *, by_action: bool = False, confirmed: bool = False
     ) -> None:
-        """Take a new position, and find the nodes of the leg that the vehicle has passed.
+        """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
         Args:
-            by_itself: True if an action may have moved the vehicle.
+            by_action: True if an action may have moved the vehicle.
             confirmed: True if the robot has confirmed, over the current link, that it drives the
                 leg.
         """
         self._route.moved(
-            position, by_itself=by_itself, confirmed=confirmed, passes=not self._canceling
+            position, by_action=by_action, confirmed=confirmed, passes=not self._canceling
         )
 
-    def lose_track(self) -> None:
-        """Pass no node until the robot confirms the drive.
-
-        To be called when the link is lost: the robot may be moved, or restarted elsewhere.
-        """
-        self._route.lose_track()
+    def link_lost(self) -> None:
+        """Pass no node until the robot confirms the drive: it may be moved without the link."""
+        self._route.link_lost()
 
     def drive_ended(self, reason: str = "") -> None:
         """Take the end of the drive.
@@ -263,7 +267,7 @@ class OrderMachine:
         elif reason:
             route.leg = None
             node = route.nodes[0]
-            self.error = self._stuck(
+            self.error = self._fatal_error(
                 ErrorType.DRIVING,
                 _NOT_REACHED(node=node.id, reason=reason),
                 ("nodeId", node.id),
@@ -273,12 +277,12 @@ class OrderMachine:
             route.arrive()
 
     def drive_unsent(self) -> None:
-        """Command the leg again when the vehicle may drive: the `Drive` command was not sent."""
+        """Take note that the last `Drive` was not sent to the robot; `poll` returns it again."""
         self._route.leg = None
-        self._route.doubtful = True
+        self._route.must_check_place = True
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
-        """Take the new status of an action that was started by a `Perform` command."""
+        """Store the new status of an action that was started by a `Perform` command."""
         self._actions.changed(action_id, status, result)
 
     def hold(self, name: str) -> None:
@@ -315,9 +319,9 @@ class OrderMachine:
         if self._canceling:
             if may_empty and self.has_ended:
                 self.empty()
-        elif self._is_in_place(may_drive=may_drive):
+        elif self._check_place(may_drive=may_drive):
             self._start_actions()
-            self._hold_drive()
+            self._pause_or_resume_drive()
             if may_drive and not self.held:
                 while self._start_drive():
                     self._start_actions()
@@ -329,25 +333,24 @@ class OrderMachine:
         self._canceling = False
         self._route.empty()
 
-    def doubt_place(self) -> None:
-        """Check the position before the order goes on, because the vehicle may have been moved."""
-        self._route.doubtful = True
+    def require_place_check(self) -> None:
+        """Check the position before the order goes on: the vehicle may have been moved."""
+        self._route.must_check_place = True
 
     # Memory
 
     @property
-    def memory(self) -> Memory:
+    def memory(self) -> OrderMemory:
         """State that must survive a restart of the program."""
         route, leg = self._route, self._route.leg
-        ends = (leg is not None and node is leg.goal for node in route.nodes)
-        return Memory(
+        return OrderMemory(
             order_id=self.order_id,
             update_id=self._update_id,
             last_node=route.last_node,
             nodes=tuple(route.nodes),
             edges=tuple(route.edges),
             on_edge=route.on_edge,
-            leg_length=next((index + 1 for index, ends_leg in enumerate(ends) if ends_leg), 0),
+            leg_length=0 if leg is None else route.nodes.index(leg.goal) + 1,
             actions=self._actions.memory,
             canceling=self._canceling,
             cancelled=self._cancelled,
@@ -355,10 +358,10 @@ class OrderMachine:
             error=self.error,
         )
 
-    def restore(self, memory: Memory) -> None:
+    def restore(self, memory: OrderMemory) -> None:
         """Go on with an order after a restart. Actions that ran fail.
 
-        If there is a leg, report its end with `drive_ended`, as if it had just been started.
+        If `driving` is True then, call `drive_ended` at the end of the drive, as after a `Drive`.
         """
         if not memory.order_id:
             return
@@ -371,9 +374,9 @@ class OrderMachine:
         self._cancelled = memory.cancelled
         self._holds = set(memory.holds)
         self.error = memory.error
-        self._is_held = None if self.held else False
+        self._is_drive_paused = None if self.held else False
         for action in self._actions.interrupt(_RESTARTED):
-            if stops((action,)):
+            if need_standstill((action,)):
                 self.interrupt(action.id)
         if memory.canceling:
             self.cancel()
@@ -386,31 +389,37 @@ class OrderMachine:
             reason: why the outcome of the action is unknown.
         """
         if self.busy and self.error is None:
-            self.error = self._stuck(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
+            self.error = self._fatal_error(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
 
     # Steps
 
-    def _is_in_place(self, *, may_drive: bool) -> bool:
-        """Return False while the order must wait until the position is known and was checked."""
+    def _check_place(self, *, may_drive: bool) -> bool:
+        """If it is required, check that the vehicle is still at its last node.
+
+        Returns:
+            False while the order must wait, because the position cannot be checked yet.
+        """
         route = self._route
         last = route.last_node
         goes_on = self._actions.triggered or (route.edges and route.edges[0].released)
-        if not route.doubtful or self.driving or not goes_on:
+        if not route.must_check_place or self.driving or not goes_on:
             return True
         if last is not None and last.position is not None:
             if route.position is None or not may_drive:
                 return False
-            is_there = route.stands_on(last) or route.is_where_it_stood()
+            is_there = route.stands_on(last) or route.was_not_moved()
             if not is_there and self.error is None:
-                self.error = self._stuck(
+                self.error = self._fatal_error(
                     ErrorType.INTERRUPTED,
                     _MOVED(node=last.id),
                     ("nodeId", last.id),
                 )
-        route.doubtful = False
+        route.must_check_place = False
         return True
 
-    def _stuck(self, kind: ErrorType, reason: str, *references: tuple[str, str]) -> VehicleError:
+    def _fatal_error(
+        self, kind: ErrorType, reason: str, *references: tuple[str, str]
+    ) -> VehicleError:
         """Return the error of an order that cannot go on."""
         return VehicleError(
             kind.value,
@@ -427,16 +436,20 @@ class OrderMachine:
         if self.error is None:
             self._actions.start(driving=self.driving)
 
-    def _hold_drive(self) -> None:
-        """Pause or resume the drive."""
-        if self.driving and self._is_held != self.held:
-            self._is_held = self.held
+    def _pause_or_resume_drive(self) -> None:
+        """Pause or resume the drive after a change of `held`."""
+        if self.driving and self._is_drive_paused != self.held:
+            self._is_drive_paused = self.held
             self._command(Control.PAUSE if self.held else Control.RESUME)
 
     def _start_drive(self) -> bool:
-        """Start the next leg; return True if the next node was reached without driving."""
+        """Start the next leg, or reach the next node without a drive if it is at the same place.
+
+        Returns:
+            True if the next node was reached, so that the leg after it may start.
+        """
         route = self._route
-        if self.driving or self.error is not None or self._actions.forbid_driving():
+        if self.driving or self.error is not None or self._actions.need_standstill():
             return False
         leg = next_leg(route.edges, route.nodes)
         if leg is None or not route.is_on_map_of(leg.nodes[0]):
@@ -444,19 +457,19 @@ class OrderMachine:
         if not route.on_edge:
             route.enter_edge()
             self._start_actions()
-            if self._actions.forbid_driving():
+            if self._actions.need_standstill():
                 return False
         if route.reach_in_place(leg.nodes[0]):
             return True
-        if (distance := route.distance_to_way(leg)) > _MAX_APPROACH:
-            self.error = self._stuck(
+        if (distance := route.distance_to_trajectory(leg)) > _MAX_APPROACH:
+            self.error = self._fatal_error(
                 ErrorType.DRIVING,
                 _FAR(edge=leg.edges[0].id, distance=f"{distance:.1f}"),
                 ("nodeId", leg.nodes[0].id),
                 ("edgeId", leg.edges[0].id),
             )
             return False
-        route.depart(leg)
-        self._is_held = False
+        route.begin_leg(leg)
+        self._is_drive_paused = False
         self._command(Drive(leg))
         return False

@@ -24,6 +24,7 @@ class StoredMap:
     """A map on the robot.
 
     Attributes:
+        scene: name of the scene (folder of maps on the robot) with the map.
         name: name of the map, unique in its scene; the standard's mapId.
         version: version of the map, as a string; empty if the robot does not report it.
     """
@@ -46,8 +47,9 @@ class RobotMaps:
         self._link = link
         self.downloading = asyncio.Lock()
         self._maps: tuple[StoredMap, ...] | None = None
+        """All maps; None until they have been read."""
         self._scene = ""
-        """Name of the robot's scene."""
+        """Name of the robot's scene; empty if it has none."""
         self._marks: dict[tuple[str, str], NodePosition] = {}
         """Positions of the marks, by the id of the map and the number of the mark."""
         self._log = LogOnce(_LOG)
@@ -59,10 +61,10 @@ class RobotMaps:
         return self._marks.get((map_id, number))
 
     def listed(self, info: RobotInfo) -> tuple[Map, ...] | None:
-        """Return the maps for the state; None if they are unknown.
+        """Return the maps for the state message; None if they are unknown.
 
         Args:
-            info: reports of the robot, with the current map.
+            info: reports of the robot, with the map that it uses now.
         """
         if self._maps is None:
             return None
@@ -88,7 +90,7 @@ class RobotMaps:
         return [each for each in self._maps or () if each.scene == scene]
 
     async def read(self) -> None:
-        """Read the list of maps from the robot.
+        """Read the list of maps from the robot; keep the last list if the robot refuses.
 
         Raises:
             LinkError: the robot did not answer.
@@ -117,7 +119,7 @@ class RobotMaps:
     def _scene_reported(self, scene: Scene) -> None:
         if scene.scene_name != self._scene:
             self._scene, self._marks = scene.scene_name, {}
-        self._link.work.start(self._refresh(), self)
+        self._link.background.start(self._refresh(), self)
 
     async def _refresh(self) -> None:
         while True:
@@ -152,7 +154,7 @@ class RobotMaps:
 
 def _place(pose: Pose, map_id: str) -> NodePosition | None:
     """Return the position of a robot at a mark; None if it is unknown."""
-    for name in ("dock", "real"):  # where a robot docks comes first
+    for name in ("dock", "real"):  # "real" is the mark itself, "dock" where a robot docks at it
         if pose.HasField(name):
             there = getattr(pose, name)
             if all(map(math.isfinite, (there.x, there.y, there.theta))):

@@ -41,11 +41,11 @@ from woosh_robot_agent.vda5050.messages.state import (
 )
 
 _TYPE = "robotStatusCode"
-"""Type of the errors."""
+"""Type of the errors for status codes."""
 _LEVELS = {StatusCode.kWarn: ErrorLevel.WARNING, StatusCode.kFault: ErrorLevel.FATAL}
 _HINT = "resolve the cause at the robot; the error ends when the robot does not report it any more"
 _SAFETY_SCANNERS = 110203
-"""First digits of the status codes of safety scanners."""
+"""First six digits of the status codes of safety scanners, which have twelve digits."""
 _FUNCTION = 10**6
 """Divisor that leaves the first digits of a status code."""
 
@@ -143,7 +143,7 @@ def path(report: NavPath | None) -> tuple[tuple[float, float], ...]:
 
 
 def points(reported: Iterable[Any]) -> tuple[tuple[float, float], ...]:
-    """Return the finite ones of reported points, in metres."""
+    """Return the points with finite coordinates, in metres."""
     return tuple(
         (_rounded(point.x), _rounded(point.y))
         for point in reported
@@ -168,7 +168,7 @@ def _battery(report: BatteryReport) -> Battery:
 
 
 def _loaded(info: RobotInfo) -> bool | None:
-    """Return True if the robot carries a load; None if it does not detect loads."""
+    """Return True if the robot carries a load, False if not, None if it does not detect loads."""
     if info.device_state.software & DeviceState.kGoodsState:
         return True
     return False if info.setting.allow.goods_check else None
@@ -193,7 +193,7 @@ _CLASSES = {
     robot.kTractorRobot_500: VehicleClass.TUGGER,
     robot.kRollerRobot_500: VehicleClass.CONVEYOR,
 }
-"""Classes of robots, by type; all others are carriers."""
+"""VDA 5050 classes of robots, by the robot's type; all other types are carriers."""
 _DIFFERENTIAL = 0
 """Value of `General.driver_method` for a differential drive."""
 OPTIONAL_PARAMETERS = (
