@@ -38,10 +38,6 @@ _TYPES: dict[str, tuple[type, ...]] = {
 """Permitted types of the parameters of the link, by name."""
 
 
-class RobotsFileError(Exception):
-    """The file of the robots cannot be used. The text names the file and the reason."""
-
-
 @dataclass(frozen=True)
 class ListedRobot:
     """A robot in the file.
@@ -64,7 +60,7 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
         default: options of the link that the file does not set; the address is not used.
 
     Raises:
-        RobotsFileError: the file cannot be read, or a robot in it is invalid.
+        ValueError: the file cannot be read, or a robot in it is invalid; the text names the file.
     """
     try:
         content = yaml.safe_load(path.read_text("utf-8"))
@@ -75,7 +71,7 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
         reason = " ".join(str(error).split())
     except ValueError as error:
         reason = str(error)
-    raise RobotsFileError(f"cannot use {path}: {reason}")
+    raise ValueError(f"cannot use {path}: {reason}")
 
 
 def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
@@ -236,7 +232,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         broker = broker_config(options)
         vehicles = _vehicles(parser, options)
-    except (RobotsFileError, ValueError) as error:
+    except ValueError as error:
         parser.error(str(error))
     log_to_stderr(logging.INFO, "%(levelname)s: %(vehicle)s%(message)s", VehicleNameFilter())
     return asyncio.run(_run(Connector(vehicles, broker), options.dashboard))
@@ -313,8 +309,7 @@ def _vehicles(
     """Return the configuration of each vehicle, by its name in the log.
 
     Raises:
-        RobotsFileError: the file of the robots cannot be used.
-        ValueError: an option is invalid.
+        ValueError: an option is invalid, or the file of the robots cannot be used.
     """
     if (options.ip is None) == (options.robots is None):
         raise ValueError("give either --ip or --robots")

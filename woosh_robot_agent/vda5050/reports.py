@@ -106,7 +106,6 @@ class Schedule:
             self._arm(due)
 
     def stop(self) -> None:
-        """Make no more calls."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -246,7 +245,6 @@ class Reports:
         self._state_schedule.changed()
 
     def publish_factsheet(self) -> None:
-        """Publish the factsheet."""
         if (factsheet := self._factsheet()) is not None:
             self._publish(Topic.FACTSHEET, factsheet_message(self._version, factsheet))
 

@@ -82,7 +82,6 @@ class OtherConnectorDetector:
             self._clear_error()
 
     def close(self) -> None:
-        """Stop watching."""
         self._stop_timer()
 
     def _set_error(self) -> None:
@@ -215,7 +214,6 @@ class Session:
 
     @property
     def errors(self) -> tuple[VehicleError, ...]:
-        """Errors of the session."""
         errors = (self._store.error, self._detector.error)
         return tuple(error for error in errors if error is not None)
 

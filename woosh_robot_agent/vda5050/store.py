@@ -158,7 +158,6 @@ class Store:
         self._record = Record()
         """The record that was saved last."""
         self._next = self._record
-        """The record to save."""
         self._timer: asyncio.TimerHandle | None = None
         """Saves `_next` later; None if nothing waits to be saved."""
         self._log = LogOnce(_LOG)

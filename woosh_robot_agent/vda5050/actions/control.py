@@ -75,7 +75,7 @@ async def stop_pause(run: Run) -> None:
     CANCEL_ORDER,
     INSTANT,
     "stop, and cancel the order",
-    ParameterType("orderId", "STRING", "order to cancel; any order if missing", True),
+    ParameterType("orderId", "STRING", "order to cancel; any order if missing", optional=True),
     repeatable=True,
 )
 async def cancel_order(run: Run) -> None:

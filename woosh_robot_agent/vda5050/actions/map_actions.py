@@ -255,7 +255,7 @@ _POSITION = (
     ParameterType("y", "FLOAT", "position in the map, in m"),
     ParameterType("theta", "FLOAT", "heading, in rad"),
     _MAP_ID,
-    ParameterType("lastNodeId", "STRING", "node on which the vehicle stands", True),
+    ParameterType("lastNodeId", "STRING", "node on which the vehicle stands", optional=True),
 )
 
 
@@ -326,7 +326,7 @@ async def delete_map(run: Run) -> None:
         "mapHash",
         "STRING",
         f"hash of the ZIP file in hexadecimal: {', '.join(_HASHES)}",
-        True,
+        optional=True,
         valid=lambda value: len(value) in _HASHES.values(),
         must_be=_HASH_OF(kinds=", ".join(_HASHES)),
     ),

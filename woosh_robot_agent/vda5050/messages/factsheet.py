@@ -185,18 +185,6 @@ def objection(types: ActionTypes, action: Action, scope: Scope) -> Objection | N
 
 
 @dataclass(frozen=True)
-class OptionalParameter:
-    """An optional field of the standard that the vehicle obeys.
-
-    Attributes:
-        name: full name, e.g. `order.edges.maxSpeed`.
-    """
-
-    name: str
-    description: str = ""
-
-
-@dataclass(frozen=True)
 class Limits:
     """Limits in the factsheet that the robot does not report, and options of the state messages.
 
@@ -228,7 +216,8 @@ class Factsheet:
         max_load: maximum mass of the load.
         limits: values that the robot does not report.
         outline: corners of the outline in the vehicle's frame.
-        optional_parameters: optional fields that the vehicle obeys.
+        optional_parameters: optional fields that the vehicle obeys, e.g. `order.edges.maxSpeed`,
+            with a description, which may be empty.
         versions: versions of the vehicle's software, by name.
     """
 
@@ -243,5 +232,5 @@ class Factsheet:
     limits: Limits
     outline: tuple[tuple[float, float], ...]
     actions: tuple[ActionType, ...]
-    optional_parameters: tuple[OptionalParameter, ...]
+    optional_parameters: Mapping[str, str]
     versions: tuple[tuple[str, str], ...] = ()

@@ -9,7 +9,6 @@ from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     Factsheet,
-    OptionalParameter,
     ParameterType,
 )
 from woosh_robot_agent.vda5050.messages.geometry import path_ahead
@@ -149,9 +148,9 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         },
         "protocolFeatures": {
             "optionalParameters": [
-                _optional_parameter(version, each)
-                for each in factsheet.optional_parameters
-                if version.name(each.name)
+                _optional_parameter(name, description)
+                for field, description in factsheet.optional_parameters.items()
+                if (name := version.name(field))
             ],
             "agvActions": [_action_type(version, each) for each in factsheet.actions],
         },
@@ -306,14 +305,8 @@ def _outline(factsheet: Factsheet) -> Fields:
     return {"set": "outline", "polygonPoints": points}
 
 
-def _optional_parameter(version: Version, parameter: OptionalParameter) -> Fields:
-    return _without_empty(
-        {
-            "parameter": version.name(parameter.name),
-            "support": "SUPPORTED",
-            "description": parameter.description,
-        }
-    )
+def _optional_parameter(name: str, description: str) -> Fields:
+    return _without_empty({"parameter": name, "support": "SUPPORTED", "description": description})
 
 
 def _action_type(version: Version, action: ActionType) -> Fields:

@@ -106,7 +106,6 @@ class OrderActions:
 
     @property
     def states(self) -> tuple[ActionState, ...]:
-        """States of all actions."""
         return tuple(self._states.values())
 
     def need_standstill(self) -> bool:
@@ -135,7 +134,6 @@ class OrderActions:
         return self._states.keys() - {action.id for part in parts for action in part.actions}
 
     def clear(self) -> None:
-        """Forget all actions."""
         self._states.clear()
         self._of_edge = ()
 

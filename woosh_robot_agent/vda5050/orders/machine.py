@@ -60,7 +60,6 @@ class OrderMachine:
         """The order or update that was taken last."""
         self._canceling = False
         self._cancelled = False
-        """True if the order was cancelled."""
         self._holds: set[str] = set()
         """Names of the holds that keep the vehicle from driving."""
         self._is_drive_paused: bool | None = False

@@ -271,7 +271,6 @@ class Route:
     # The leg, and the place of the vehicle
 
     def enter_edge(self) -> None:
-        """Enter the next edge."""
         self.on_edge = True
         self._actions.trigger_edge(self.edges[0])
 

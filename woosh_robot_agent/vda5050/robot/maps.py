@@ -86,7 +86,6 @@ class RobotMaps:
         ]
 
     def of_scene(self, scene: str) -> list[StoredMap]:
-        """Return the maps of a scene."""
         return [each for each in self._maps or () if each.scene == scene]
 
     async def read(self) -> None:

@@ -82,7 +82,8 @@ class ReportedState:
         if info is None:
             return None
         if self._status is None or not self._is_current:
-            path = status.path(self._values.value(NavPath))
+            report = self._values.value(NavPath)
+            path = () if report is None else status.points(report.path.poses)
             self._status = replace(status.robot_status(info), path=path)
         elif self._is_moved:
             self._status = replace(
@@ -101,12 +102,10 @@ class ReportedState:
 
     @property
     def is_automatic(self) -> bool:
-        """True while the robot is in automatic mode."""
         return self.status is not None and self.status.mode is OperatingMode.AUTOMATIC
 
     @property
     def is_charging(self) -> bool:
-        """True while the battery is being charged."""
         return self.status is not None and self.status.battery.charging
 
     @property

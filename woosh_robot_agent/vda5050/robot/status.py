@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
@@ -11,7 +11,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery as BatteryReport
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     DeviceState,
     General,
-    NavPath,
     OperationState,
     RobotInfo,
 )
@@ -27,7 +26,6 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
     Factsheet,
     Kinematics,
     Limits,
-    OptionalParameter,
     VehicleClass,
 )
 from woosh_robot_agent.vda5050.messages.state import (
@@ -137,11 +135,6 @@ def velocity(info: RobotInfo) -> Velocity | None:
     return Velocity(_rounded(motion.linear), _rounded(motion.angular))
 
 
-def path(report: NavPath | None) -> tuple[tuple[float, float], ...]:
-    """Return the points of the path that the robot follows; empty without a path."""
-    return () if report is None else points(report.path.poses)
-
-
 def points(reported: Iterable[Any]) -> tuple[tuple[float, float], ...]:
     """Return the points with finite coordinates, in metres."""
     return tuple(
@@ -196,17 +189,17 @@ _CLASSES = {
 """VDA 5050 classes of robots, by the robot's type; all other types are carriers."""
 _DIFFERENTIAL = 0
 """Value of `General.driver_method` for a differential drive."""
-OPTIONAL_PARAMETERS = (
-    OptionalParameter("order.nodes.nodePosition", description="or nodeId is the number of a mark"),
-    OptionalParameter("order.nodes.nodePosition.theta"),
-    OptionalParameter("order.nodes.nodePosition.allowedDeviationXY"),
-    OptionalParameter("order.nodes.nodePosition.allowedDeviationTheta"),
-    OptionalParameter("order.edges.maxSpeed"),
-    OptionalParameter("order.edges.orientation", description="only TANGENTIAL 0: forwards"),
-    OptionalParameter("order.edges.rotationAllowed", description="only true"),
-    OptionalParameter("order.edges.trajectory", description="also several edges without a stop"),
-)
-"""Optional fields of the standard that the connector obeys."""
+OPTIONAL_PARAMETERS: Mapping[str, str] = {
+    "order.nodes.nodePosition": "or nodeId is the number of a mark",
+    "order.nodes.nodePosition.theta": "",
+    "order.nodes.nodePosition.allowedDeviationXY": "",
+    "order.nodes.nodePosition.allowedDeviationTheta": "",
+    "order.edges.maxSpeed": "",
+    "order.edges.orientation": "only TANGENTIAL 0: forwards",
+    "order.edges.rotationAllowed": "only true",
+    "order.edges.trajectory": "also several edges without a stop",
+}
+"""Optional fields of the standard that the connector obeys, with descriptions, if needed."""
 
 
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:

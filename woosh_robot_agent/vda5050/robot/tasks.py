@@ -239,7 +239,6 @@ class TaskRunner:
             self._ask_until_known()
 
     def _update_foreign_id(self, report: TaskProc) -> None:
-        """Update `foreign_id` from a report."""
         is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
         foreign_id = report.robot_task_id if is_foreign else 0
         if foreign_id != self.foreign_id:
