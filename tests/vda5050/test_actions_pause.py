@@ -24,7 +24,6 @@ from tests.vda5050.master import (
 )
 from tests.vda5050.test_faults_chassis import ORDER, drive
 from tests.vda5050.test_faults_restart import idle, left_by_a_kill, other_client
-from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -32,10 +31,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
-from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.robot.link import Timing
-from woosh_robot_agent.vda5050.session import VehicleConfig
-from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 SLOW_STEP = {"distance": 1.0, "speed": 0.02}
 """A step of 2.5 s of real time."""
@@ -323,11 +319,7 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
     site: Site, inert_chassis: SimulatorThread
 ) -> None:
     chassis = inert_chassis
-    link = LinkConfig(ip="127.0.0.1", port=chassis.port)
-    vehicle = Vehicle(VehicleConfig(link), BrokerConfig.from_url(site.broker.url))
-    vehicle.start()
-    async with Master(site.broker.port) as master:
-        await master.online()
+    async with Site(chassis, site.broker, site.recorder).online() as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
         await master.wait_state(lambda state: state["driving"])
         master.instant(action("startPause", "p1"))
@@ -341,7 +333,6 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
         master.instant(action("stopPause", "s2"))
         resumed = await master.status("s2", "FINISHED")
         assert not resumed["paused"]
-    await vehicle.close()
     assert commands(chassis)[-1] == "continue"
 
 

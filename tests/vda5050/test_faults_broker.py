@@ -12,7 +12,7 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
-from tests.vda5050.conftest import Site
+from tests.vda5050.conftest import EXEC, Site
 from tests.vda5050.connector_process import ConnectorProcess
 from tests.vda5050.master import START, Master, action, error_types, node
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -25,8 +25,6 @@ from woosh_robot_agent.vda5050.mqtt import (
 )
 from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
 from woosh_robot_agent.vda5050.session import OtherConnectorDetector
-
-EXEC = "woosh.robot.ExecTask"
 
 
 @aio
