@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-
-import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import (
@@ -307,32 +305,27 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
     assert sent[-1] == "continue"
 
 
-@pytest.fixture
-def inert_chassis() -> Iterator[SimulatorThread]:
-    """A simulated chassis that obeys half a second later, like a real one."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile="tr200")) as running:
-        yield running
-
-
 @aio
 async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
-    site: Site, inert_chassis: SimulatorThread
+    broker: Mosquitto, recorder: Recorder
 ) -> None:
-    chassis = inert_chassis
-    async with Site(chassis, site.broker, site.recorder).online() as master:
-        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
-        await master.wait_state(lambda state: state["driving"])
-        master.instant(action("startPause", "p1"))
-        await master.status("p1", "FINISHED")
-        master.instant(action("stopPause", "s1"))
-        await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
-        master.instant(action("startPause", "p2"))
-        await master.status("p2", "FINISHED")
-        assert commands(chassis)[3:4] == ["pause"]
-        await eventually(lambda: chassis.state.velocity.speed == 0.0)
-        master.instant(action("stopPause", "s2"))
-        resumed = await master.status("s2", "FINISHED")
-        assert not resumed["paused"]
+    # this profile obeys half a second later, like a real robot
+    chassis = SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile="tr200"))
+    with chassis:
+        async with Site(chassis, broker, recorder).online() as master:
+            master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+            await master.wait_state(lambda state: state["driving"])
+            master.instant(action("startPause", "p1"))
+            await master.status("p1", "FINISHED")
+            master.instant(action("stopPause", "s1"))
+            await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
+            master.instant(action("startPause", "p2"))
+            await master.status("p2", "FINISHED")
+            assert commands(chassis)[3:4] == ["pause"]
+            await eventually(lambda: chassis.state.velocity.speed == 0.0)
+            master.instant(action("stopPause", "s2"))
+            resumed = await master.status("s2", "FINISHED")
+            assert not resumed["paused"]
     assert commands(chassis)[-1] == "continue"
 
 

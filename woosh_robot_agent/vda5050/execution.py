@@ -127,16 +127,15 @@ class Execution:
     # Motion, pause and errors
 
     @property
-    def own_motion_ended(self) -> bool:
-        """True if the robot stands, by its last report, or if something else moves it."""
-        if not self.robot.is_driving or not self.robot.is_automatic:
-            return True
-        return self._is_driven_otherwise
+    def own_motion(self) -> bool:
+        """True while the robot moves, by its last report, and nothing else drives it."""
+        is_moving = self.robot.is_driving and self.robot.is_automatic
+        return is_moving and not self._is_driven_otherwise
 
     @property
     def is_driving(self) -> bool:
         """True while the robot drives along the order, or still moves afterwards."""
-        return (self.order.driving and not self.drive.stays_paused) or not self.own_motion_ended
+        return (self.order.driving and not self.drive.stays_paused) or self.own_motion
 
     @property
     def may_act(self) -> bool:
@@ -327,5 +326,5 @@ class Execution:
         return self.order.poll(
             may_drive=may_drive and not self._is_driven_otherwise,
             # cancelOrder empties the order itself, so that one state message shows both ends
-            may_empty=self.own_motion_ended and not self.instant.runs(CANCEL_ORDER),
+            may_empty=not self.own_motion and not self.instant.runs(CANCEL_ORDER),
         )

@@ -352,13 +352,10 @@ def _explained(error: Exception) -> str:
     """Return the reason of a failed connection, and what to do."""
     cause = error.__context__ if isinstance(error, aiomqtt.MqttError) else error
     hint = next((hint for kind, hint in _HINTS if isinstance(cause, kind)), "")
-    if isinstance(error, aiomqtt.MqttCodeError) and _rejects_login(error):
+    code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
+    if getattr(code, "value", code) in _LOGIN_REFUSED:
         hint = "check the user name and the password, and that the broker permits them"
     return f"{error}; {hint}" if hint else str(error)
-
-
-def _rejects_login(error: aiomqtt.MqttCodeError) -> bool:
-    return getattr(error.rc, "value", error.rc) in _LOGIN_REFUSED
 
 
 PASSWORD_VARIABLE = "VDA5050_PASSWORD"

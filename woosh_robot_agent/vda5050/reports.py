@@ -146,6 +146,7 @@ class Reports:
         factsheet: Callable[[], Factsheet | None],
     ) -> None:
         self._version = version
+        self._limits = limits
         self._state = state
         self._robot = robot
         self._factsheet = factsheet
@@ -169,8 +170,6 @@ class Reports:
         self._visualization_schedule = Schedule(
             self._publish_visualization, limits.visualization_interval
         )
-        self._driving_state_interval = limits.driving_state_interval
-        self._maps_in_state = limits.maps_in_state
 
     # The vehicle at the broker
 
@@ -235,8 +234,8 @@ class Reports:
     def moved(self) -> None:
         """Publish the visualization soon, and the state if the last one is too old."""
         self._visualization_schedule.changed()
-        if self._driving_state_interval:
-            self._state_schedule.call_within(self._driving_state_interval)
+        if interval := self._limits.driving_state_interval:
+            self._state_schedule.call_within(interval)
 
     def connected(self) -> None:
         """Publish ONLINE, the factsheet and the state, because a connection to the broker began."""
@@ -250,7 +249,7 @@ class Reports:
 
     def _publish_state(self) -> None:
         if (state := self._state()) is not None:
-            if not self._maps_in_state:
+            if not self._limits.maps_in_state:
                 state = replace(state, robot=replace(state.robot, maps=None))
             self._publish(Topic.STATE, state_message(self._version, state))
 

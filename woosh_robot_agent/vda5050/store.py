@@ -155,6 +155,7 @@ class Store:
     def __init__(self, folder: Path | None, name: str) -> None:
         self._path = None if folder is None else folder / f"{quote(name, safe='')[:_MAX_NAME]}.json"
         self._lock: IO[bytes] | None = None
+        """The lock file, which is locked while it is open; None before `open`."""
         self._record = Record()
         """The record that was saved last."""
         self._next = self._record
@@ -290,7 +291,7 @@ class Store:
         record = from_plain(Record, json.loads(data))
         if record.format != _FORMAT:
             raise ValueError(_OTHER_FORMAT(found=record.format, own=_FORMAT))
-        order = record.order
+        order = record.order  # one edge leads to each of its nodes
         if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
             raise ValueError(_NO_ORDER())
         return record

@@ -179,11 +179,7 @@ class Vehicle:
     def _received(
         self, take: Callable[[Identity, bytes], bool], identity: Identity, payload: bytes
     ) -> None:
-        """Handle a message of the master control.
-
-        Args:
-            take: handles the message; returns False if the state has not changed.
-        """
+        """Handle a message of the master control by `take`, a method of `Intake`."""
         if take(identity, payload):
             self._changed()
 

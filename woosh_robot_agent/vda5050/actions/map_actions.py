@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import hashlib
 import http.client
 import io
@@ -14,6 +13,7 @@ import urllib.request
 import zipfile
 import zlib
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import PurePosixPath
 from typing import TypeVar
 from urllib.parse import urlsplit
@@ -69,28 +69,17 @@ async def _in_thread(work: Callable[[], T]) -> T:
     Unlike with `asyncio.to_thread`, the function keeps no other work waiting, and the program can
     end before the function returns.
     """
-    loop = asyncio.get_running_loop()
-    done: asyncio.Future[T] = loop.create_future()
-
-    def finish(result: T | None, error: Exception | None) -> None:
-        if done.cancelled():
-            return
-        if error is not None:
-            done.set_exception(error)
-        else:
-            done.set_result(result)  # type: ignore[arg-type]
+    future: Future[T] = Future()
+    future.set_running_or_notify_cancel()  # from now on, cancelling the caller does not cancel it
 
     def run() -> None:
-        result, error = None, None
         try:
-            result = work()
-        except Exception as raised:
-            error = raised
-        with contextlib.suppress(RuntimeError):  # the event loop is closed
-            loop.call_soon_threadsafe(finish, result, error)
+            future.set_result(work())
+        except Exception as error:
+            future.set_exception(error)
 
     threading.Thread(target=run, name="vda5050 work", daemon=True).start()
-    return await done
+    return await asyncio.wrap_future(future)
 
 
 _HASHES = {"sha256": 64, "sha1": 40, "md5": 32}

@@ -18,10 +18,10 @@ Point: TypeAlias = tuple[float, float]
 def nearest_on_line(point: Point, start: Point, end: Point) -> Point:
     """Return the point of the straight line from `start` to `end` that is nearest to a point."""
     along = (end[0] - start[0], end[1] - start[1])
-    length = along[0] ** 2 + along[1] ** 2
-    if not length:
+    squared_length = along[0] ** 2 + along[1] ** 2
+    if not squared_length:
         return end
-    part = ((point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]) / length
+    part = ((point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]) / squared_length
     part = min(1.0, max(0.0, part))
     return start[0] + part * along[0], start[1] + part * along[1]
 

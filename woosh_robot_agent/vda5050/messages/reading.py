@@ -40,6 +40,8 @@ SCHEMAS = Path(__file__).with_name("schemas")
 """Folder of the schemas, with a folder for each version of the standard."""
 _MAX_ERRORS = 100
 """Maximum number of schema errors from which the most relevant one is chosen."""
+_MAX_VALUE = 200
+"""Maximum length of a value of a message that is repeated in an error, in characters."""
 
 
 @functools.cache
@@ -63,11 +65,8 @@ def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
     if error is None:
         return None
     path = ".".join(str(part) for part in error.absolute_path)
-    return path, _shortened(error.message)
-
-
-def _shortened(text: str, limit: int = 200) -> str:
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+    reason = error.message
+    return path, reason if len(reason) <= _MAX_VALUE else reason[: _MAX_VALUE - 3] + "..."
 
 
 _MESSAGE = Sentence("vda.message", "the message on {topic} {reason}")
@@ -89,8 +88,6 @@ _MAX_NUMBER = 2.0**53
 """Maximum of the absolute value of a number in a message."""
 _MAX_REASON = 500
 """Maximum length of the description of an error, in characters."""
-_MAX_REFERENCE = 200
-"""Maximum length of a value of a message that is repeated in an error, in characters."""
 
 
 def read_order(payload: bytes, version: Version, identity: Identity) -> Order:
@@ -298,7 +295,7 @@ def _check_limits(message: Any) -> None:
 def _rejection(topic: Topic, message: Any, reason: str) -> RejectedError:
     """Return the exception that rejects a message; None as message if it could not be parsed."""
     references = {
-        key: str(message[key])[:_MAX_REFERENCE]
+        key: str(message[key])[:_MAX_VALUE]
         for key in ("headerId", "orderId", "orderUpdateId")
         if isinstance(message, dict) and key in message
     }

@@ -115,6 +115,7 @@ def connection_message(version: Version, state: ConnectionState) -> Fields:
 def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
     """Return a `factsheet` message."""
     limits, kinematics = factsheet.limits, version.value(factsheet.kinematics.value)
+    outline = [{"x": x, "y": y} for x, y in factsheet.outline]
     message: Fields = {
         "typeSpecification": _without_empty(
             {
@@ -154,7 +155,9 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
             ],
             "agvActions": [_action_type(version, each) for each in factsheet.actions],
         },
-        "agvGeometry": {"envelopes2d": [_outline(factsheet)] if factsheet.outline else []},
+        "agvGeometry": {
+            "envelopes2d": [{"set": "outline", "polygonPoints": outline}] if outline else []
+        },
         "loadSpecification": {},
         "vehicleConfig": {
             "versions": [{"key": key, "value": value} for key, value in factsheet.versions]
@@ -298,11 +301,6 @@ def _error(version: Version, error: VehicleError) -> Fields:
 
 
 # Parts of the factsheet
-
-
-def _outline(factsheet: Factsheet) -> Fields:
-    points = [{"x": x, "y": y} for x, y in factsheet.outline]
-    return {"set": "outline", "polygonPoints": points}
 
 
 def _optional_parameter(name: str, description: str) -> Fields:

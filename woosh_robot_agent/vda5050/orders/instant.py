@@ -243,5 +243,4 @@ class InstantActions:
 
 
 def _hold_of(action_id: str) -> str:
-    """Return the name of the hold of an instant action that forbids driving."""
     return f"{_HOLD_PREFIX}{action_id}"

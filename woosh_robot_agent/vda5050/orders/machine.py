@@ -50,6 +50,7 @@ class OrderMachine:
 
     Attributes:
         error: why the order can only be cancelled; None while it can go on.
+        canceling: True from the cancellation of the order until it has been emptied.
     """
 
     def __init__(self) -> None:
@@ -58,8 +59,8 @@ class OrderMachine:
         self.error: VehicleError | None = None
         self._order: Order | None = None
         """The order or update that was taken last."""
-        self._canceling = False
-        self._cancelled = False
+        self.canceling = False
+        self._is_cancelled = False
         self._holds: set[str] = set()
         """Names of the holds that keep the vehicle from driving."""
         self._is_drive_paused: bool | None = False
@@ -118,14 +119,9 @@ class OrderMachine:
         )
 
     @property
-    def canceling(self) -> bool:
-        """True from the cancellation of the order until it has been emptied."""
-        return self._canceling
-
-    @property
     def has_ended(self) -> bool:
         """True once the drive and all actions of a cancelled order have ended."""
-        return self._canceling and not self.driving and not self._actions.running
+        return self.canceling and not self.driving and not self._actions.running
 
     @property
     def order_id(self) -> str:
@@ -159,7 +155,7 @@ class OrderMachine:
 
     @property
     def _needs_base(self) -> bool:
-        return not self._canceling and needs_base(self._route.nodes, self._route.position)
+        return not self.canceling and needs_base(self._route.nodes, self._route.position)
 
     @property
     def speed_limit(self) -> float | None:
@@ -196,7 +192,7 @@ class OrderMachine:
             order,
             self._order,
             busy=self.busy,
-            cancelled=self._cancelled,
+            cancelled=self._is_cancelled,
             decision_point=self._decision_point,
         )
         if kind is OrderKind.KNOWN:
@@ -209,7 +205,7 @@ class OrderMachine:
         if kind is OrderKind.NEW:
             check_start(order, self._route.stands_on)
             self.error = None
-            self._cancelled = False
+            self._is_cancelled = False
             self._actions.clear()
             self._actions.add(in_sequence(order.nodes, order.edges))
             self._route.begin(order)
@@ -247,7 +243,7 @@ class OrderMachine:
                 leg.
         """
         self._route.moved(
-            position, by_action=by_action, confirmed=confirmed, passes=not self._canceling
+            position, by_action=by_action, confirmed=confirmed, passes=not self.canceling
         )
 
     def link_lost(self) -> None:
@@ -255,13 +251,13 @@ class OrderMachine:
         self._route.link_lost()
 
     def drive_ended(self, reason: str = "") -> None:
-        """Take the end of the drive.
+        """Take note that the drive has ended.
 
         Args:
             reason: why the drive did not reach the goal of the leg; empty if it did.
         """
         route = self._route
-        if route.leg is None or self._canceling:
+        if route.leg is None or self.canceling:
             route.leg = None
         elif reason:
             route.leg = None
@@ -302,7 +298,7 @@ class OrderMachine:
         Args:
             reason: result of the actions that fail because of the cancellation.
         """
-        self._canceling = self._cancelled = True
+        self.canceling = self._is_cancelled = True
         self.error = None
         self._actions.cancel(reason)
         if self.driving:
@@ -315,7 +311,7 @@ class OrderMachine:
             may_drive: True if the vehicle may start to drive.
             may_empty: True if a cancelled order that has ended may be emptied.
         """
-        if self._canceling:
+        if self.canceling:
             if may_empty and self.has_ended:
                 self.empty()
         elif self._check_place(may_drive=may_drive):
@@ -329,7 +325,7 @@ class OrderMachine:
 
     def empty(self) -> None:
         """Remove the remaining nodes and edges of a cancelled order that has ended."""
-        self._canceling = False
+        self.canceling = False
         self._route.empty()
 
     def require_place_check(self) -> None:
@@ -351,8 +347,8 @@ class OrderMachine:
             on_edge=route.on_edge,
             leg_length=0 if leg is None else route.nodes.index(leg.goal) + 1,
             actions=self._actions.memory,
-            canceling=self._canceling,
-            cancelled=self._cancelled,
+            canceling=self.canceling,
+            cancelled=self._is_cancelled,
             holds=tuple(sorted(self._holds)),
             error=self.error,
         )
@@ -364,13 +360,13 @@ class OrderMachine:
         """
         if not memory.order_id:
             return
-        self._order = Order(memory.order_id, memory.update_id, (), ())
+        self._order = Order(memory.order_id, memory.update_id, nodes=(), edges=())  # not saved
         route = self._route
         route.restore(memory.last_node, memory.nodes, memory.edges, on_edge=memory.on_edge)
         self._actions.restore(memory.actions)
         if length := memory.leg_length:
             route.leg = Leg(memory.edges[:length], memory.nodes[:length])
-        self._cancelled = memory.cancelled
+        self._is_cancelled = memory.cancelled
         self._holds = set(memory.holds)
         self.error = memory.error
         self._is_drive_paused = None if self.held else False

@@ -139,9 +139,6 @@ class Route:
     def reach_in_place(self, node: Node) -> bool:
         """Reach the next node if it is at the place of the last node, and the vehicle stands there.
 
-        Args:
-            node: the next node.
-
         Returns:
             True if the node was reached.
         """

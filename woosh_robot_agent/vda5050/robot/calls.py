@@ -97,7 +97,7 @@ class _Run:
         """Name of the command, for log and error texts."""
         return self.command.DESCRIPTOR.name
 
-    def call(self, action: action_pb2.ControlAction) -> CallAction:
+    def request(self, action: action_pb2.ControlAction) -> CallAction:
         """Return the request that starts, pauses, resumes or cancels the action."""
         call = CallAction()
         part: Any = getattr(call, _FIELDS[full_name(self.command)])
@@ -182,7 +182,7 @@ class RobotCalls:
 
     def _new_run(self, command: Message, report: Callable[[ActionStatus], None]) -> _Run:
         async def send(control: Control) -> Answer:
-            return await self._link.command(run.call(_CONTROLS[control]))
+            return await self._link.command(run.request(_CONTROLS[control]))
 
         def answered(control: Control, answer: Answer | None) -> None:
             if answer is None:
@@ -203,7 +203,7 @@ class RobotCalls:
                 run.report(ActionStatus.RUNNING)
 
         try:
-            answer = await self._link.command(run.call(action_pb2.kExecute), tap=answered)
+            answer = await self._link.command(run.request(action_pb2.kExecute), tap=answered)
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of %s was not answered: %s", run.name, error)
             if self._link.ready:
