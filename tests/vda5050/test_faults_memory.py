@@ -10,9 +10,8 @@ import pytest
 from tests.vda5050.orders import action, at, path, place
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
-from woosh_robot_agent.vda5050.orders.actions import OrderMemory
 from woosh_robot_agent.vda5050.orders.legs import Perform
-from woosh_robot_agent.vda5050.orders.machine import OrderMachine
+from woosh_robot_agent.vda5050.orders.machine import OrderMachine, OrderMemory
 from woosh_robot_agent.vda5050.reports import HeaderIds
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, from_plain, to_json
 

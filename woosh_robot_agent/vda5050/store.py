@@ -19,7 +19,7 @@ from urllib.parse import quote
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
-from woosh_robot_agent.vda5050.orders.actions import OrderMemory
+from woosh_robot_agent.vda5050.orders.machine import OrderMemory
 
 T = TypeVar("T")
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from woosh_robot_agent.vda5050.messages.order import Action, Edge, Node
-from woosh_robot_agent.vda5050.messages.state import ActionState, ActionStatus, VehicleError
+from woosh_robot_agent.vda5050.messages.state import ActionState, ActionStatus
 from woosh_robot_agent.vda5050.orders.legs import Command, EndAction, Perform, need_standstill
 
 
@@ -47,39 +47,6 @@ class ActionsMemory:
     triggered: tuple[Action, ...] = ()
     running: tuple[Action, ...] = ()
     of_edge: tuple[Action, ...] = ()
-
-
-@dataclass(frozen=True)
-class OrderMemory:
-    """State of an order that must survive a restart of the program.
-
-    Attributes:
-        order_id: id of the order; empty without an order.
-        update_id: number of the order's last update.
-        last_node: the node that was reached last; None before the first node.
-        nodes: nodes still to be reached.
-        edges: edges still to be left.
-        on_edge: True if the vehicle is on the first of `edges`.
-        leg_length: number of nodes of the current leg that are still to be reached; 0 without a
-            leg.
-        canceling: True from the cancellation of the order until it has been emptied.
-        cancelled: True if the order was cancelled.
-        holds: names of the holds that keep the vehicle from driving.
-        error: why the order does not go on; None while it goes on.
-    """
-
-    order_id: str = ""
-    update_id: int = 0
-    last_node: Node | None = None
-    nodes: tuple[Node, ...] = ()
-    edges: tuple[Edge, ...] = ()
-    on_edge: bool = False
-    leg_length: int = 0
-    actions: ActionsMemory = field(default_factory=ActionsMemory)
-    canceling: bool = False
-    cancelled: bool = False
-    holds: tuple[str, ...] = ()
-    error: VehicleError | None = None
 
 
 class OrderActions:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
@@ -15,7 +16,7 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleError,
     warning,
 )
-from woosh_robot_agent.vda5050.orders.actions import OrderActions, OrderMemory
+from woosh_robot_agent.vda5050.orders.actions import ActionsMemory, OrderActions
 from woosh_robot_agent.vda5050.orders.legs import (
     Command,
     Control,
@@ -41,6 +42,39 @@ _MOVED = Sentence("vda.moved", "the robot was moved away from node {node}")
 _FAR = Sentence("vda.far", "the trajectory of edge {edge} begins {distance} m away")
 _MAX_APPROACH = 0.5
 """Maximum distance to the start of a trajectory from which the vehicle drives there, in metres."""
+
+
+@dataclass(frozen=True)
+class OrderMemory:
+    """State of an order that must survive a restart of the program.
+
+    Attributes:
+        order_id: id of the order; empty without an order.
+        update_id: number of the order's last update.
+        last_node: the node that was reached last; None before the first node.
+        nodes: nodes still to be reached.
+        edges: edges still to be left.
+        on_edge: True if the vehicle is on the first of `edges`.
+        leg_length: number of nodes of the current leg that are still to be reached; 0 without a
+            leg.
+        canceling: True from the cancellation of the order until it has been emptied.
+        cancelled: True if the order was cancelled.
+        holds: names of the holds that keep the vehicle from driving.
+        error: why the order does not go on; None while it goes on.
+    """
+
+    order_id: str = ""
+    update_id: int = 0
+    last_node: Node | None = None
+    nodes: tuple[Node, ...] = ()
+    edges: tuple[Edge, ...] = ()
+    on_edge: bool = False
+    leg_length: int = 0
+    actions: ActionsMemory = field(default_factory=ActionsMemory)
+    canceling: bool = False
+    cancelled: bool = False
+    holds: tuple[str, ...] = ()
+    error: VehicleError | None = None
 
 
 class OrderMachine:

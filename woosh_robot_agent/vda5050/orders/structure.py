@@ -87,9 +87,9 @@ def check_action_ids(order: Order, used: Collection[str]) -> None:
         RejectedError: two actions have the same id.
     """
     seen = set(used)
-    known = order.nodes[0] if used else None
+    skipped = order.nodes[0] if used else None
     for part in order.parts:
-        for action in part.actions if part is not known else ():
+        for action in part.actions if part is not skipped else ():
             if action.id in seen:
                 raise _malformed(order, _SAME_ID(), actionId=action.id)
             seen.add(action.id)
