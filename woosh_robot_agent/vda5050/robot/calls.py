@@ -181,6 +181,8 @@ class RobotCalls:
         return run.result
 
     def _new_run(self, command: Message, report: Callable[[ActionStatus], None]) -> _Run:
+        run = _Run(command, report)
+
         async def send(control: Control) -> Answer:
             return await self._link.command(run.request(_CONTROLS[control]))
 
@@ -192,7 +194,6 @@ class RobotCalls:
             elif control is Control.PAUSE and not answer.ok and (run.accepted or run.reported):
                 self._pause_failed(run)
 
-        run = _Run(command, report)
         run.controller = Controller(self._link, run.name, send, answered)
         return run
 
@@ -263,9 +264,9 @@ class RobotCalls:
 
     def _ask_about(self, run: _Run) -> None:
         """Ask the robot about an action, until it answers or the link is lost."""
-        self._link.background.start_once(lambda: self._poll(run), run)
+        self._link.background.start_once(lambda: self._ask(run), run)
 
-    async def _poll(self, run: _Run) -> None:
+    async def _ask(self, run: _Run) -> None:
         def take_answer(answer: Answer) -> None:
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == full_name(run.command)]

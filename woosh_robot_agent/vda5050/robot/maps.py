@@ -40,7 +40,7 @@ class RobotMaps:
     Maps and marks are read at each connection, and when the robot's map changes.
 
     Attributes:
-        downloading: held while a map is downloaded.
+        downloading: held while a map is downloaded, so that it is the only one.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -102,13 +102,13 @@ class RobotMaps:
         self._log.clear()
         maps: list[StoredMap] = []
         for scene in answer.body.scenes:
-            versions = await self._versions(scene.name)
+            versions = await self._read_versions(scene.name)
             maps += [StoredMap(scene.name, name, versions.get(name, "")) for name in scene.maps]
         if tuple(maps) != self._maps:
             self._maps = tuple(maps)
             self._link.changed()
 
-    async def _versions(self, scene: str) -> dict[str, str]:
+    async def _read_versions(self, scene: str) -> dict[str, str]:
         """Return the versions of the maps of a scene, by their names."""
         answer = await self._link.ask(SceneDataEasy(name=scene))
         if not isinstance(answer.body, SceneDataEasy):

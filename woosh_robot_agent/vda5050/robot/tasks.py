@@ -149,6 +149,7 @@ class TaskRunner:
         self._on_paused = on_paused
         self.id = 0
         self._last_id = 0
+        """Highest id so far, so that no id is used twice."""
         self.foreign_id = 0
         self.confirmed = False
         self._controller = self._new_controller()
@@ -287,6 +288,7 @@ class TaskRunner:
                 if clock() > deadline:
                     self._end(task_id, UNKNOWN_TASK)
                     return
+                # a task that has just begun may be in neither answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)
 
@@ -337,7 +339,7 @@ class ActionTasks:
         self._task = TaskRunner(link, self._ended, self._paused)
         self._end: asyncio.Future[str] | None = None
         """Done when the task has ended, with the reason of a failure, or empty; None if no action
-        waits for it. A charging task goes on without an action."""
+        waits for it, e.g. for a task that goes on charging."""
         self._report: Callable[[ActionStatus], None] = lambda status: None
 
     @property
