@@ -31,9 +31,6 @@ from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050.robot.link import Timing
 
-SLOW_STEP = {"distance": 1.0, "speed": 0.02}
-"""A step of 2.5 s of real time."""
-
 
 @aio
 async def test_a_drive_is_paused_and_resumed(site: Site) -> None:
@@ -82,7 +79,7 @@ async def test_a_pause_before_an_order_holds_it_back(site: Site) -> None:
 async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
     """In version 2.1, a paused action is reported as running."""
     async with site.online(limits=AT_ONCE) as master:
-        master.instant(action("step", "step", **SLOW_STEP))
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
         master.instant(action("startPause", "p"))
         paused = await master.status("p", "FINISHED")

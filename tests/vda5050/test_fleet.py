@@ -158,10 +158,13 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
         poses = subprocess.run(
             [sys.executable, script, "--starts", "2"], check=True, capture_output=True, text=True
         ).stdout.splitlines()
-        robots = [
-            stack.enter_context(SimulatorThread(at_pose(tmp_path, number, pose)))
-            for number, pose in enumerate(poses)
-        ]
+        robots = []
+        for serial, pose in zip(SERIALS, poses, strict=False):
+            scene = scene_with_start(tmp_path / serial, pose)
+            config = quick_config(
+                port=0, tcp_port=0, speed=20, robot_id=int(serial), scenes=(scene,)
+            )
+            robots.append(stack.enter_context(SimulatorThread(config)))
         file = robots_file(tmp_path / "robots.yaml", robots)
         arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
         async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
@@ -189,14 +192,6 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
             held[state["serialNumber"]] = nodes
             for serial, others in held.items():
                 assert serial == state["serialNumber"] or not nodes & others, held
-
-
-def at_pose(folder: Path, number: int, pose: str) -> Any:
-    """A simulated chassis in the hall that starts at another pose."""
-    scene = scene_with_start(folder / f"hall_{number}", pose)
-    return quick_config(
-        port=0, tcp_port=0, speed=20, robot_id=int(SERIALS[number]), scenes=(scene,)
-    )
 
 
 @aio
