@@ -10,7 +10,7 @@ import pytest
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.vda5050.__main__ import main
-from woosh_robot_agent.vda5050.program import read_robots
+from woosh_robot_agent.vda5050.robots_file import read_robots
 
 ROOT = Path(__file__).resolve().parents[2]
 

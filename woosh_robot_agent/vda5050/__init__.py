@@ -14,7 +14,7 @@ Its parts, from the bottom up:
 - `actions/`: the actions that the robot can perform.
 - `intake`: acceptance or rejection of messages.
 - `vehicle`: one robot with all of these parts.
-- `program`: the vehicles of one process, and the command line.
+- `program`, `robots_file`: the vehicles of one process, and the command line.
 
 docs/vda5050_reference.md follows an order, an instant action and a state message through the code.
 """
