@@ -307,8 +307,8 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
     broker: Mosquitto, recorder: Recorder
 ) -> None:
     # this profile obeys half a second later, like a real robot
-    chassis = SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile="tr200"))
-    with chassis:
+    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200")
+    with SimulatorThread(config) as chassis:
         async with Site(chassis, broker, recorder).online() as master:
             master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
             await master.wait_state(lambda state: state["driving"])
@@ -323,7 +323,7 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
             master.instant(action("stopPause", "s2"))
             resumed = await master.status("s2", "FINISHED")
             assert not resumed["paused"]
-    assert commands(chassis)[-1] == "continue"
+        assert commands(chassis)[-1] == "continue"
 
 
 @aio
