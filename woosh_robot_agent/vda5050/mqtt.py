@@ -26,7 +26,7 @@ _LOG = logging.getLogger(__name__)
 _LIBRARY_LOG = logging.getLogger(f"{__name__}.library")
 """Log of the MQTT libraries, which report a lost connection several times and without a hint."""
 _LIBRARY_LOG.setLevel(logging.CRITICAL)
-_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 _BACKOFF_MIN = 0.5
 """First pause between attempts to connect, in seconds; it doubles with each attempt."""
 _STABLE_AFTER = 5.0
@@ -83,13 +83,13 @@ class BrokerConfig:
         """
         parts = urlsplit(url)
         shown = re.sub("//.*@", "//...@", url)  # a password must not get into a log
-        if parts.scheme not in _PORTS:
+        if parts.scheme not in _DEFAULT_PORTS:
             raise ValueError(f"the URL of a broker begins with mqtt:// or mqtts://: {shown!r}")
         if not parts.hostname or parts.path.strip("/") or parts.query:
             raise ValueError(f"the URL of a broker has the form mqtt://HOST:PORT: {shown!r}")
         return cls(
             host=parts.hostname,
-            port=parts.port or _PORTS[parts.scheme],
+            port=parts.port or _DEFAULT_PORTS[parts.scheme],
             tls=ssl.create_default_context() if parts.scheme == "mqtts" else None,
             username=None if parts.username is None else unquote(parts.username),
             password=None if parts.password is None else unquote(parts.password),

@@ -124,7 +124,7 @@ async def clear_instant_actions(run: Run) -> None:
 
 _MAX_REPORTS = 100
 """Maximum number of reports of a robot; the oldest ones are deleted."""
-_PREFIX = "log_report_"
+_FILE_PREFIX = "log_report_"
 
 
 @vehicle_action(
@@ -149,7 +149,7 @@ async def log_report(run: Run) -> str:
         "taskHistory": await _answer_or_reason(run, TaskHistory()),
         "statusCodes": await _answer_or_reason(run, StatusCodes()),
     }
-    name = f"{_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
+    name = f"{_FILE_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
     path = folder / str(info.genral.serial_number or info.robot_id) / name
     try:
         await asyncio.to_thread(_store, path, json.dumps(content, indent=1, ensure_ascii=False))
@@ -176,5 +176,5 @@ def _as_dict(message: Message) -> dict[str, Any]:
 def _store(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, "utf-8")
-    for old in sorted(path.parent.glob(f"{_PREFIX}*.json"))[:-_MAX_REPORTS]:
+    for old in sorted(path.parent.glob(f"{_FILE_PREFIX}*.json"))[:-_MAX_REPORTS]:
         old.unlink(missing_ok=True)

@@ -40,12 +40,7 @@ Fields = dict[str, Any]
 """A message, or a part of one, as it is written in JSON."""
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
-_ARRAY_LIMITS: Mapping[str, int] = {
-    "order.nodes": MAX_NODES,
-    "instantActions": MAX_INSTANT_ACTIONS,
-    "trajectory.controlPoints": MAX_CONTROL_POINTS,
-    "trajectory.knotVector": MAX_KNOTS,
-}
+
 _NOT_LOCALIZED = VehicleError(
     "LOCALIZATION_ERROR",
     ErrorLevel.FATAL,
@@ -139,7 +134,12 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         },
         "protocolLimits": {
             "maxStringLens": {"msgLen": MAX_MESSAGE_SIZE, "idLen": MAX_TEXT},
-            "maxArrayLens": dict(_ARRAY_LIMITS),
+            "maxArrayLens": {
+                "order.nodes": MAX_NODES,
+                "instantActions": MAX_INSTANT_ACTIONS,
+                "trajectory.controlPoints": MAX_CONTROL_POINTS,
+                "trajectory.knotVector": MAX_KNOTS,
+            },
             "timing": {
                 "minOrderInterval": 0.0,
                 "minStateInterval": limits.min_state_interval,

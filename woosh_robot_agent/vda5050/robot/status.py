@@ -41,6 +41,7 @@ from woosh_robot_agent.vda5050.messages.state import (
 _TYPE = "robotStatusCode"
 """Type of the errors for status codes."""
 _LEVELS = {StatusCode.kWarn: ErrorLevel.WARNING, StatusCode.kFault: ErrorLevel.FATAL}
+"""Levels of errors, by the level of the status code; codes of other levels are no errors."""
 _HINT = "resolve the cause at the robot; the error ends when the robot does not report it any more"
 _SAFETY_SCANNERS = 110203
 """First six digits of the status codes of safety scanners, which have twelve digits."""
