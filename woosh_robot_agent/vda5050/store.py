@@ -13,15 +13,13 @@ from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 from urllib.parse import quote
 
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
 from woosh_robot_agent.vda5050.orders.machine import OrderMemory
-
-T = TypeVar("T")
 
 _NOT_SAVED = Sentence(
     "vda.notSaved", "the order does not survive a restart of the connector: {error}"
@@ -41,29 +39,24 @@ def to_json(value: Any) -> bytes:
     return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
 
 
-def from_plain(cls: type[T], data: Any) -> T:
-    """Return the dataclass instance for data from `to_json`.
+def from_plain(kind: Any, data: Any) -> Any:
+    """Return the value of a type, e.g. of a dataclass, for data that `to_json` has written.
 
-    Unknown fields are ignored, and missing fields take their defaults.
+    Unknown fields of a dataclass are ignored, and missing fields take their defaults.
 
     Raises:
-        ValueError: the data does not fit the class.
+        ValueError: the data does not fit the type.
     """
-    return _value(cls, data)  # type: ignore[no-any-return]
-
-
-def _value(kind: Any, data: Any) -> Any:
-    """Return the value of a type, e.g. of `tuple[Node, ...]` or `float | None`, for plain data."""
     if kind is Any:
         return data
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (types.UnionType, typing.Union):
         inner = next(each for each in arguments if each is not types.NoneType)
-        return None if data is None else _value(inner, data)
+        return None if data is None else from_plain(inner, data)
     if origin is tuple:
-        return tuple(_value(arguments[0], each) for each in _checked(list, data))
+        return tuple(from_plain(arguments[0], each) for each in _checked(list, data))
     if origin is Mapping:
-        return {key: _value(arguments[1], each) for key, each in _checked(dict, data).items()}
+        return {key: from_plain(arguments[1], each) for key, each in _checked(dict, data).items()}
     if is_dataclass(kind):
         return _dataclass(kind, _checked(dict, data))
     if issubclass(kind, Enum):
@@ -78,7 +71,7 @@ def _dataclass(kind: Any, data: dict[str, Any]) -> Any:
     values = {}
     for each in fields(kind):
         if each.name in data:
-            values[each.name] = _value(hints[each.name], data[each.name])
+            values[each.name] = from_plain(hints[each.name], data[each.name])
         elif each.default is MISSING and each.default_factory is MISSING:
             raise ValueError(f"{kind.__name__} has no {each.name}")
     return kind(**values)
@@ -288,7 +281,7 @@ class Store:
             data = file.read(_MAX_SIZE + 1)
         if len(data) > _MAX_SIZE:
             raise ValueError(_TOO_LARGE(most=_MAX_SIZE))
-        record = from_plain(Record, json.loads(data))
+        record: Record = from_plain(Record, json.loads(data))
         if record.format != _FORMAT:
             raise ValueError(_OTHER_FORMAT(found=record.format, own=_FORMAT))
         order = record.order  # one edge leads to each of its nodes
