@@ -205,7 +205,7 @@ OPTIONAL_PARAMETERS: Mapping[str, str] = {
 
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
     """Return the factsheet of a robot."""
-    general: General = info.genral
+    general: General = info.genral  # spelled so in the messages of the robot
     size = general.model_data
     version = general.version
     versions = (("robot system", version.system), ("robot application", version.rc))
