@@ -23,7 +23,7 @@ class Authority:
         self._folder = folder
         self.certificate = folder / "ca.crt"
         self._key = folder / "ca.key"
-        self._run(
+        self.run(
             *("req", "-x509", "-new", "-nodes", "-days", "2", "-subj", "/CN=test authority"),
             *("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"),
             *("-addext", "keyUsage=critical,keyCertSign,cRLSign"),
@@ -36,18 +36,19 @@ class Authority:
             self._folder / f"{name}.{suffix}" for suffix in ("crt", "key", "csr", "ext")
         )
         extensions.write_text("subjectAltName=IP:127.0.0.1\n")
-        self._run(
+        self.run(
             *("req", "-new", "-nodes", "-subj", f"/CN={name}", "-newkey", "ec"),
             *("-pkeyopt", "ec_paramgen_curve:prime256v1", "-keyout", key, "-out", request),
         )
-        self._run(
+        self.run(
             *("x509", "-req", "-days", "2", "-in", request, "-out", certificate),
             *("-CA", self.certificate, "-CAkey", self._key, "-CAcreateserial"),
             *("-extfile", extensions),
         )
         return certificate, key
 
-    def _run(self, *arguments: object) -> None:
+    def run(self, *arguments: object) -> None:
+        """Run openssl."""
         path = openssl_path()
         assert path
         subprocess.run([path, *map(str, arguments)], check=True, capture_output=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -14,6 +15,7 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
 from tests.vda5050.master import Master
+from woosh_robot_agent import simulator
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -24,6 +26,18 @@ from woosh_robot_agent.vda5050.vehicle import Vehicle
 
 AT_ONCE = Limits(min_state_interval=0.0)
 """Every change is published."""
+EXEC = "woosh.robot.ExecTask"
+
+
+def scene_with_start(folder: Path, pose: str) -> Path:
+    """Make a folder with the shipped scene, in which the robot starts at a pose: x, y, theta."""
+    text = (Path(simulator.__file__).parent / "data/wooshmap/scene.yaml").read_text()
+    start = f"start: {{map: wooshmap, pose: [{pose}]}}"
+    changed, count = re.subn(r"^start:.*", start, text, flags=re.MULTILINE)
+    assert count == 1
+    folder.mkdir()
+    (folder / "scene.yaml").write_text(changed)
+    return folder
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,6 @@ import uuid
 from collections.abc import Callable, Sequence
 from datetime import datetime, timezone
 from itertools import pairwise
-from types import TracebackType
 from typing import Any
 
 import gmqtt
@@ -39,12 +38,7 @@ class Master:
         self._client.subscribe(f"{self._prefix}#", qos=1)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *error: object) -> None:
         await self._client.disconnect()
 
     async def _received(

@@ -7,7 +7,6 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
     Factsheet,
     Kinematics,
     Limits,
-    OptionalParameter,
     ParameterType,
     Scope,
     VehicleClass,
@@ -85,9 +84,9 @@ FACTSHEET = Factsheet(
             "what was picked",
         ),
     ),
-    optional_parameters=(
-        OptionalParameter("order.edges.maxSpeed", description="at least 0.05 m/s"),
-        OptionalParameter("order.edges.rotationAllowed"),
-    ),
+    optional_parameters={
+        "order.edges.maxSpeed": "at least 0.05 m/s",
+        "order.edges.rotationAllowed": "",
+    },
     versions=(("robot system", "1.2"),),
 )

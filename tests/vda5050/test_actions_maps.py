@@ -13,16 +13,14 @@ import pytest
 
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.chassis_events import statuses
-from tests.vda5050.conftest import Site
+from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.vda5050.actions.map_actions import MapFileError, fetch, unpack
-from woosh_robot_agent.vda5050.messages.factsheet import Limits
 
-AT_ONCE = Limits(min_state_interval=0.0)
 SCENE = b"""
 name: shed
 maps:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-
-import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import (
@@ -24,7 +22,6 @@ from tests.vda5050.master import (
 )
 from tests.vda5050.test_faults_chassis import ORDER, drive
 from tests.vda5050.test_faults_restart import idle, left_by_a_kill, other_client
-from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -32,13 +29,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
-from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.robot.link import Timing
-from woosh_robot_agent.vda5050.session import VehicleConfig
-from woosh_robot_agent.vda5050.vehicle import Vehicle
-
-SLOW_STEP = {"distance": 1.0, "speed": 0.02}
-"""A step of 2.5 s of real time."""
 
 
 @aio
@@ -88,7 +79,7 @@ async def test_a_pause_before_an_order_holds_it_back(site: Site) -> None:
 async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
     """In version 2.1, a paused action is reported as running."""
     async with site.online(limits=AT_ONCE) as master:
-        master.instant(action("step", "step", **SLOW_STEP))
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
         master.instant(action("startPause", "p"))
         paused = await master.status("p", "FINISHED")
@@ -311,38 +302,28 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
     assert sent[-1] == "continue"
 
 
-@pytest.fixture
-def inert_chassis() -> Iterator[SimulatorThread]:
-    """A simulated chassis that obeys half a second later, like a real one."""
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, profile="tr200")) as running:
-        yield running
-
-
 @aio
 async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
-    site: Site, inert_chassis: SimulatorThread
+    broker: Mosquitto, recorder: Recorder
 ) -> None:
-    chassis = inert_chassis
-    link = LinkConfig(ip="127.0.0.1", port=chassis.port)
-    vehicle = Vehicle(VehicleConfig(link), BrokerConfig.from_url(site.broker.url))
-    vehicle.start()
-    async with Master(site.broker.port) as master:
-        await master.online()
-        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
-        await master.wait_state(lambda state: state["driving"])
-        master.instant(action("startPause", "p1"))
-        await master.status("p1", "FINISHED")
-        master.instant(action("stopPause", "s1"))
-        await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
-        master.instant(action("startPause", "p2"))
-        await master.status("p2", "FINISHED")
-        assert commands(chassis)[3:4] == ["pause"]
-        await eventually(lambda: chassis.state.velocity.speed == 0.0)
-        master.instant(action("stopPause", "s2"))
-        resumed = await master.status("s2", "FINISHED")
-        assert not resumed["paused"]
-    await vehicle.close()
-    assert commands(chassis)[-1] == "continue"
+    # this profile obeys half a second later, like a real robot
+    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200")
+    with SimulatorThread(config) as chassis:
+        async with Site(chassis, broker, recorder).online() as master:
+            master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+            await master.wait_state(lambda state: state["driving"])
+            master.instant(action("startPause", "p1"))
+            await master.status("p1", "FINISHED")
+            master.instant(action("stopPause", "s1"))
+            await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
+            master.instant(action("startPause", "p2"))
+            await master.status("p2", "FINISHED")
+            assert commands(chassis)[3:4] == ["pause"]
+            await eventually(lambda: chassis.state.velocity.speed == 0.0)
+            master.instant(action("stopPause", "s2"))
+            resumed = await master.status("s2", "FINISHED")
+            assert not resumed["paused"]
+        assert commands(chassis)[-1] == "continue"
 
 
 @aio

@@ -12,7 +12,7 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
-from tests.vda5050.conftest import Site
+from tests.vda5050.conftest import EXEC, Site
 from tests.vda5050.connector_process import ConnectorProcess
 from tests.vda5050.master import START, Master, action, error_types, node
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -24,9 +24,7 @@ from woosh_robot_agent.vda5050.mqtt import (
     refused_topics,
 )
 from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
-from woosh_robot_agent.vda5050.session import OtherConnector
-
-EXEC = "woosh.robot.ExecTask"
+from woosh_robot_agent.vda5050.session import OtherConnectorDetector
 
 
 @aio
@@ -198,7 +196,7 @@ async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart
 
 @aio
 async def test_another_connector_whose_end_was_missed_is_gone_after_a_while() -> None:
-    other = OtherConnector(lambda payload: False, lambda: None, gone_after=0.0)
+    other = OtherConnectorDetector(lambda payload: False, lambda: None, gone_after=0.0)
     other.connected()
     other.received(b'{"connectionState": "ONLINE"}', False)
     assert other.error is not None

@@ -9,7 +9,7 @@ import pytest
 
 from tests.quick_chassis import quick_config, set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.conftest import Site
+from tests.vda5050.conftest import EXEC, Site, scene_with_start
 from tests.vda5050.master import (
     START,
     Master,
@@ -20,12 +20,11 @@ from tests.vda5050.master import (
     references,
     status_of,
 )
-from woosh_robot_agent import simulator
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.robot.link import Timing
 
-EXEC, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
+ORDER = "woosh.robot.ActionOrder"
 SPEAK = "woosh.robot.Speak"
 SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
@@ -103,17 +102,6 @@ async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(sit
     assert site.chassis.counts[EXEC] == 0
 
 
-def scene_with_start(folder: Path, x: float, y: float) -> Path:
-    """A copy of the shipped scene in which the robot starts elsewhere."""
-    shipped = Path(simulator.__file__).parent / "data" / "wooshmap" / "scene.yaml"
-    text = shipped.read_text()
-    place = f"start: {{map: wooshmap, pose: [{x}, {y}, 0.0]}}"
-    changed = "\n".join(place if each.startswith("start:") else each for each in text.split("\n"))
-    assert changed != text
-    (folder / "scene.yaml").write_text(changed)
-    return folder
-
-
 @aio
 @pytest.mark.parametrize("x", [6.0, 7.0], ids=["on a node", "between two nodes"])
 async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
@@ -135,7 +123,7 @@ async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
         port = site.chassis.port
         assert site.chassis.state.pose.x < 4.9
         site.chassis.stop()
-        scene = scene_with_start(tmp_path, x, y)
+        scene = scene_with_start(tmp_path / "scene", f"{x}, {y}, 0.0")
         with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
             state = await master.error("drivingError")
             assert state["agvPosition"]["x"] == pytest.approx(x)
@@ -159,7 +147,7 @@ async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_
         await master.status("lift", "RUNNING")
         port = site.chassis.port
         site.chassis.stop()
-        scene = scene_with_start(tmp_path, 6.0, START[1])
+        scene = scene_with_start(tmp_path / "scene", f"6.0, {START[1]}, 0.0")
         with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
             await master.error("interruptedError")
             assert restarted.counts[EXEC] == 0

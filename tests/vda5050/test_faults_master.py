@@ -14,7 +14,7 @@ import paho.mqtt.publish as publish
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.conftest import Site
+from tests.vda5050.conftest import EXEC, Site
 from tests.vda5050.master import (
     START,
     Master,
@@ -29,7 +29,6 @@ from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import MAX_RECEIVED, ReceiveQueue
 
-EXEC = "woosh.robot.ExecTask"
 HEADER = {
     "headerId": 1,
     "timestamp": "2024-01-01T00:00:00.000Z",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.conftest import Site
-from tests.vda5050.master import START, action, error_types, node
-from tests.vda5050.test_faults_chassis import EXEC, ORDER, drive
+from tests.vda5050.conftest import EXEC, Site
+from tests.vda5050.master import START, Master, action, error_types, node
+from tests.vda5050.test_faults_chassis import ORDER, drive
 from tests.vda5050.test_faults_restart import idle, other_client, task_to
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
@@ -65,14 +68,21 @@ async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(site: S
         assert site.chassis.counts[EXEC] == 1
 
 
-@aio
-async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
+@asynccontextmanager
+async def waiting_for(task: ExecTask, site: Site) -> AsyncIterator[Master]:
+    """A master control whose order waits, because another client has started a task."""
     async with site.online() as master, other_client(site.chassis) as gate:
         set_speed(site.chassis, 0.1)
-        assert (await gate.request(task_to(4.3, -6.68))).ok
+        assert (await gate.request(task)).ok
         await master.wait_state(lambda state: state["driving"])  # so the task is reported
         master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
         await master.error("robotBusyError")
+        yield master
+
+
+@aio
+async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
+    async with waiting_for(task_to(4.3, -6.68), site) as master:
         assert site.chassis.counts[EXEC] == 1
         set_speed(site.chassis, 20.0)
         ended = await master.reached("b")
@@ -82,12 +92,7 @@ async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
 
 @aio
 async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: Site) -> None:
-    async with site.online() as master, other_client(site.chassis) as gate:
-        set_speed(site.chassis, 0.1)
-        assert (await gate.request(task_to(4.3, -6.68))).ok
-        await master.wait_state(lambda state: state["driving"])  # so the task is reported
-        master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
-        await master.error("robotBusyError")
+    async with waiting_for(task_to(4.3, -6.68), site) as master:
         master.instant(action("cancelOrder", "cancel"))
         state = await master.status("cancel", "FINISHED")
         assert state["nodeStates"] == []
@@ -113,14 +118,9 @@ async def test_an_order_does_not_go_on_where_somebody_has_left_the_robot(site: S
 
 @aio
 async def test_a_charging_task_that_is_not_of_the_vehicle_is_named(site: Site) -> None:
-    async with site.online() as master, other_client(site.chassis) as gate:
-        set_speed(site.chassis, 0.1)
-        charge = ExecTask(task_id=77, type=task_pb2.kCharge, mark_no="C1")
-        assert (await gate.request(charge)).ok
-        await master.wait_state(lambda state: state["driving"])
-        master.order([node("a", 0, *START, allowedDeviationXY=0.5), node("b", 2, 6.0, -7.0)])
-        state = await master.error("robotBusyError")
-        assert "charging task" in state["errors"][0]["errorDescription"]
+    charge = ExecTask(task_id=77, type=task_pb2.kCharge, mark_no="C1")
+    async with waiting_for(charge, site) as master:
+        assert "charging task" in master.state["errors"][0]["errorDescription"]
         master.instant(action("stopCharging", "stop"))
         set_speed(site.chassis, 20.0)
         await master.reached("b")

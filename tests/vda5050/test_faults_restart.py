@@ -15,7 +15,7 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.conftest import Site
+from tests.vda5050.conftest import EXEC, Site
 from tests.vda5050.connector_process import ConnectorProcess
 from tests.vda5050.master import START, Master, action, node
 from woosh_robot_agent.link import ChassisClient, LinkConfig
@@ -26,7 +26,6 @@ from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050 import store
 
-EXEC = "woosh.robot.ExecTask"
 FILE = "uagv-Woosh-30001.json"
 FAST, NORMAL, HARDLY = 20.0, 1.0, 0.02
 """Speeds of the simulated time."""

@@ -15,11 +15,11 @@ from typing import Any
 
 import pytest
 
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import quick_config, set_speed
 from tests.tools.dashboard.pages import page
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
-from tests.vda5050.conftest import Site
+from tests.vda5050.conftest import Site, scene_with_start
 from tests.vda5050.master import START, Master, node
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
@@ -131,18 +131,13 @@ async def test_a_lost_robot_affects_only_its_own_vehicle(
 
 
 @aio
-async def test_the_state_may_go_out_while_driving(broker: Mosquitto, recorder: Recorder) -> None:
-    limits = Limits(driving_state_interval=0.2)
-    with SimulatorThread(quick_config(port=0, tcp_port=0, speed=2)) as robot:
-        config = VehicleConfig(LinkConfig(ip="127.0.0.1", port=robot.port), limits=limits)
-        connector = Connector({"": config}, BrokerConfig.from_url(broker.url))
-        connector.start()
-        async with Master(broker.port) as master:
-            await master.online()
-            master.order([node("a", 0, *START), node("b", 2, 9.0, -7.5)])
-            await master.reached("b")
-        await connector.close()
-    places = {state["agvPosition"]["x"] for state in recorder.sent("state") if state["driving"]}
+async def test_the_state_may_go_out_while_driving(site: Site) -> None:
+    set_speed(site.chassis, 2.0)
+    async with site.online(limits=Limits(driving_state_interval=0.2)) as master:
+        master.order([node("a", 0, *START), node("b", 2, 9.0, -7.5)])
+        await master.reached("b")
+    states = site.recorder.sent("state")
+    places = {state["agvPosition"]["x"] for state in states if state["driving"]}
     assert len([x for x in places if START[0] + 0.5 < x < 8.5]) >= 3, places
 
 
@@ -163,10 +158,13 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
         poses = subprocess.run(
             [sys.executable, script, "--starts", "2"], check=True, capture_output=True, text=True
         ).stdout.splitlines()
-        robots = [
-            stack.enter_context(SimulatorThread(at_pose(tmp_path, number, pose)))
-            for number, pose in enumerate(poses)
-        ]
+        robots = []
+        for serial, pose in zip(SERIALS, poses, strict=False):
+            scene = scene_with_start(tmp_path / serial, pose)
+            config = quick_config(
+                port=0, tcp_port=0, speed=20, robot_id=int(serial), scenes=(scene,)
+            )
+            robots.append(stack.enter_context(SimulatorThread(config)))
         file = robots_file(tmp_path / "robots.yaml", robots)
         arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
         async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
@@ -194,21 +192,6 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
             held[state["serialNumber"]] = nodes
             for serial, others in held.items():
                 assert serial == state["serialNumber"] or not nodes & others, held
-
-
-def at_pose(folder: Path, number: int, pose: str) -> Any:
-    """A simulated chassis in the hall that starts at another pose."""
-    scene = folder / f"hall_{number}"
-    scene.mkdir()
-    text = (ROOT / "woosh_robot_agent/simulator/data/wooshmap/scene.yaml").read_text()
-    lines = [
-        f"start: {{map: wooshmap, pose: [{pose}]}}" if line.startswith("start:") else line
-        for line in text.splitlines()
-    ]
-    (scene / "scene.yaml").write_text("\n".join(lines))
-    return quick_config(
-        port=0, tcp_port=0, speed=20, robot_id=int(SERIALS[number]), scenes=(scene,)
-    )
 
 
 @aio

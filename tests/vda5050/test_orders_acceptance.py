@@ -9,7 +9,7 @@ import pytest
 from tests.vda5050.orders import Robot, action, at, given, path, place, references
 from woosh_robot_agent.vda5050.messages.order import BlockingType, Edge, Node, Order
 from woosh_robot_agent.vda5050.messages.state import ErrorLevel, ErrorType
-from woosh_robot_agent.vda5050.orders.structure import Verdict
+from woosh_robot_agent.vda5050.orders.structure import OrderKind
 
 
 def test_an_order_at_the_place_of_the_vehicle_is_accepted() -> None:
@@ -134,7 +134,7 @@ def test_an_old_update_is_rejected_and_the_order_goes_on() -> None:
 def test_a_repeated_order_is_ignored() -> None:
     robot = given(path("abc"))
     before = robot.machine.status
-    assert robot.machine.receive(path("abc")) is Verdict.KNOWN
+    assert robot.machine.receive(path("abc")) is OrderKind.KNOWN
     assert robot.machine.status == before
     assert robot.poll() == []
 
@@ -144,7 +144,7 @@ def test_a_repeated_order_is_ignored_after_its_end() -> None:
     robot.arrive()
     robot.finish("pick")
     order = path("ab", actions={"b": [action("pick")]})
-    assert robot.machine.receive(order) is Verdict.KNOWN
+    assert robot.machine.receive(order) is OrderKind.KNOWN
     assert robot.poll() == []
     assert robot.actions == {"pick": "FINISHED"}
 

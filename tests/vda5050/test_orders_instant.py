@@ -142,7 +142,6 @@ def test_a_wrong_action_has_a_reason(
     assert found.parameter == parameter
 
 
-EVERYWHERE = {Scope.INSTANT, Scope.NODE, Scope.EDGE}
 SCOPES: dict[str, set[Scope]] = {
     **{key: {Scope.INSTANT} for key in ("startPause", "stopPause", "cancelOrder")},
     **{key: {Scope.INSTANT} for key in ("stateRequest", "factsheetRequest")},
@@ -151,7 +150,7 @@ SCOPES: dict[str, set[Scope]] = {
     **{key: {Scope.INSTANT, Scope.NODE} for key in ("initPosition", "enableMap")},
     **{key: {Scope.INSTANT, Scope.NODE} for key in ("step", "rotate", "switchFootprint")},
     **{key: {Scope.NODE} for key in ("pick", "drop")},
-    **dict.fromkeys(("liftTo", "speak"), EVERYWHERE),
+    **{key: set(Scope) for key in ("liftTo", "speak")},
 }
 """All actions in version 2.1, and where they may be requested."""
 

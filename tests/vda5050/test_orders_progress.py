@@ -59,9 +59,8 @@ def test_a_node_that_the_vehicle_bypasses_is_not_passed() -> None:
 
 
 def test_a_node_after_one_that_was_missed_is_passed_too() -> None:
-    robot = Robot()
     light = action("light", NONE)
-    robot.give(path("abcde", b=place(1.0, y=0.6), actions={"b": [light]}))
+    robot = given(path("abcde", b=place(1.0, y=0.6), actions={"b": [light]}))
     robot.move(0.5, 1.0, 1.5)
     assert (robot.last, robot.nodes) == ("a", "bcde")
     assert robot.move(2.0) == [Perform(light)]
@@ -103,9 +102,8 @@ def test_a_later_node_is_passed_only_after_the_way_to_it(
 
 
 def test_a_jump_passes_no_node() -> None:
-    robot = Robot()
     light, speak = action("light", NONE), action("speak", NONE)
-    robot.give(path("abcde", actions={"b": [light], "c": [speak]}))
+    robot = given(path("abcde", actions={"b": [light], "c": [speak]}))
     assert robot.jump(2.5) == []
     assert robot.last == "a"
     assert robot.move(2.4) == []
@@ -118,7 +116,7 @@ def test_a_jump_passes_no_node() -> None:
 def test_without_a_link_no_node_is_passed_until_the_robot_is_known_to_drive_on() -> None:
     robot = given(path("abcde", actions={"b": [action("light", NONE)]}))
     robot.move(0.5)
-    robot.machine.lose_track()
+    robot.machine.link_lost()
     assert robot.jump(2.0) == []
     assert (robot.last, robot.actions) == ("a", {"light": "WAITING"})
     robot.machine.moved(at(2.1), confirmed=True)
@@ -128,11 +126,10 @@ def test_without_a_link_no_node_is_passed_until_the_robot_is_known_to_drive_on()
 
 
 def test_actions_of_a_node_that_the_robot_has_left_far_behind_without_a_link_fail() -> None:
-    robot = Robot()
     lift, light = action("lift", NONE), action("light", NONE)
-    robot.give(path("abcdef", actions={"b": [lift], "d": [light]}))
+    robot = given(path("abcdef", actions={"b": [lift], "d": [light]}))
     robot.move(0.5)
-    robot.machine.lose_track()
+    robot.machine.link_lost()
     robot.machine.moved(at(2.9), confirmed=True)
     assert robot.jump(3.0) == [Perform(light)]
     assert robot.last == "d"
@@ -160,7 +157,7 @@ def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
 ) -> None:
     robot = given(path("abcdef", **nodes))
     robot.move(0.5)
-    robot.machine.lose_track()
+    robot.machine.link_lost()
     robot.machine.moved(at(*back), confirmed=True)
     assert robot.last == "a"
     robot.machine.moved(at(*then), confirmed=True)
@@ -217,9 +214,8 @@ def test_where_a_leg_ends(order: Order, legs: str) -> None:
 
 
 def test_a_long_order_is_driven_in_parts() -> None:
-    robot = Robot()
     names = "".join(chr(ord("a") + index) for index in range(400))
-    robot.give(path(names))
+    robot = given(path(names))
     assert len(robot.drives[0].leg.nodes) == 150
     robot.arrive()
     assert len(robot.drives[1].leg.nodes) == 150
@@ -242,9 +238,8 @@ def test_actions_of_the_first_node_start_before_the_drive() -> None:
 
 
 def test_actions_wait_for_each_other_by_their_blocking_types() -> None:
-    robot = Robot()
     actions = [action("1", NONE), action("2", SOFT), action("3", HARD), action("4", SINGLE)]
-    robot.give(path("ab", actions={"a": actions}))
+    robot = given(path("ab", actions={"a": actions}))
     assert robot.actions == {
         "1": "INITIALIZING",
         "2": "INITIALIZING",
@@ -261,18 +256,16 @@ def test_actions_wait_for_each_other_by_their_blocking_types() -> None:
 
 
 def test_an_action_of_an_edge_runs_from_its_begin_to_its_end() -> None:
-    robot = Robot()
     speak = action("speak", NONE)
-    robot.give(path("abcd", actions={"bc": [speak]}))
+    robot = given(path("abcd", actions={"bc": [speak]}))
     assert robot.actions == {"speak": "WAITING"}
     assert robot.move(1.0) == [Perform(speak)]
     assert robot.move(2.0) == [EndAction(speak)]
 
 
 def test_an_action_of_an_edge_that_could_not_start_fails_at_its_end() -> None:
-    robot = Robot()
     actions = {"a": [action("long", NONE)], "ab": [action("alone", SINGLE)]}
-    robot.give(path("abc", actions=actions))
+    robot = given(path("abc", actions=actions))
     robot.move(1.0)
     assert robot.actions == {"long": "INITIALIZING", "alone": "FAILED"}
 
@@ -301,9 +294,8 @@ def test_an_update_during_the_drive_is_driven_after_the_old_end_of_the_base() ->
 
 
 def test_a_new_base_is_requested_near_its_end_only() -> None:
-    robot = Robot()
     far = {name: place(5.0 * index) for index, name in enumerate("abcd")}
-    robot.give(path("abc", "d", **far))
+    robot = given(path("abc", "d", **far))
     assert not robot.machine.status.new_base_request
     robot.move(4.0)
     assert not robot.machine.status.new_base_request
@@ -356,9 +348,8 @@ def test_the_speed_limit_is_that_of_the_edge_and_begins_before_a_slower_one() ->
 
 
 def test_a_cancelled_order_stops_the_drive_and_fails_what_has_not_ended() -> None:
-    robot = Robot()
     light = action("light", NONE)
-    robot.give(path("abc", "d", actions={"a": [light], "c": [action("pick")], "b": []}))
+    robot = given(path("abc", "d", actions={"a": [light], "c": [action("pick")], "b": []}))
     robot.machine.cancel()
     assert robot.poll() == [EndAction(light), Control.CANCEL]
     assert robot.actions == {"light": "INITIALIZING", "pick": "FAILED"}
@@ -444,9 +435,8 @@ def test_the_vehicle_waits_until_it_is_on_the_map_of_the_next_node() -> None:
 
 
 def test_the_speed_limit_holds_also_after_a_node_that_was_missed() -> None:
-    robot = Robot()
     edges = {"bc": {"max_speed": 0.2}}
-    robot.give(path("abc", b=place(1.0, y=0.6), c=place(9.0), edges=edges))
+    robot = given(path("abc", b=place(1.0, y=0.6), c=place(9.0), edges=edges))
     robot.move(2.0, 4.0)
     assert robot.last == "a"
     assert robot.machine.speed_limit == 0.2
@@ -474,7 +464,7 @@ def test_a_vehicle_that_somebody_has_moved_away_does_not_go_on() -> None:
 def test_a_vehicle_that_its_own_actions_have_moved_goes_on() -> None:
     robot = given(path("ab", "c"))
     robot.arrive()
-    robot.machine.moved(at(1.9), by_itself=True)
+    robot.machine.moved(at(1.9), by_action=True)
     robot.machine.moved(at(1.95))
     robot.give(path("bc", first=2, update=1))
     assert robot.legs == ["b", "c"]
@@ -498,8 +488,8 @@ def test_a_drive_that_was_not_sent_is_commanded_again() -> None:
 
 def test_a_lost_link_is_no_reason_to_doubt_where_an_action_has_moved_the_vehicle() -> None:
     robot = given(path("ab", actions={"a": [action("step")]}))
-    robot.machine.doubt_place()  # the link was lost and is back
-    robot.machine.moved(at(0.5), by_itself=True)
+    robot.machine.require_place_check()  # the link was lost and is back
+    robot.machine.moved(at(0.5), by_action=True)
     robot.poll()
     robot.finish("step")
     assert robot.legs == ["b"]

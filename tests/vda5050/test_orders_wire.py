@@ -19,7 +19,6 @@ from tests.vda5050.master import (
     action,
     edge,
     node,
-    plain_edges,
     references,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
@@ -91,11 +90,6 @@ async def test_the_example_of_the_standard_is_extended_while_it_is_driven(site: 
     assert len(requests(site.chassis, ExecTask)) == 2
 
 
-def far_order() -> Message:
-    nodes = [node("a", 0, 0.0, 0.0), node("b", 2, 1.0, 0.0)]
-    return {"nodes": nodes, "edges": plain_edges(nodes)}
-
-
 def order_with(end: Message | None = None, **fields: Any) -> Message:
     """An order from the start to a node, with fields of its edge."""
     nodes = [node("a", 0, *START), end or node("b", 2, X + STEP, Y)]
@@ -112,7 +106,11 @@ def curve(*points: tuple[float, float]) -> Message:
 
 
 REJECTED: dict[str, tuple[Message, str, dict[str, str]]] = {
-    "the start is too far": (far_order(), "noRouteError", {"nodeId": "a"}),
+    "the start is too far": (
+        {"nodes": [node("a", 0, 0.0, 0.0)], "edges": []},
+        "noRouteError",
+        {"nodeId": "a"},
+    ),
     "an edge too few": (order_with() | {"edges": []}, "validationError", {}),
     "a field is missing": ({"nodes": []}, "validationError", {"topic": "order"}),
     "a zone set": (order_with() | {"zoneSetId": "z"}, "orderError", {"parameter": "zoneSetId"}),

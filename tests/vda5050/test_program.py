@@ -10,7 +10,7 @@ import pytest
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.vda5050.__main__ import main
-from woosh_robot_agent.vda5050.program import RobotsFileError, read_robots
+from woosh_robot_agent.vda5050.robots_file import read_robots
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -79,13 +79,13 @@ def test_serial_numbers_may_be_given(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_file_is_refused_with_its_reason(tmp_path: Path, text: str, reason: str) -> None:
-    with pytest.raises(RobotsFileError, match=reason) as caught:
+    with pytest.raises(ValueError, match=reason) as caught:
         read(tmp_path, text)
     assert "robots.yaml" in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RobotsFileError, match="No such file"):
+    with pytest.raises(ValueError, match="No such file"):
         read_robots(tmp_path / "none.yaml", LinkConfig())
 
 

@@ -13,7 +13,6 @@ from tests.vda5050 import orders
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
-    NavPath,
     OperationState,
     PoseSpeed,
     RobotInfo,
@@ -29,7 +28,7 @@ from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorLevel
 from woosh_robot_agent.vda5050.messages.versions import V2_1
 from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
 from woosh_robot_agent.vda5050.robot.link import Conditions, RobotLink, Timing
-from woosh_robot_agent.vda5050.robot.status import code_errors, field_violated, path, robot_status
+from woosh_robot_agent.vda5050.robot.status import code_errors, field_violated, points, robot_status
 
 BUSY, IDLE, SCANNER = 120301000022, 140801000071, 110203000012
 
@@ -95,9 +94,7 @@ def test_numbers_that_are_not_finite_are_left_out(bad: float) -> None:
     status = robot_status(RobotInfo(pose_speed=lost))
     assert status.position is None
     assert status.velocity is None
-    report = NavPath()
-    report.path.poses.extend([Pose2D(x=1.0, y=2.0), Pose2D(x=bad)])
-    assert path(report) == ((1.0, 2.0),)
+    assert points([Pose2D(x=1.0, y=2.0), Pose2D(x=bad)]) == ((1.0, 2.0),)
 
 
 @aio
@@ -137,7 +134,7 @@ async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
     speak = Action("1", "speak", parameters={"text": "never said"})
     execution.order.moved(orders.at(0.0))
     execution.order.receive(orders.path("a", actions={"a": [speak]}))
-    runner.obey(Perform(speak, at_once=True))
-    runner.obey(EndAction(speak))
+    runner.execute(Perform(speak, at_once=True))
+    runner.execute(EndAction(speak))
     await eventually(lambda: execution.order.status.actions[0].status is ActionStatus.FAILED)
-    await link.work.close()
+    await link.background.close()

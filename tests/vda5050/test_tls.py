@@ -283,6 +283,6 @@ def test_an_encrypted_key_is_refused_instead_of_asking_for_its_password(tmp_path
     authority = Authority(tmp_path / "ca")
     certificate, key = authority.issue("robot")
     encrypted = tmp_path / "encrypted.key"
-    authority._run("ec", "-in", key, "-aes256", "-passout", "pass:1234", "-out", encrypted)
+    authority.run("ec", "-in", key, "-aes256", "-passout", "pass:1234", "-out", encrypted)
     with pytest.raises(ValueError, match="the private key is encrypted"):
         options("--broker", "mqtts://host", "--cert-file", certificate, "--key-file", encrypted)

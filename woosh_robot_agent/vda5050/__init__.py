@@ -1,7 +1,7 @@
 """A Woosh robot as a VDA 5050 vehicle, without ROS.
 
-The connector talks to the robot over the link and to the master control over MQTT. Its parts, from
-the bottom up:
+This program, the connector, talks to the robot over the link and to the master control over MQTT.
+Its parts, from the bottom up:
 
 - `messages/`: orders, states and factsheets as Python values, and how each version of the standard
   writes them as JSON.
@@ -10,11 +10,11 @@ the bottom up:
 - `robot/`: reports of the robot, and commands to it: tasks, actions of its own, speed limits.
 - `execution`: the state machines and the robot together.
 - `mqtt`, `store`, `reports`, `session`: the connection to the broker, the state file, the published
-  messages, and the topics of one vehicle at the broker.
+  messages, and a vehicle at the broker, which has these three.
 - `actions/`: the actions that the robot can perform.
 - `intake`: acceptance or rejection of messages.
 - `vehicle`: one robot with all of these parts.
-- `program`: the vehicles of one process, and the command line.
+- `program`, `robots_file`: the vehicles of one process, and the command line.
 
 docs/vda5050_reference.md follows an order, an instant action and a state message through the code.
 """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import SpeedLimiter
@@ -26,7 +26,7 @@ from woosh_robot_agent.vda5050.orders.legs import (
     Drive,
     EndAction,
     Perform,
-    stops,
+    need_standstill,
 )
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 from woosh_robot_agent.vda5050.robot.calls import RobotCalls
@@ -36,7 +36,7 @@ from woosh_robot_agent.vda5050.robot.reported_state import ReportedState
 from woosh_robot_agent.vda5050.robot.tasks import (
     UNSENT,
     ActionTasks,
-    RobotTask,
+    TaskRunner,
     leg_task,
 )
 
@@ -57,7 +57,7 @@ _OTHER_MOTION = (
     Sentence("vda.driven", "something else drives the robot")(),
     "wait for its end, or cancel the order",
 )
-"""Cause and hint for a motion that this vehicle has not started."""
+"""Cause and hint if something else drives the robot, in no task of `_OTHER_TASKS`."""
 _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
     task.kCharge: (
         Sentence(
@@ -76,7 +76,7 @@ _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
         "control parks it",
     ),
 }
-"""Cause and hint, by type of task, for a task that this vehicle has not started."""
+"""Cause and hint if the robot executes a task that this vehicle has not started, by its type."""
 
 
 class Execution:
@@ -88,15 +88,15 @@ class Execution:
         maps: maps on the robot, and marks of its scene.
         order: the current order.
         instant: the instant actions.
-        drive: the task that drives the current leg (part of an order without a stop).
+        drive: executes the task that drives the current leg (part of an order without a stop).
         speed: the speed limit of the drive.
-        calls: the robot's own actions.
-        tasks: tasks of actions.
+        calls: executes the robot's own actions.
+        tasks: executes the tasks of actions.
         active: running actions for which other actions may have to wait, by id.
-        is_alone: False while another connector uses the topics of the vehicle.
+        is_only_connector: False while another connector uses the topics of the vehicle.
         order_error: why the last order was rejected or dropped; None if another order was accepted
             since.
-        pause_wanted: True if the vehicle is, or must be, paused.
+        pause_wanted: True from a startPause to a stopPause.
     """
 
     def __init__(self, link: RobotLink, version: Version, types: ActionTypes) -> None:
@@ -106,49 +106,48 @@ class Execution:
         self.robot = ReportedState(link)
         self.order = OrderMachine()
         self.instant = InstantActions(types, self.order)
-        self.drive = RobotTask(link, self._drive_ended, link.changed)
+        self.drive = TaskRunner(link, self._drive_ended, link.changed)
         self.speed = SpeedLimiter(
-            link.chassis, link.gate, link.work.start, self._speed_refused, link.changed
+            link.chassis, link.gate, link.background.start, self._speed_refused, link.changed
         )
         self.maps = RobotMaps(link)
         self.calls = RobotCalls(link)
         self.tasks = ActionTasks(link)
         self.active: dict[str, Action] = {}
-        self.is_alone = True
+        self.is_only_connector = True
         self.order_error: VehicleError | None = None
         self.pause_wanted = False
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
-        self._is_cut = False
-        """True from a loss of the link until all actions that ran at the loss have ended."""
+        self._link_was_lost = False
+        """True from a loss of the link until no action is active."""
         link.chassis.on_state(self._link_changed)
-        link.chassis.on_snapshot(lambda info: self.order.doubt_place())
+        link.chassis.on_snapshot(lambda info: self.order.require_place_check())
 
     # Motion, pause and errors
 
     @property
-    def at_rest(self) -> bool:
-        """True unless the robot moves, by its last report, and nobody else drives it."""
-        if not self.robot.is_driving or not self.robot.is_automatic:
-            return True
-        return self._is_driven_otherwise
+    def own_motion(self) -> bool:
+        """True while the robot moves, by its last report, and nothing else drives it."""
+        is_moving = self.robot.is_driving and self.robot.is_automatic
+        return is_moving and not self._is_driven_otherwise
 
     @property
     def is_driving(self) -> bool:
-        """True while the robot drives along the order, or still moves."""
-        return (self.order.driving and not self.drive.stands) or not self.at_rest
+        """True while the robot drives along the order, or still moves afterwards."""
+        return (self.order.driving and not self.drive.stays_paused) or self.own_motion
 
     @property
     def may_act(self) -> bool:
-        """True if actions of the robot may begin."""
-        return self.is_alone and self.link.ready
+        """True if drives and actions may begin."""
+        return self.is_only_connector and self.link.ready
 
     @property
     def paused(self) -> bool:
-        """True while the vehicle is paused."""
+        """True while the vehicle is paused, by a startPause or by people at the robot."""
         if self.pause_wanted:
-            stands = not self.order.driving or self.drive.stands
-            return stands and self.calls.stand and self.tasks.stands
+            is_drive_paused = not self.order.driving or self.drive.stays_paused
+            return is_drive_paused and self.calls.all_paused and self.tasks.stays_paused
         return self.drive.paused and not self.order.held
 
     @property
@@ -156,14 +155,14 @@ class Execution:
         """True if something other than the order and its actions drives the robot."""
         if self.order.driving or self.order.acting:
             return False
-        own = self.tasks.id
+        own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
-            return foreign_id != own
-        return bool(self.link.gate.reported_owner) and not own and not self.calls.busy
+            return foreign_id != own_id  # for `drive`, the task of an action is foreign too
+        return bool(self.link.gate.reported_owner) and not own_id and not self.calls.busy
 
     @property
-    def _goes_on_charging(self) -> bool:
-        """True if the task of an action continues after the action has ended."""
+    def _has_charging_task(self) -> bool:
+        """True while a task of startCharging goes on, usually longer than the action."""
         return bool(self.tasks.id) and not self.order.driving and not self.order.acting
 
     @property
@@ -205,7 +204,7 @@ class Execution:
             kind = info.task_proc.type if info is not None and self.drive.foreign_id else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
             errors.append(warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint))
-        elif self.order.busy and self._goes_on_charging:
+        elif self.order.busy and self._has_charging_task:
             errors.append(
                 warning(
                     ErrorType.ROBOT_BUSY,
@@ -217,33 +216,32 @@ class Execution:
 
     # Events
 
-    def follow(self) -> None:
-        """Take the position of the robot."""
+    def update_position(self) -> None:
+        """Give the position of the robot to the order, and forget a last node that it has left."""
         if (place := self.robot.position) is None:
             return
-        self._is_cut = self._is_cut and bool(self.active)
-        # after a loss of the link, the robot may have been moved while any other action ran
-        is_acting = self.calls.moves_base if self._is_cut else bool(self.active)
+        if not self.active:
+            self._link_was_lost = False
+        # without a link, people may have moved the robot unless the action itself moves it
+        is_acting = self.calls.moves_base if self._link_was_lost else bool(self.active)
         self.order.moved(
-            place, by_itself=is_acting or self.tasks.id != 0, confirmed=self.drive.confirmed
+            place, by_action=is_acting or self.tasks.id != 0, confirmed=self.drive.confirmed
         )
         if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
 
-    def clear_where_demanded(self) -> None:
+    def clear_forbidden_order(self) -> None:
         """Clear the order if the mode or the lost position of the robot forbids an order."""
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
             self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
+            # in mode MANUAL, `update_position` forgets the node once the robot has left it
             if mode is not OperatingMode.MANUAL and not self.order.busy:
                 self.order.set_last_node("")
         elif self._has_lost_position:
-            self._clear(
-                _LOST(),
-                "initialise it, and send a new order",
-            )
+            self._clear(_LOST(), "initialise it, and send a new order")
 
-    def pause(self, wanted: bool) -> None:
+    def set_pause_wanted(self, wanted: bool) -> None:
         """Pause or resume the order and all actions; idempotent."""
         if wanted == self.pause_wanted:
             return
@@ -258,27 +256,26 @@ class Execution:
         self.link.changed()
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
-        """Take the new status of an action that was commanded."""
+        """Store the new status of an action of the order or of an instant action."""
         if not self.instant.changed(action_id, status, result):
             self.order.action_changed(action_id, status, result)
         self.link.changed()
 
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
-        """Take the reason why an action failed by itself, before its new status."""
+        """Report why an action failed; to be called before `action_changed`."""
         if kind is ErrorType.INTERRUPTED:
             kind = ErrorType.ACTION  # the order is interrupted; the action has failed
-            if stops((action,)):
+            if need_standstill((action,)):
                 self.order.interrupt(action.id, reason)
         self.instant.failed(action, reason, kind)
 
     def _clear(self, cause: str, hint: str) -> None:
-        """Clear the order, as the standard demands in modes other than AUTOMATIC."""
         if not self.order.busy or self.order.canceling:
             return
-        order = self.order.order_id
-        reason = _CLEARED(order=order, cause=cause)
+        order_id = self.order.order_id
+        reason = _CLEARED(order=order_id, cause=cause)
         _LOG.warning("%s", reason)
-        self.order_error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order)
+        self.order_error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order_id)
         self.order.cancel(reason)
 
     def _speed_refused(self, reason: str) -> None:
@@ -296,21 +293,22 @@ class Execution:
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
-            self.order.lose_track()
-            self._is_cut = True
+            self.order.link_lost()
+            self._link_was_lost = True
         self.link.changed()
 
     # Steps
 
-    def commands(self) -> Iterator[Perform | EndAction]:
-        """Start or stop the drive as the events so far demand; yield the commands about actions.
+    def execute_commands(self, execute: Callable[[Perform | EndAction], None]) -> None:
+        """Execute the commands of the order and of the instant actions until there are no more.
 
-        Each command must be executed before the next one is taken.
+        Args:
+            execute: executes a command about an action.
         """
         while commands := [*self._take_instant(), *self._poll_order()]:
             for command in commands:
                 if isinstance(command, Perform | EndAction):
-                    yield command
+                    execute(command)
                 elif isinstance(command, Drive):
                     self.drive.start(leg_task(command.leg, self.robot.position))
                 else:
@@ -323,10 +321,10 @@ class Execution:
 
     def _poll_order(self) -> list[Command]:
         if self._is_driven_otherwise:
-            self.order.doubt_place()
+            self.order.require_place_check()
         may_drive = self.may_act and self.robot.is_automatic and not self.tasks.id
         return self.order.poll(
             may_drive=may_drive and not self._is_driven_otherwise,
-            # cancelOrder empties the order itself, so that both are in the same state
-            may_empty=self.at_rest and not self.instant.runs(CANCEL_ORDER),
+            # cancelOrder empties the order itself, so that one state message shows both ends
+            may_empty=not self.own_motion and not self.instant.runs(CANCEL_ORDER),
         )

@@ -6,7 +6,6 @@ import logging
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 
 from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.sentences import Sentence
@@ -28,7 +27,7 @@ from woosh_robot_agent.vda5050.messages.state import (
     rejection,
 )
 from woosh_robot_agent.vda5050.messages.versions import Identity
-from woosh_robot_agent.vda5050.orders.structure import Verdict, check_instant_ids, with_marks
+from woosh_robot_agent.vda5050.orders.structure import OrderKind, check_instant_ids, with_marks
 
 _NO_POSITION = Sentence("vda.noPosition", "the robot does not know its position")
 _NOT_AUTOMATIC = Sentence("vda.notAutomatic", "the robot is not in automatic mode")
@@ -46,7 +45,7 @@ _UNSUPPORTED = Sentence("vda.unsupported", "the robot cannot obey {fields} of {p
 _ORDER = Sentence("vda.theOrder", "the order")
 _EDGE = Sentence("vda.anEdge", "an edge")
 _AWAY = Sentence("vda.away", "it begins or ends {distance} m away from node {node}")
-MIN_SPEED = 0.05
+_MIN_SPEED_LIMIT = 0.05
 """Lowest speed limit that the robot obeys, in m/s."""
 _MAX_CONTROL_POINTS = 2000
 """Maximum number of control points of all trajectories of an order."""
@@ -118,11 +117,11 @@ class OrderCheck:
     def _check_edge(self, edge: Edge) -> None:
         if edge.unsupported:
             raise self._unsupported(edge.unsupported, _EDGE(), edgeId=edge.id)
-        if edge.max_speed is not None and edge.max_speed < MIN_SPEED:
+        if edge.max_speed is not None and edge.max_speed < _MIN_SPEED_LIMIT:
             raise self._error(
                 ErrorType.ORDER,
                 _TOO_SLOW(speed=str(edge.max_speed)),
-                f"permit at least {MIN_SPEED} m/s",
+                f"permit at least {_MIN_SPEED_LIMIT} m/s",
                 edgeId=edge.id,
                 parameter="maxSpeed",
             )
@@ -156,7 +155,7 @@ class OrderCheck:
         reason = curve_defect(edge.trajectory)
         if not reason:
             points = curve_points(edge.trajectory)
-            reason = _misses(start, points[0]) or _misses(end, points[-1])
+            reason = _gap_objection(start, points[0]) or _gap_objection(end, points[-1])
         if reason:
             raise self._error(
                 ErrorType.ORDER,
@@ -194,8 +193,8 @@ class OrderCheck:
         return rejection(kind, self._order, reason, hint, **references)
 
 
-def _misses(node: Node, point: Point) -> str:
-    """Return why a trajectory with this end point does not meet the node; empty if it does."""
+def _gap_objection(node: Node, point: Point) -> str:
+    """Return why a trajectory with this end point does not meet its node; empty if it does."""
     place = node.position
     if place is None:
         return ""
@@ -211,6 +210,8 @@ _LOG = logging.getLogger(__name__)
 class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
 
+    Each message has one method, which returns False if the state of the vehicle has not changed.
+
     Attributes:
         message_error: why the last message with instant actions or zones was rejected; None if the
             message was accepted.
@@ -221,17 +222,17 @@ class Intake:
         self._execution = execution
         self._log = LogOnce(_LOG)
         self._payload = b""
-        """The last message with an order that was accepted."""
+        """The last message with an order that was accepted; empty before the first."""
         self._order: Order | None = None
-        """The order in `_payload`, without the positions of marks, which may change; None before
-        the first order."""
+        """The order in `_payload`, before `with_marks`, because marks may change; None before the
+        first."""
         self.message_error: VehicleError | None = None
 
-    def order(self, identity: Identity, payload: bytes) -> bool:
+    def take_order(self, identity: Identity, payload: bytes) -> bool:
         """Accept or reject an order; return False if the vehicle has the order already."""
         execution = self._execution
-        if payload == self._payload:
-            return False  # at no cost: a master control may repeat a large order often
+        if payload == self._payload:  # not parsed: a master control may repeat a large order often
+            return False
         try:
             received = read_order(payload, self._version, identity)
             if received == self._order:
@@ -240,19 +241,18 @@ class Intake:
             order = with_marks(
                 received, "" if here is None else here.map_id, execution.maps.find_mark
             )
-            is_new = order.id != execution.order.order_id
-            verdict = execution.order.receive(order, partial(self._check, is_new=is_new))
+            kind = execution.order.receive(order, self._check)
         except RejectedError as rejected:
             self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
             execution.order_error = rejected.error
             return True
-        if verdict is Verdict.KNOWN:
+        if kind is OrderKind.KNOWN:
             return False
         _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
         self._log.clear()
         execution.order_error = None
         self._payload, self._order = payload, received
-        if verdict is Verdict.NEW:
+        if kind is OrderKind.NEW:
             self.message_error = None
             if self._version.is_3:
                 execution.instant.errors.clear()
@@ -260,7 +260,7 @@ class Intake:
                 execution.instant.forget_ended()
         return True
 
-    def instant_actions(self, identity: Identity, payload: bytes) -> bool:
+    def take_instant_actions(self, identity: Identity, payload: bytes) -> bool:
         """Accept or reject instant actions; return True."""
         try:
             actions = read_instant_actions(payload, self._version, identity)
@@ -272,7 +272,7 @@ class Intake:
             self._execution.instant.receive(actions)
         return True
 
-    def zone_set(self, identity: Identity, payload: bytes) -> bool:
+    def refuse_zone_set(self, identity: Identity, payload: bytes) -> bool:
         """Refuse a zone set, because the robot takes no zones; return True."""
         error = refusal_of_zone_set(payload, self._version, identity)
         reason = error.description
@@ -280,15 +280,15 @@ class Intake:
         self.message_error = error
         return True
 
-    def _check(self, order: Order, *, is_new: bool) -> None:
+    def _check(self, order: Order) -> None:
         """Check an order against what the vehicle can do now.
 
         Raises:
             RejectedError: the vehicle cannot perform the order.
         """
         # in version 2.1, a new order removes the ended instant actions from the state
-        ended = self._version.is_3 or not is_new
-        check_instant_ids(order, self._execution.instant.ids_in_state(ended=ended))
+        keeps_ended = self._version.is_3 or order.id == self._execution.order.order_id
+        check_instant_ids(order, self._execution.instant.ids_in_state(ended=keeps_ended))
         status, info = self._execution.robot.status, self._execution.robot.info
         if status is not None and info is not None:
             status = replace(status, maps=self._execution.maps.listed(info))

@@ -26,7 +26,7 @@ _LOG = logging.getLogger(__name__)
 _LIBRARY_LOG = logging.getLogger(f"{__name__}.library")
 """Log of the MQTT libraries, which report a lost connection several times and without a hint."""
 _LIBRARY_LOG.setLevel(logging.CRITICAL)
-_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 _BACKOFF_MIN = 0.5
 """First pause between attempts to connect, in seconds; it doubles with each attempt."""
 _STABLE_AFTER = 5.0
@@ -36,8 +36,8 @@ _MAX_OUTBOX = 1000
 MAX_RECEIVED = 200
 """Maximum number of messages of one topic that wait to be handled; new ones are dropped."""
 _MAX_RECEIVED_SIZE = 16 * 2**20
-"""Maximum size of all messages of one topic that wait to be handled, in bytes; a single message may
-be larger."""
+"""Maximum size of all messages of one topic that wait to be handled, in bytes. A larger
+message is received if no other one waits."""
 _REFUSED = 0x80
 """Lowest result code of a subscription that the broker has refused."""
 _HINTS = (
@@ -48,7 +48,7 @@ _HINTS = (
     (ssl.SSLError, "check that the broker speaks TLS on this port"),
     (ConnectionRefusedError, "check that the broker runs, and listens on this port"),
 )
-"""Hints for errors, by type; the first match is used."""
+"""Types of errors, and hints what to do; the first type that matches is used."""
 _LOGIN_REFUSED = frozenset({4, 5, 134, 135})
 """Reason codes of MQTT 3.1.1 and 5 for a wrong user name or password, or a missing right."""
 
@@ -83,13 +83,13 @@ class BrokerConfig:
         """
         parts = urlsplit(url)
         shown = re.sub("//.*@", "//...@", url)  # a password must not get into a log
-        if parts.scheme not in _PORTS:
+        if parts.scheme not in _DEFAULT_PORTS:
             raise ValueError(f"the URL of a broker begins with mqtt:// or mqtts://: {shown!r}")
         if not parts.hostname or parts.path.strip("/") or parts.query:
             raise ValueError(f"the URL of a broker has the form mqtt://HOST:PORT: {shown!r}")
         return cls(
             host=parts.hostname,
-            port=parts.port or _PORTS[parts.scheme],
+            port=parts.port or _DEFAULT_PORTS[parts.scheme],
             tls=ssl.create_default_context() if parts.scheme == "mqtts" else None,
             username=None if parts.username is None else unquote(parts.username),
             password=None if parts.password is None else unquote(parts.password),
@@ -140,7 +140,7 @@ class MqttConnection:
         self.connected = False
         """True while messages can be published."""
         self._connected_at = math.inf
-        """Loop time at which the connection began; infinite without a connection."""
+        """Loop time at which the last connection began; infinite if the last attempt failed."""
 
     def publish(self, publication: Publication) -> None:
         """Queue a message for publication; drop it if there is no connection."""
@@ -238,7 +238,7 @@ class MqttConnection:
         handler = self._handlers.get(topic)
         if handler is None or not isinstance(message.payload, bytes | bytearray):
             return
-        if not message.payload:  # a retained message was removed from the broker
+        if not message.payload:  # somebody has removed a retained message from the broker
             return
         try:
             handler(bytes(message.payload), message.retain)
@@ -264,7 +264,7 @@ class _Client(aiomqtt.Client):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        # asyncio logs an exception that was never asked for; the calls that fail raise it anyway
+        # otherwise asyncio logs the exception as never retrieved; the calls that fail raise it too
         self._disconnected.add_done_callback(
             lambda future: future.cancelled() or future.exception()
         )
@@ -277,7 +277,7 @@ class _Client(aiomqtt.Client):
             raise
 
     def _on_disconnect(self, *args: Any, **kwargs: Any) -> None:
-        if not self._connected.cancelled():  # else nobody waits for it, and its result is an error
+        if not self._connected.cancelled():  # aiomqtt would set the result of a cancelled future
             super()._on_disconnect(*args, **kwargs)
 
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
@@ -298,7 +298,7 @@ class _Client(aiomqtt.Client):
 
 
 class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
-    """Received messages that wait to be handled; drops new messages of a topic with too many.
+    """Queue of received messages; drops a new message if too many of its topic wait already.
 
     Each topic has its own limit, so that a flood of orders does not take the place of a pause.
     """
@@ -352,13 +352,10 @@ def _explained(error: Exception) -> str:
     """Return the reason of a failed connection, and what to do."""
     cause = error.__context__ if isinstance(error, aiomqtt.MqttError) else error
     hint = next((hint for kind, hint in _HINTS if isinstance(cause, kind)), "")
-    if isinstance(error, aiomqtt.MqttCodeError) and _rejects_login(error):
+    code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
+    if getattr(code, "value", code) in _LOGIN_REFUSED:
         hint = "check the user name and the password, and that the broker permits them"
     return f"{error}; {hint}" if hint else str(error)
-
-
-def _rejects_login(error: aiomqtt.MqttCodeError) -> bool:
-    return getattr(error.rc, "value", error.rc) in _LOGIN_REFUSED
 
 
 PASSWORD_VARIABLE = "VDA5050_PASSWORD"

@@ -1,4 +1,4 @@
-"""The program: its options, the file that lists its robots, and one vehicle for each robot."""
+"""The program: its options, and one vehicle for each robot."""
 
 from __future__ import annotations
 
@@ -7,14 +7,9 @@ import asyncio
 import contextvars
 import logging
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
-from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
-
-import yaml
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
@@ -23,133 +18,10 @@ from woosh_robot_agent.tools.options import Address, add_link_options, link_conf
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import VERSIONS
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
+from woosh_robot_agent.vda5050.robots_file import read_robots
 from woosh_robot_agent.vda5050.session import VehicleConfig
 from woosh_robot_agent.vda5050.store import state_folder
 from woosh_robot_agent.vda5050.vehicle import Vehicle
-
-_NODE = "agent"
-"""Name of the node in the sections of the file."""
-_PARAMETERS = "ros__parameters"
-_TYPES: dict[str, tuple[type, ...]] = {
-    field.name: {"str": (str,), "float": (int, float), "int": (int,)}.get(str(field.type), (str,))
-    for field in fields(LinkConfig)
-}
-"""Types of the parameters of the link, by name."""
-
-
-class RobotsFileError(Exception):
-    """The file of the robots cannot be used. The text names the file and the reason."""
-
-
-@dataclass(frozen=True)
-class ListedRobot:
-    """A robot in the file.
-
-    Attributes:
-        name: name in the list `robots`, without slashes at its ends.
-        link: address of the robot, and options of its link.
-        serial_number: serial number in the topics; empty for the one that the robot reports.
-    """
-
-    name: str
-    link: LinkConfig
-    serial_number: str
-
-
-def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
-    """Read the robots of a file.
-
-    Args:
-        default: options of the link that the file does not set; the address is not used.
-
-    Raises:
-        RobotsFileError: the file cannot be read, or a robot in it is invalid.
-    """
-    try:
-        content = yaml.safe_load(path.read_text("utf-8"))
-        return _robots(content, default)
-    except OSError as error:
-        reason = error.strerror or str(error)
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-    except ValueError as error:
-        reason = str(error)
-    raise RobotsFileError(f"cannot use {path}: {reason}")
-
-
-def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
-    sections = list(_sections("", content))
-    names = _parameters(sections, f"/{_NODE}").get("robots")
-    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
-        raise ValueError("list the names of the robots: /**: {ros__parameters: {robots: [r1, r2]}}")
-    robots: list[ListedRobot] = []
-    for name in (each.strip("/") for each in names):
-        try:
-            robot = _robot(name, _parameters(sections, f"/{name}/{_NODE}"), default)
-            _check_distinct(robot, robots)
-        except ValueError as error:
-            raise ValueError(f"robot {name}: {error}") from None
-        robots.append(robot)
-    return robots
-
-
-def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield the name and the parameters of each node; names may be nested or contain slashes."""
-    if not isinstance(content, dict):
-        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
-    for key, value in content.items():
-        if key == _PARAMETERS and name and isinstance(value, dict):
-            yield name, value
-        else:
-            yield from _sections(f"{name}/{str(key).strip('/')}", value)
-
-
-def _parameters(sections: list[tuple[str, Mapping[str, Any]]], node: str) -> dict[str, Any]:
-    """Return the parameters of a node from all sections that match it; a later section wins."""
-    found: dict[str, Any] = {}
-    for pattern, parameters in sections:
-        if re.fullmatch(_regex(pattern), node):
-            found |= parameters
-    return found
-
-
-def _regex(pattern: str) -> str:
-    """Return the regular expression for a name with `*` for one part, or `**` for any parts."""
-    parts = {"*": "/[^/]+", "**": "(/[^/]+)*"}
-    return "".join(parts.get(part, f"/{re.escape(part)}") for part in pattern.split("/")[1:])
-
-
-def _robot(name: str, parameters: Mapping[str, Any], default: LinkConfig) -> ListedRobot:
-    given = {key: value for key, value in parameters.items() if key in _TYPES}
-    if not given.get("ip"):
-        raise ValueError(f"it needs an ip; set it under /{name}/{_NODE}")
-    for key, value in given.items():
-        if isinstance(value, bool) or not isinstance(value, _TYPES[key]):
-            raise ValueError(f"{key} cannot be {value!r}")
-    serial_number = parameters.get("serial_number", "")
-    if isinstance(serial_number, bool) or not isinstance(serial_number, str | int):
-        raise ValueError(f"serial_number cannot be {serial_number!r}")
-    return ListedRobot(name, replace(default, **given), str(serial_number))
-
-
-def _leads_to_same_robot(one: LinkConfig, other: LinkConfig) -> bool:
-    """Return True if two links lead to the same robot, over any transport."""
-    same_port = one.port == other.port or one.effective_port == other.effective_port
-    return same_port and (one.ip, one.robot_id) == (other.ip, other.robot_id)
-
-
-def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
-    for other in others:
-        if other.name == robot.name:
-            raise ValueError("give each robot its own name; two have this one")
-        if _leads_to_same_robot(other.link, robot.link):
-            raise ValueError(
-                f"it has the address of robot {other.name}, {robot.link.address}; give each its "
-                "own ip, port or robot_id"
-            )
-        if robot.serial_number and other.serial_number == robot.serial_number:
-            raise ValueError(f"it has the serial_number of robot {other.name}")
-
 
 _LOG = logging.getLogger(__name__)
 _VEHICLE_NAME = contextvars.ContextVar("vehicle_name", default="")
@@ -167,6 +39,7 @@ class Connector:
 
     def __init__(self, vehicles: Mapping[str, VehicleConfig], broker: BrokerConfig) -> None:
         self._vehicles: list[tuple[Vehicle, contextvars.Context]] = []
+        """Vehicles, each with the context it runs in, which has its name for the log."""
         self._links = [config.link for config in vehicles.values()]
         for name, config in vehicles.items():
             context = contextvars.copy_context()
@@ -178,7 +51,7 @@ class Connector:
         for vehicle, context in self._vehicles:
             context.run(vehicle.start)
 
-    def dashboard(self, port: int) -> Dashboard:
+    def make_dashboard(self, port: int) -> Dashboard:
         """Return a page that shows the robots with their orders and errors, on this machine.
 
         The page has links of its own, and only reads from the robots.
@@ -186,10 +59,10 @@ class Connector:
         Args:
             port: port of the page; 0 takes a free port.
         """
-        made = Dashboard(self._links, DashboardConfig(port=port))
-        for robot, (vehicle, _) in zip(made.robots, self._vehicles, strict=True):
+        dashboard = Dashboard(self._links, DashboardConfig(port=port))
+        for robot, (vehicle, _) in zip(dashboard.robots, self._vehicles, strict=True):
             robot.order = vehicle.summary
-        return made
+        return dashboard
 
     async def close(self) -> None:
         """Close all vehicles at the same time; see `Vehicle.close`."""
@@ -230,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         broker = broker_config(options)
         vehicles = _vehicles(parser, options)
-    except (RobotsFileError, ValueError) as error:
+    except ValueError as error:
         parser.error(str(error))
     log_to_stderr(logging.INFO, "%(levelname)s: %(vehicle)s%(message)s", VehicleNameFilter())
     return asyncio.run(_run(Connector(vehicles, broker), options.dashboard))
@@ -307,8 +180,7 @@ def _vehicles(
     """Return the configuration of each vehicle, by its name in the log.
 
     Raises:
-        RobotsFileError: the file of the robots cannot be used.
-        ValueError: an option is invalid.
+        ValueError: an option is invalid, or the file of the robots cannot be used.
     """
     if (options.ip is None) == (options.robots is None):
         raise ValueError("give either --ip or --robots")
@@ -316,7 +188,7 @@ def _vehicles(
         return {"": _vehicle(options, link_config(parser, options), options.serial_number)}
     if options.serial_number:
         raise ValueError("--serial-number is for one robot; set serial_number in the file")
-    default = link_config(parser, options, Address(LinkConfig.ip))  # each robot has its own
+    default = link_config(parser, options, Address(LinkConfig.ip))  # the file has the addresses
     robots = read_robots(options.robots, default)
     return {each.name: _vehicle(options, each.link, each.serial_number) for each in robots}
 
@@ -344,7 +216,7 @@ async def _run(connector: Connector, dashboard_port: int | None) -> int:
         stack.push_async_callback(connector.close)
         if dashboard_port is not None:
             try:
-                page = await stack.enter_async_context(connector.dashboard(dashboard_port))
+                page = await stack.enter_async_context(connector.make_dashboard(dashboard_port))
             except OSError as error:
                 reason = error.strerror or error
                 remedy = "choose another one: --dashboard PORT"

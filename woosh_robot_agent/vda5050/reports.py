@@ -1,4 +1,4 @@
-"""Publish the messages of a vehicle, e.g. the state after a change, with headers."""
+"""Publish the messages of a vehicle with their headers, e.g. the state soon after a change."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class HeaderIds:
 
     Args:
         first: next id of each topic.
-        save: saves the next id of each topic after a restart; called before the reserved ids are
-            used.
+        save: saves the id of each topic with which to continue after a restart; called when ids are
+            reserved, before they are used.
     """
 
     def __init__(
@@ -60,6 +60,7 @@ class HeaderIds:
         """Take the next id of a topic, and return it."""
         number = self._next[topic]
         self._next[topic] = (number + 1) % _COUNT
+        # negative after the last id, when the ids start again at 0
         if not 0 < self._reserved[topic] - self._next[topic] <= _BLOCK:
             self._reserved[topic] = self._next[topic] + _BLOCK
             self._save({name: reserved % _COUNT for name, reserved in self._reserved.items()})
@@ -78,7 +79,7 @@ class Schedule:
     """Calls a function soon after each change, and at regular intervals without changes.
 
     Args:
-        send: publishes the message.
+        send: the function.
         shortest: minimum time between two calls, in seconds.
         longest: maximum time between two calls, in seconds; infinite to call on changes only.
     """
@@ -105,7 +106,6 @@ class Schedule:
             self._arm(due)
 
     def stop(self) -> None:
-        """Make no more calls."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -146,16 +146,18 @@ class Reports:
         factsheet: Callable[[], Factsheet | None],
     ) -> None:
         self._version = version
+        self._limits = limits
         self._state = state
         self._robot = robot
         self._factsheet = factsheet
         self._identity = Identity("", "")
         self._prefix = ""
+        """First levels of the topics, with a slash at the end; empty before `open`."""
         self._header_ids = HeaderIds()
         self._mqtt: MqttConnection | None = None
         """The connection to the broker; None before it is made, and once it is closed."""
         self._will_id = -1
-        """Header id of the last will of the last connection."""
+        """Header id of the last will of the last connection; -1 before the first."""
         self._will = b""
         """The last will of the last attempt to connect."""
         self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
@@ -168,13 +170,11 @@ class Reports:
         self._visualization_schedule = Schedule(
             self._publish_visualization, limits.visualization_interval
         )
-        self._driving_state_interval = limits.driving_state_interval
-        self._maps_in_state = limits.maps_in_state
 
     # The vehicle at the broker
 
     def open(self, identity: Identity, interface: str, header_ids: HeaderIds) -> None:
-        """Give the vehicle its identity.
+        """Set the topics and the headers; to be called before `use`.
 
         Args:
             identity: manufacturer and serial number.
@@ -207,7 +207,7 @@ class Reports:
         return will
 
     def is_own_connection(self, payload: bytes) -> bool:
-        """Return True if this vehicle has made a `connection` message."""
+        """Return True if a `connection` message is one of this connector."""
         return payload == self._will or payload in self._connections
 
     async def close(self, timeout: float) -> None:
@@ -225,32 +225,31 @@ class Reports:
         else:
             self._skip_last_will()
 
-    # What is published, and when
+    # Messages, and when they are published
 
     def changed(self) -> None:
         """Publish the state soon."""
         self._state_schedule.changed()
 
     def moved(self) -> None:
-        """Publish visualization soon, and the state if the last one is too old."""
+        """Publish the visualization soon, and the state if the last one is too old."""
         self._visualization_schedule.changed()
-        if self._driving_state_interval:
-            self._state_schedule.call_within(self._driving_state_interval)
+        if interval := self._limits.driving_state_interval:
+            self._state_schedule.call_within(interval)
 
     def connected(self) -> None:
-        """Publish the connection, the factsheet and the state after a connection to the broker."""
+        """Publish ONLINE, the factsheet and the state, because a connection to the broker began."""
         self._publish_connection(ConnectionState.ONLINE)
         self.publish_factsheet()
         self._state_schedule.changed()
 
     def publish_factsheet(self) -> None:
-        """Publish the factsheet."""
         if (factsheet := self._factsheet()) is not None:
             self._publish(Topic.FACTSHEET, factsheet_message(self._version, factsheet))
 
     def _publish_state(self) -> None:
         if (state := self._state()) is not None:
-            if not self._maps_in_state:
+            if not self._limits.maps_in_state:
                 state = replace(state, robot=replace(state.robot, maps=None))
             self._publish(Topic.STATE, state_message(self._version, state))
 

@@ -1,4 +1,4 @@
-"""A vehicle at the broker: configuration, connection, and detection of a second connector."""
+"""A vehicle at the broker: its configuration, its session, and detection of a second connector."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _REASON = Sentence(
 )()
 
 
-class OtherConnector:
+class OtherConnectorDetector:
     """Detects messages on the topic `connection` that this connector did not send.
 
     Two connectors of a vehicle have the same client id, so the broker disconnects one when the
@@ -41,7 +41,7 @@ class OtherConnector:
 
     Args:
         is_own: returns True for the messages that this connector has sent.
-        on_changed: called when another connector appears or disappears.
+        on_changed: called when `error` changes.
         gone_after: time without a sign of the other connector after which it counts as gone, in
             seconds; longer than the pauses between its attempts to connect.
 
@@ -73,19 +73,18 @@ class OtherConnector:
             return
         if retained:
             if self._connections > 1:  # else the message may be of an earlier run of this connector
-                self._restart_timer()
-                self._found()
+                self._restart_timer()  # the other connector may have ended since
+                self._set_error()
         elif state == ConnectionState.ONLINE.value:
             self._stop_timer()
-            self._found()
+            self._set_error()
         else:
-            self._gone()
+            self._clear_error()
 
     def close(self) -> None:
-        """Stop watching."""
         self._stop_timer()
 
-    def _found(self) -> None:
+    def _set_error(self) -> None:
         if self.error is None:
             hint = "end one of the two; until then the robot starts no drive"
             _LOG.error("%s; %s", _REASON, hint)
@@ -94,7 +93,7 @@ class OtherConnector:
             )
             self._on_changed()
 
-    def _gone(self) -> None:
+    def _clear_error(self) -> None:
         self._stop_timer()
         if self.error is not None:
             _LOG.info("the other connector of this vehicle is gone")
@@ -103,7 +102,7 @@ class OtherConnector:
 
     def _restart_timer(self) -> None:
         self._stop_timer()
-        self._timer = asyncio.get_running_loop().call_later(self._gone_after, self._gone)
+        self._timer = asyncio.get_running_loop().call_later(self._gone_after, self._clear_error)
 
     def _stop_timer(self) -> None:
         if self._timer is not None:
@@ -123,8 +122,6 @@ def _connection_state(payload: bytes) -> str | None:
 
 _RETRY = 2.0
 """Pause between attempts to open the state file, in seconds."""
-
-
 _FORBIDDEN = frozenset("+#/\0")
 """Characters that a level of a topic cannot have."""
 
@@ -137,15 +134,15 @@ class VehicleConfig:
         link: address of the robot.
         manufacturer: manufacturer in the topics.
         serial_number: serial number in the topics; empty for the one that the robot reports.
-        interface: first level of the topics.
+        interface: first level of the topics; a text with slashes gives several levels.
         version: version of VDA 5050.
         limits: factsheet values that the robot does not report, and the intervals and content of
             state messages.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
         state_folder: folder of the state file; None to keep nothing over a restart.
         timing: intervals and timeouts of requests to the robot.
-        gone_after: time without messages after which a second connector that uses this vehicle's
-            topics counts as gone, in seconds.
+        gone_after: time without a sign of a second connector after which it counts as gone, in
+            seconds.
     """
 
     link: LinkConfig
@@ -175,15 +172,17 @@ class VehicleConfig:
 
 
 class Session:
-    """A vehicle at the broker, from the first report of its robot on.
+    """Connection of a vehicle to the broker, with its state file.
+
+    It begins after the first report of the robot, which has the serial number for the topics.
 
     Args:
         reports: messages of the vehicle; published over this session from now on.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are ignored.
-        on_opened: called with the content of the state file before connecting to the broker, and
-            with an error if the file was damaged.
-        on_changed: called when an error begins or ends.
+        on_opened: called before connecting to the broker, with the content of the state file, and
+            with an error if the file was damaged, otherwise with None.
+        on_changed: called when another connector appears or disappears.
     """
 
     def __init__(
@@ -203,24 +202,25 @@ class Session:
         self._handlers = handlers
         self._on_opened = on_opened
         self._on_changed = on_changed
+        self._detector = OtherConnectorDetector(
+            reports.is_own_connection, self._other_changed, config.gone_after
+        )
         self._name = "-".join((config.interface, identity.manufacturer, identity.serial_number))
         self._store = Store(config.state_folder, self._name)
         self._header_ids: HeaderIds | None = None
         """Header ids of the messages; None until the state file has been read."""
-        self._other: OtherConnector | None = None
         self._log = LogOnce(_LOG)
         self._task: asyncio.Task[None] | None = None
 
     @property
     def errors(self) -> tuple[VehicleError, ...]:
-        """Errors of the session."""
-        other = None if self._other is None else self._other.error
-        return tuple(error for error in (self._store.error, other) if error is not None)
+        errors = (self._store.error, self._detector.error)
+        return tuple(error for error in errors if error is not None)
 
     @property
     def has_other_connector(self) -> bool:
         """True if another connector uses the topics of the vehicle."""
-        return self._other is not None and self._other.error is not None
+        return self._detector.error is not None
 
     @property
     def is_open(self) -> bool:
@@ -251,8 +251,7 @@ class Session:
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
-        if self._other is not None:
-            self._other.close()
+        self._detector.close()
         if self._header_ids is not None:
             self._header_ids.close()
         self._store.close()
@@ -264,9 +263,6 @@ class Session:
         self._on_opened(record, damage)
         reports = self._reports
         reports.open(self._identity, config.interface, self._header_ids)
-        self._other = OtherConnector(
-            reports.is_own_connection, self._other_changed, config.gone_after
-        )
         handlers = {
             reports.topic(topic): self._ignoring_retained(topic, handler)
             for topic, handler in self._handlers.items()
@@ -276,7 +272,7 @@ class Session:
             self._broker,
             client_id=self._name,
             last_will=reports.last_will,
-            handlers={**handlers, reports.topic(Topic.CONNECTION): self._other.received},
+            handlers={**handlers, reports.topic(Topic.CONNECTION): self._detector.received},
             on_connected=self._connected,
         )
         reports.use(mqtt)
@@ -321,10 +317,9 @@ class Session:
         return handle
 
     def _connected(self) -> None:
-        if self._other is not None:
-            self._other.connected()
+        self._detector.connected()
         self._reports.connected()
 
     def _other_changed(self) -> None:
-        self._reports.connected()  # the other connector may have published another state
+        self._reports.connected()  # the other connector may have replaced the retained messages
         self._on_changed()

@@ -13,15 +13,13 @@ from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 from urllib.parse import quote
 
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
-from woosh_robot_agent.vda5050.orders.actions import Memory
-
-T = TypeVar("T")
+from woosh_robot_agent.vda5050.orders.machine import OrderMemory
 
 _NOT_SAVED = Sentence(
     "vda.notSaved", "the order does not survive a restart of the connector: {error}"
@@ -41,28 +39,24 @@ def to_json(value: Any) -> bytes:
     return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
 
 
-def from_plain(cls: type[T], data: Any) -> T:
-    """Return the dataclass instance for data from `to_json`.
+def from_plain(kind: Any, data: Any) -> Any:
+    """Return the value of a type, e.g. of a dataclass, for data that `to_json` has written.
 
-    Unknown fields are ignored, and missing fields take their defaults.
+    Unknown fields of a dataclass are ignored, and missing fields take their defaults.
 
     Raises:
-        ValueError: the data does not fit the class.
+        ValueError: the data does not fit the type.
     """
-    return _value(cls, data)  # type: ignore[no-any-return]
-
-
-def _value(kind: Any, data: Any) -> Any:
     if kind is Any:
         return data
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (types.UnionType, typing.Union):
         inner = next(each for each in arguments if each is not types.NoneType)
-        return None if data is None else _value(inner, data)
+        return None if data is None else from_plain(inner, data)
     if origin is tuple:
-        return tuple(_value(arguments[0], each) for each in _checked(list, data))
+        return tuple(from_plain(arguments[0], each) for each in _checked(list, data))
     if origin is Mapping:
-        return {key: _value(arguments[1], each) for key, each in _checked(dict, data).items()}
+        return {key: from_plain(arguments[1], each) for key, each in _checked(dict, data).items()}
     if is_dataclass(kind):
         return _dataclass(kind, _checked(dict, data))
     if issubclass(kind, Enum):
@@ -77,7 +71,7 @@ def _dataclass(kind: Any, data: dict[str, Any]) -> Any:
     values = {}
     for each in fields(kind):
         if each.name in data:
-            values[each.name] = _value(hints[each.name], data[each.name])
+            values[each.name] = from_plain(hints[each.name], data[each.name])
         elif each.default is MISSING and each.default_factory is MISSING:
             raise ValueError(f"{kind.__name__} has no {each.name}")
     return kind(**values)
@@ -109,7 +103,8 @@ class Record:
         task_id: id of the robot's task that drives the current leg (part of an order without a
             stop); 0 without such a task.
         known_ids: ids of the last instant actions.
-        last_motion: id of the last instant action that moves something; empty before the first.
+        last_motion: id of the last instant action that moves something; empty before the first. It
+            is only stored so that such an action is saved at once, together with `known_ids`.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
     """
@@ -117,7 +112,7 @@ class Record:
     robot_id: int = 0
     serial_number: int = 0
     task_id: int = 0
-    order: Memory = field(default_factory=Memory)
+    order: OrderMemory = field(default_factory=OrderMemory)
     instant_actions: tuple[ActionState, ...] = ()
     known_ids: tuple[str, ...] = ()
     last_motion: str = ""
@@ -153,12 +148,12 @@ class Store:
     def __init__(self, folder: Path | None, name: str) -> None:
         self._path = None if folder is None else folder / f"{quote(name, safe='')[:_MAX_NAME]}.json"
         self._lock: IO[bytes] | None = None
+        """The lock file, which is locked while it is open; None before `open`."""
         self._record = Record()
         """The record that was saved last."""
         self._next = self._record
-        """The record to save."""
         self._timer: asyncio.TimerHandle | None = None
-        """Saves `_next` later; None if it has been saved."""
+        """Saves `_next` later; None if nothing waits to be saved."""
         self._log = LogOnce(_LOG)
         self.error: VehicleError | None = None
 
@@ -229,6 +224,7 @@ class Store:
         self._save(replace(self._next, header_ids=self._record.header_ids))
 
     def _can_wait(self, record: Record) -> bool:
+        """Return True if a record differs from the saved one only in progress; see `save`."""
         saved, order = self._record, self._record.order
         progress = replace(
             record.order,
@@ -256,12 +252,13 @@ class Store:
         try:
             replace_file(self._path, to_json(record))
         except OSError as error:
-            self._failed(self._path, error)
+            self._report_failure(self._path, error)
         else:
             self.error = None
             self._log.clear()
 
-    def _failed(self, path: Path, error: OSError) -> None:
+    def _report_failure(self, path: Path, error: OSError) -> None:
+        """Remove the file, which is out of date, and report why a record was not saved."""
         reason: str = _NOT_SAVED(error=str(error))
         try:
             path.unlink(missing_ok=True)
@@ -284,10 +281,10 @@ class Store:
             data = file.read(_MAX_SIZE + 1)
         if len(data) > _MAX_SIZE:
             raise ValueError(_TOO_LARGE(most=_MAX_SIZE))
-        record = from_plain(Record, json.loads(data))
+        record: Record = from_plain(Record, json.loads(data))
         if record.format != _FORMAT:
             raise ValueError(_OTHER_FORMAT(found=record.format, own=_FORMAT))
-        order = record.order
+        order = record.order  # one edge leads to each of its nodes
         if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
             raise ValueError(_NO_ORDER())
         return record

@@ -56,14 +56,14 @@ class Vehicle:
         )
         self._intake = Intake(self._execution)
         self._runner = ActionRunner(self._execution, self._reports, config.log_folder)
-        self._robot = RobotIdentity(0, 0)
-        """Identity of the robot; zeros until the first report of the robot."""
+        self._robot_identity = RobotIdentity(0, 0)
+        """Identity of the robot; zeros until its first report."""
         self._session: Session | None = None
-        """The vehicle at the broker; None until the first report of the robot."""
+        """Connection to the broker; None until the first report of the robot."""
         self._was_driving = False
         """True if the robot drove at its last report of a pose."""
-        self._is_stepping = False
-        """True while `_changed` works, or the state is restored; only the result is saved."""
+        self._is_updating = False
+        """True while `_changed` or `_restore` works; then `_changed` and `_save` do nothing."""
         self._link.chassis.on_snapshot(self._identified)
 
     # Start and end
@@ -74,13 +74,13 @@ class Vehicle:
 
     async def close(self) -> None:
         """Close the connections to robot and broker. The robot continues its current task."""
-        self._remember()
+        self._save()
         self._link.is_closing = True  # tasks that end from now on must not change the order
         try:
             await self._link.gate.close(_CLOSE_TIMEOUT)
         except LinkError as error:
             _LOG.error("the robot may be moving, press its emergency stop: %s", error)
-        await self._link.work.close()
+        await self._link.background.close()
         if self._session is not None:
             await self._session.close(_CLOSE_TIMEOUT)
         await self._link.chassis.close()  # the last state must not say that the link is lost
@@ -90,13 +90,13 @@ class Vehicle:
         if self._session is not None or self._link.is_closing:
             return
         config = self._config
-        self._robot = RobotIdentity.of(info)
+        self._robot_identity = RobotIdentity.of(info)
         number = config.serial_number or str(info.genral.serial_number or info.robot_id)
         identity = Identity(config.manufacturer, number)
         handlers: dict[Topic, Callable[[Identity, bytes], bool]] = {
-            Topic.ORDER: self._intake.order,
-            Topic.INSTANT_ACTIONS: self._intake.instant_actions,
-            Topic.ZONE_SET: self._intake.zone_set,
+            Topic.ORDER: self._intake.take_order,
+            Topic.INSTANT_ACTIONS: self._intake.take_instant_actions,
+            Topic.ZONE_SET: self._intake.refuse_zone_set,
         }
         self._session = Session(
             config,
@@ -110,40 +110,44 @@ class Vehicle:
         self._session.start()
 
     def _restore(self, record: Record, damage: VehicleError | None) -> None:
-        """Restore the order after a restart, and ask the robot for the state of its task."""
+        """Restore the order after a restart, and ask the robot for the state of its task.
+
+        Args:
+            record: content of the state file; empty after a first start.
+            damage: error of a damaged file; None if the file was not damaged.
+        """
         execution, info = self._execution, self._reported.info
-        if info is None:
-            return
+        assert info is not None  # the session begins after the first report
         execution.order_error = damage
         former = RobotIdentity(record.robot_id, record.serial_number)
-        if former.differs_from(self._robot):
+        if former.differs_from(self._robot_identity):
             reason = _DROPPED(order=record.order.order_id, robot=str(former))
-            _LOG.error("%s; now %s answers", reason, self._robot)
+            _LOG.error("%s; now %s answers", reason, self._robot_identity)
             execution.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
             return
-        self._is_stepping = True
+        self._is_updating = True
         execution.speed.restore(record.speed_is_limited)
         execution.order.restore(record.order)
-        execution.pause(PAUSE in record.order.holds)
+        execution.set_pause_wanted(PAUSE in record.order.holds)
         for action_id in execution.instant.restore(
             record.instant_actions, record.known_ids, record.order.holds
         ):
             execution.order.interrupt(action_id)
         if execution.order.driving:
             execution.drive.restore(record.task_id, info)
-        self._is_stepping = False
+        self._is_updating = False
         if execution.order.busy:
             _LOG.info("order %s goes on after a restart", record.order.order_id)
         self._changed()
 
-    def _remember(self) -> None:
+    def _save(self) -> None:
         """Save the state that must survive a restart."""
         execution = self._execution
-        if self._session is not None and not self._is_stepping:
+        if self._session is not None and not self._is_updating:
             self._session.save(
                 Record(
-                    robot_id=self._robot.robot_id,
-                    serial_number=self._robot.serial_number,
+                    robot_id=self._robot_identity.robot_id,
+                    serial_number=self._robot_identity.serial_number,
                     task_id=execution.drive.id,
                     order=execution.order.memory,
                     instant_actions=execution.instant.states,
@@ -175,14 +179,14 @@ class Vehicle:
     def _received(
         self, take: Callable[[Identity, bytes], bool], identity: Identity, payload: bytes
     ) -> None:
-        """Take a message of the master control."""
+        """Handle a message of the master control by `take`, a method of `Intake`."""
         if take(identity, payload):
             self._changed()
 
     def _moved(self) -> None:
-        """Take a new pose of the robot."""
+        """Handle a new pose of the robot, which comes several times per second."""
         before = self._execution.order.progress
-        self._execution.follow()
+        self._execution.update_position()
         has_changed = self._execution.order.progress != before
         if has_changed or self._reported.is_driving != self._was_driving:
             self._was_driving = self._reported.is_driving
@@ -192,24 +196,26 @@ class Vehicle:
         self._reports.moved()
 
     def _changed(self) -> None:
-        """Execute the commands that follow from the events so far, and publish the state soon."""
+        """Execute the commands that follow from the events so far, and publish the state soon.
+
+        Called after each event; for a pose only if something else has changed by it.
+        """
         session, execution = self._session, self._execution
         if session is None or not session.is_open:
             return
-        if self._is_stepping or self._link.is_closing:
+        if self._is_updating or self._link.is_closing:
             return
-        self._is_stepping = True
+        self._is_updating = True
         try:
-            execution.is_alone = not session.has_other_connector
-            execution.follow()
-            execution.clear_where_demanded()
-            for command in execution.commands():
-                self._runner.obey(command)
+            execution.is_only_connector = not session.has_other_connector
+            execution.update_position()
+            execution.clear_forbidden_order()
+            execution.execute_commands(self._runner.execute)
             self._runner.poll()
         finally:
-            self._is_stepping = False
-        # the record is saved before the commands go out, because nothing has been awaited since
-        self._remember()
+            self._is_updating = False
+        # saved before the robot gets the commands, because the tasks that send them begin later
+        self._save()
         self._link.conditions.check()
         self._reports.changed()
 

@@ -43,9 +43,9 @@ _NOT_STORED = Sentence("vda.notStored", "the report cannot be stored: {error}")
 async def start_pause(run: Run) -> None:
     """Pause the drive and the actions that move something."""
     execution, limit = run.execution, run.link.timing.pause_within
-    execution.pause(True)
+    execution.set_pause_wanted(True)
     await run.wait(
-        lambda: (execution.paused and execution.at_rest) or not execution.pause_wanted,
+        lambda: (execution.paused and not execution.own_motion) or not execution.pause_wanted,
         limit,
         # the robot must not drive on because it was slow to obey, so the pause stays wanted
         _NOT_PAUSED(seconds=f"{limit:g}"),
@@ -59,8 +59,8 @@ async def stop_pause(run: Run) -> None:
     """Resume the drive and the paused actions, also if a button on the robot has paused them."""
     execution, limit = run.execution, run.link.timing.pause_within
     if execution.pause_wanted:
-        execution.pause(False)
-    elif execution.paused:
+        execution.set_pause_wanted(False)
+    elif execution.paused:  # by people at the robot
         execution.drive.want(Control.RESUME)
     await run.wait(
         lambda: not execution.paused or execution.pause_wanted,
@@ -75,7 +75,7 @@ async def stop_pause(run: Run) -> None:
     CANCEL_ORDER,
     INSTANT,
     "stop, and cancel the order",
-    ParameterType("orderId", "STRING", "order to cancel; any order if missing", True),
+    ParameterType("orderId", "STRING", "order to cancel; any order if missing", optional=True),
     repeatable=True,
 )
 async def cancel_order(run: Run) -> None:
@@ -92,9 +92,9 @@ async def cancel_order(run: Run) -> None:
         order.cancel()
     run.link.changed()
     await run.link.conditions.wait(
-        lambda: not order.canceling or (order.has_ended and execution.at_rest)
+        lambda: not order.canceling or (order.has_ended and not execution.own_motion)
     )
-    if order.canceling:
+    if order.canceling:  # otherwise another cancelOrder has emptied it
         order.empty()
 
 
@@ -124,7 +124,7 @@ async def clear_instant_actions(run: Run) -> None:
 
 _MAX_REPORTS = 100
 """Maximum number of reports of a robot; the oldest ones are deleted."""
-_PREFIX = "log_report_"
+_FILE_PREFIX = "log_report_"
 
 
 @vehicle_action(
@@ -149,7 +149,7 @@ async def log_report(run: Run) -> str:
         "taskHistory": await _answer_or_reason(run, TaskHistory()),
         "statusCodes": await _answer_or_reason(run, StatusCodes()),
     }
-    name = f"{_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
+    name = f"{_FILE_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
     path = folder / str(info.genral.serial_number or info.robot_id) / name
     try:
         await asyncio.to_thread(_store, path, json.dumps(content, indent=1, ensure_ascii=False))
@@ -176,5 +176,5 @@ def _as_dict(message: Message) -> dict[str, Any]:
 def _store(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, "utf-8")
-    for old in sorted(path.parent.glob(f"{_PREFIX}*.json"))[:-_MAX_REPORTS]:
+    for old in sorted(path.parent.glob(f"{_FILE_PREFIX}*.json"))[:-_MAX_REPORTS]:
         old.unlink(missing_ok=True)

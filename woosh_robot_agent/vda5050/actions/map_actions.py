@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import hashlib
 import http.client
 import io
@@ -14,6 +13,7 @@ import urllib.request
 import zipfile
 import zlib
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import PurePosixPath
 from typing import TypeVar
 from urllib.parse import urlsplit
@@ -63,37 +63,26 @@ _SEVERAL = Sentence(
 T = TypeVar("T")
 
 
-async def in_thread(work: Callable[[], T]) -> T:
+async def _in_thread(work: Callable[[], T]) -> T:
     """Run a function in a thread of its own, and return its result.
 
-    Unlike in the executor of the event loop, the function keeps no other work waiting, and the
-    program can end before the function returns.
+    Unlike with `asyncio.to_thread`, the function keeps no other work waiting, and the program can
+    end before the function returns.
     """
-    loop = asyncio.get_running_loop()
-    done: asyncio.Future[T] = loop.create_future()
-
-    def finish(result: T | None, error: Exception | None) -> None:
-        if done.cancelled():
-            return
-        if error is not None:
-            done.set_exception(error)
-        else:
-            done.set_result(result)  # type: ignore[arg-type]
+    future: Future[T] = Future()
+    future.set_running_or_notify_cancel()  # from now on, cancelling the caller does not cancel it
 
     def run() -> None:
-        result, error = None, None
         try:
-            result = work()
-        except Exception as raised:
-            error = raised
-        with contextlib.suppress(RuntimeError):  # the event loop is closed
-            loop.call_soon_threadsafe(finish, result, error)
+            future.set_result(work())
+        except Exception as error:
+            future.set_exception(error)
 
     threading.Thread(target=run, name="vda5050 work", daemon=True).start()
-    return await done
+    return await asyncio.wrap_future(future)
 
 
-HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
+_HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
 """Supported hashes, and their lengths in hexadecimal digits."""
 _ZIP_ERRORS = (
     zipfile.BadZipFile,
@@ -121,21 +110,21 @@ class MapFileError(Exception):
     """The file of a map cannot be used. The text is the reason."""
 
 
-def is_link(link: str) -> bool:
+def _is_url(text: str) -> bool:
     """Return True if a text is a URL from which a file can be fetched."""
     try:
-        parts = urlsplit(link)
+        parts = urlsplit(text)
     except ValueError:
         return False
     return parts.scheme in ("http", "https") and bool(parts.hostname)
 
 
-def fetch(link: str, expected: str = "", max_duration: float = _MAX_DURATION) -> bytes:
+def fetch(url: str, expected_hash: str = "", max_duration: float = _MAX_DURATION) -> bytes:
     """Fetch a file; this blocks.
 
     Args:
-        link: http or https URL.
-        expected: hash of the file in hexadecimal; empty for no check.
+        url: http or https URL.
+        expected_hash: hash of the file in hexadecimal; empty for no check.
         max_duration: maximum duration of the download, in seconds.
 
     Raises:
@@ -154,29 +143,29 @@ def fetch(link: str, expected: str = "", max_duration: float = _MAX_DURATION) ->
     data = bytearray()
     deadline = time.monotonic() + max_duration
     try:
-        with opener.open(link, timeout=_DOWNLOAD_TIMEOUT) as response:
+        with opener.open(url, timeout=_DOWNLOAD_TIMEOUT) as response:
             while len(data) <= _MAX_BYTES and (chunk := response.read1(_CHUNK)):
                 data += chunk
                 if time.monotonic() > deadline:
-                    raise MapFileError(_SLOW(link=link))
+                    raise MapFileError(_SLOW(link=url))
     except (OSError, ValueError, http.client.HTTPException) as error:
         if isinstance(error, urllib.error.HTTPError):
             error.close()  # this error holds the connection
-        raise MapFileError(_NOT_FETCHED(link=link, error=str(error))) from None
+        raise MapFileError(_NOT_FETCHED(link=url, error=str(error))) from None
     if len(data) > _MAX_BYTES:
-        raise MapFileError(_TOO_LARGE(link=link, most=_MAX_BYTES))
-    if expected:
-        algorithm = next(name for name, size in HASHES.items() if size == len(expected))
+        raise MapFileError(_TOO_LARGE(link=url, most=_MAX_BYTES))
+    if expected_hash:
+        algorithm = next(name for name, size in _HASHES.items() if size == len(expected_hash))
         found = hashlib.new(algorithm, data, usedforsecurity=False).hexdigest()
-        if found != expected.lower():
-            raise MapFileError(_HASH(link=link, kind=algorithm, found=found, given=expected))
+        if found != expected_hash.lower():
+            raise MapFileError(_HASH(link=url, kind=algorithm, found=found, given=expected_hash))
     return bytes(data)
 
 
 def unpack(data: bytes) -> dict[str, bytes]:
     """Return the files in a ZIP file by their paths in the folder of the scene.
 
-    The archive may contain that folder itself, with `scene.json` in it.
+    The files may also be in one folder of the archive, with `scene.json` among them.
 
     Raises:
         MapFileError: the data are no usable ZIP file.
@@ -193,15 +182,14 @@ def unpack(data: bytes) -> dict[str, bytes]:
         raise MapFileError(_NO_ZIP(error=str(error))) from None
     if len(files) < len(entries):
         raise MapFileError(_SAME_NAME())
-    folders = {name.split("/")[0] for name in files}
-    (folder,) = folders if len(folders) == 1 else ("",)
-    if f"{folder}/scene.json" in files:
-        return {name.removeprefix(f"{folder}/"): content for name, content in files.items()}
+    folder = next(iter(files)).split("/")[0] + "/"
+    if f"{folder}scene.json" in files and all(name.startswith(folder) for name in files):
+        return {name.removeprefix(folder): content for name, content in files.items()}
     return files
 
 
 def _inner_path(name: str) -> str:
-    """Return the path of a file in an archive, which cannot lead out of a folder."""
+    """Return the path of a file in an archive, without parts that lead out of the folder."""
     parts = PurePosixPath(name).parts
     return "/".join(part for part in parts if part not in ("/", ".."))
 
@@ -227,14 +215,10 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     await execution.maps.read()
     if any(_is_current(execution, each) for each in execution.maps.find(name, version)):
         return
-    chosen = _single(execution, name, version)
+    chosen = _find_one(execution, name, version)
     run.require_not_driving_order()
     await run.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
-    await run.wait(
-        lambda: _is_current(execution, chosen),
-        _TIMEOUT,
-        _NOT_USED(map=name),
-    )
+    await run.wait(lambda: _is_current(execution, chosen), _TIMEOUT, _NOT_USED(map=name))
     # a robot that stands does not push its pose, which now belongs to this map
     answer = await run.link.ask(PoseSpeed())
     if isinstance(answer.body, PoseSpeed):
@@ -260,7 +244,7 @@ _POSITION = (
     ParameterType("y", "FLOAT", "position in the map, in m"),
     ParameterType("theta", "FLOAT", "heading, in rad"),
     _MAP_ID,
-    ParameterType("lastNodeId", "STRING", "node on which the vehicle stands", True),
+    ParameterType("lastNodeId", "STRING", "node on which the vehicle stands", optional=True),
 )
 
 
@@ -305,11 +289,11 @@ async def delete_map(run: Run) -> None:
     """Delete a map on the robot."""
     maps = run.execution.maps
     await maps.read()
-    found = _single(run.execution, run.given["mapId"], run.given["mapVersion"])
+    found = _find_one(run.execution, run.given["mapId"], run.given["mapVersion"])
     if _is_current(run.execution, found):
         raise ActionFailedError(_USED(map=found.name))
     is_last = len(maps.of_scene(found.scene)) == 1
-    name = "" if is_last else found.name  # no scene is empty: delete it with its last map
+    name = "" if is_last else found.name  # without a name, the whole scene is deleted
     await run.request(Delete(scene_name=found.scene, map_name=name))
     await maps.read()
 
@@ -324,16 +308,16 @@ async def delete_map(run: Run) -> None:
         "mapDownloadLink",
         "STRING",
         "http or https URL of a ZIP file with the files of a scene",
-        valid=is_link,
+        valid=_is_url,
         must_be=_URL(),
     ),
     ParameterType(
         "mapHash",
         "STRING",
-        f"hash of the ZIP file in hexadecimal: {', '.join(HASHES)}",
-        True,
-        valid=lambda value: len(value) in HASHES.values(),
-        must_be=_HASH_OF(kinds=", ".join(HASHES)),
+        f"hash of the ZIP file in hexadecimal: {', '.join(_HASHES)}",
+        optional=True,
+        valid=lambda value: len(value) in _HASHES.values(),
+        must_be=_HASH_OF(kinds=", ".join(_HASHES)),
     ),
     repeatable=True,
 )
@@ -352,14 +336,15 @@ async def _download(run: Run) -> None:
         raise ActionFailedError(_EXISTS(map=name), ErrorType.DUPLICATE_MAP)
     run.report(ActionStatus.RUNNING)
     try:
-        link, expected = given["mapDownloadLink"], given.get("mapHash", "")
-        files = await in_thread(lambda: unpack(fetch(link, expected)))
+        url, expected_hash = given["mapDownloadLink"], given.get("mapHash", "")
+        files = await _in_thread(lambda: unpack(fetch(url, expected_hash)))
     except MapFileError as error:
         raise ActionFailedError(said_by(error)) from None
-    datas = [FileData(name=each, data=content) for each, content in files.items()]
-    await run.request(Upload(scene_name=name, file_datas=datas, method=Upload.kFull))
+    file_datas = [FileData(name=each, data=content) for each, content in files.items()]
+    await run.request(Upload(scene_name=name, file_datas=file_datas, method=Upload.kFull))
     await maps.read()
     stored = [each for each in maps.of_scene(name) if each.name == name]
+    # an empty version: the robot does not report it
     if not stored or stored[0].version not in (version, ""):
         await run.request(Delete(scene_name=name))
         await maps.read()
@@ -367,8 +352,11 @@ async def _download(run: Run) -> None:
         raise ActionFailedError(_OTHER_FILE(what=what, version=version, map=name))
 
 
-def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
+def _find_one(execution: Execution, name: str, version: str | None) -> StoredMap:
     """Return the map with a name and version.
+
+    Args:
+        version: version that the map must have; None for any version.
 
     Raises:
         ActionFailedError: there is no such map, or several scenes have one.
@@ -384,6 +372,7 @@ def _single(execution: Execution, name: str, version: str | None) -> StoredMap:
 
 
 def _is_current(execution: Execution, stored: StoredMap) -> bool:
+    """Return True if the robot uses a map."""
     info = execution.robot.info
     return info is not None and (info.scene.scene_name, info.scene.map_name) == (
         stored.scene,

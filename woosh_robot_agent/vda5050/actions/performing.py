@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable, Collection, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -36,7 +36,6 @@ ANYWHERE = frozenset(Scope)
 INSTANT = frozenset({Scope.INSTANT})
 NOT_ON_EDGES = frozenset({Scope.INSTANT, Scope.NODE})
 ON_NODES = frozenset({Scope.NODE})
-ALL_BLOCKING = frozenset(BlockingType)
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,6 @@ class Run:
 
     @property
     def link(self) -> RobotLink:
-        """The link to the robot."""
         return self.execution.link
 
     @property
@@ -147,7 +145,7 @@ def vehicle_action(
     description: str,
     *parameters: ParameterType,
     result: str = "",
-    blocking: Collection[BlockingType] = ALL_BLOCKING,
+    blocking: frozenset[BlockingType] = ActionType.blocking,
     pausable: bool = False,
     repeatable: bool = False,
     version: str = "",
@@ -159,7 +157,7 @@ def vehicle_action(
         description,
         parameters,
         result=result,
-        blocking=frozenset(blocking),
+        blocking=blocking,
         pausable=pausable,
         repeatable=repeatable,
     )

@@ -10,14 +10,14 @@ from pathlib import Path
 
 from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.sentences import Sentence, said_by
-from woosh_robot_agent.vda5050.actions import control, map_actions, work
+from woosh_robot_agent.vda5050.actions import control, map_actions, robot_actions
 from woosh_robot_agent.vda5050.actions.performing import Run, VehicleAction
 from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes
 from woosh_robot_agent.vda5050.messages.order import Action
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.messages.versions import Version
-from woosh_robot_agent.vda5050.orders.actions import startable
+from woosh_robot_agent.vda5050.orders.actions import count_startable
 from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
 from woosh_robot_agent.vda5050.reports import Reports
 
@@ -29,18 +29,18 @@ ACTIONS: Mapping[str, VehicleAction] = {
         control.cancel_order,
         control.factsheet_request,
         control.state_request,
-        work.start_charging,
-        work.stop_charging,
-        work.pick,
-        work.drop,
+        robot_actions.start_charging,
+        robot_actions.stop_charging,
+        robot_actions.pick,
+        robot_actions.drop,
         map_actions.enable_map,
         map_actions.download_map,
         map_actions.delete_map,
-        work.lift_to,
-        work.step,
-        work.rotate,
-        work.switch_footprint,
-        work.speak,
+        robot_actions.lift_to,
+        robot_actions.step,
+        robot_actions.rotate,
+        robot_actions.switch_footprint,
+        robot_actions.speak,
         map_actions.init_position,
         map_actions.initialize_position,
         control.clear_instant_actions,
@@ -72,8 +72,8 @@ _PROGRAM = Sentence("vda.program", "an error of the program; see its log")
 class ActionRunner:
     """Performs actions as far as their blocking types permit.
 
-    An action of an order is started here once the order permits it. Actions of the order and
-    instant actions wait for each other if their blocking types demand it.
+    The order commands its actions once they may start beside each other. Here, they and the instant
+    actions also wait for each other.
     """
 
     def __init__(self, execution: Execution, reports: Reports, log_folder: Path | None) -> None:
@@ -85,7 +85,7 @@ class ActionRunner:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Tasks of the actions that run, by id."""
 
-    def obey(self, command: Perform | EndAction) -> None:
+    def execute(self, command: Perform | EndAction) -> None:
         """Start an action as soon as its blocking type permits, or end it.
 
         An action fails when it is ended, unless it has ended by itself before.
@@ -93,7 +93,7 @@ class ActionRunner:
         action = command.action
         if isinstance(command, Perform):
             if command.at_once:
-                self._launch(action)
+                self._start(action)
             else:
                 self._waiting.append(action)
                 self._execution.action_changed(action.id, ActionStatus.WAITING)
@@ -107,24 +107,24 @@ class ActionRunner:
     def poll(self) -> None:
         """Start the actions that may start now."""
         execution, waiting = self._execution, self._waiting
-        if self._execution.link.is_closing or not execution.may_act:
+        if execution.link.is_closing or not execution.may_act:
             return
-        if execution.pause_wanted:
+        if execution.pause_wanted:  # an action that moves something, and those behind it, wait
             waiting = list(takewhile(lambda each: not ACTIONS[each.type].type.pausable, waiting))
         active = execution.active
-        count = startable(waiting, active.values(), driving=execution.is_driving)
+        count = count_startable(waiting, active.values(), driving=execution.is_driving)
         started, self._waiting = self._waiting[:count], self._waiting[count:]
         for action in started:
             active[action.id] = action
-            self._launch(action)
+            self._start(action)
 
-    def _launch(self, action: Action) -> None:
-        running = self._execution.link.work.start(self._run(action))
+    def _start(self, action: Action) -> None:
+        running = self._execution.link.background.start(self._run(action))
         self._tasks[action.id] = running
         running.add_done_callback(lambda task: self._done(action, task))
 
     def _done(self, action: Action, task: asyncio.Task[None]) -> None:
-        """Let an action fail if its task was cancelled before it ran, and so reported no end."""
+        """Let an action fail if its task was cancelled before `_run` began."""
         if self._tasks.get(action.id) is task:
             self._ended(action, ActionStatus.FAILED, _ENDED)
 
@@ -132,12 +132,12 @@ class ActionRunner:
         def report(status: ActionStatus) -> None:
             self._execution.action_changed(action.id, status)
 
-        kind = ACTIONS[action.type]
+        definition = ACTIONS[action.type]
         run = Run(action, report, self._execution, self._reports, self._log_folder)
         # an action that moves something is RUNNING once the robot has accepted it
-        report(ActionStatus.INITIALIZING if kind.type.pausable else ActionStatus.RUNNING)
+        report(ActionStatus.INITIALIZING if definition.type.pausable else ActionStatus.RUNNING)
         try:
-            result = await kind.perform(run)
+            result = await definition.perform(run)
         except asyncio.CancelledError:
             self._ended(action, ActionStatus.FAILED, _ENDED)
             raise

@@ -43,7 +43,7 @@ class Objection:
     """A reason why the vehicle cannot perform an action.
 
     Attributes:
-        parameter: key of the wrong or missing parameter; empty if the reason is no parameter.
+        parameter: key of the wrong or missing parameter; empty for another reason.
     """
 
     reason: str
@@ -51,7 +51,7 @@ class Objection:
 
     @property
     def references(self) -> dict[str, str]:
-        """References for the error that reports the objection."""
+        """The `errorReferences` that the objection adds to its error."""
         return {"actionParameter": self.parameter} if self.parameter else {}
 
 
@@ -82,7 +82,7 @@ _DATA_TYPES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "STRING": (lambda value: isinstance(value, str) and bool(value), _NOT_EMPTY),
     "BOOL": (lambda value: isinstance(value, bool), _TRUTH),
 }
-"""Functions that return True for a valid value, and descriptions of valid values, by data type."""
+"""Check of a value, and description of the valid values, by data type."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class ParameterType:
         type: data type: FLOAT, STRING or BOOL.
         optional: True if the parameter may be left out.
         valid: returns True for a valid value of the data type; None if all values are valid.
-        must_be: description of the valid values.
+        must_be: description of the values for which `valid` returns True.
     """
 
     key: str
@@ -103,10 +103,10 @@ class ParameterType:
     valid: Callable[[Any], bool] | None = None
     must_be: str = ""
 
-    def defect(self, value: Any) -> str:
-        """Return the description of valid values if a value is invalid; empty if it is valid."""
-        fits, description = _DATA_TYPES[self.type]
-        if not fits(value):
+    def broken_rule(self, value: Any) -> str:
+        """Return the description of the valid values, or an empty text if the value is valid."""
+        has_type, description = _DATA_TYPES[self.type]
+        if not has_type(value):
             return description
         return "" if self.valid is None or self.valid(value) else self.must_be
 
@@ -114,7 +114,7 @@ class ParameterType:
 def number(
     key: str, description: str, lowest: float, highest: float = math.inf, *, optional: bool = False
 ) -> ParameterType:
-    """Return a parameter that is a number from `lowest` to `highest`, both included."""
+    """Return the type of a parameter that is a number from `lowest` to `highest`, both included."""
     limits = _AT_LEAST(least=f"{lowest:g}")
     if highest < math.inf:
         limits = _WITHIN(least=f"{lowest:g}", greatest=f"{highest:g}")
@@ -124,7 +124,7 @@ def number(
 
 
 def choice(key: str, choices: Collection[str]) -> ParameterType:
-    """Return a parameter that is one of some texts."""
+    """Return the type of a parameter that is one of some texts."""
     text = _ONE_OF(choices=", ".join(choices))
     return ParameterType(key, "STRING", text, valid=lambda value: value in choices, must_be=text)
 
@@ -167,8 +167,8 @@ class ActionType:
             if key not in given:
                 if not parameter.optional:
                     return Objection(_MISSING_KEY(action=self.name, key=key), key)
-            elif defect := parameter.defect(given[key]):
-                wrong = _WRONG_VALUE(action=self.name, key=key, allowed=defect)
+            elif allowed := parameter.broken_rule(given[key]):
+                wrong = _WRONG_VALUE(action=self.name, key=key, allowed=allowed)
                 return Objection(wrong, key)
         return None
 
@@ -185,20 +185,8 @@ def objection(types: ActionTypes, action: Action, scope: Scope) -> Objection | N
 
 
 @dataclass(frozen=True)
-class OptionalParameter:
-    """An optional field of the standard that the vehicle obeys.
-
-    Attributes:
-        name: full name, e.g. `order.edges.maxSpeed`.
-    """
-
-    name: str
-    description: str = ""
-
-
-@dataclass(frozen=True)
 class Limits:
-    """Values of the factsheet that the robot does not report, and options of the messages.
+    """Limits in the factsheet that the robot does not report, and options of the state messages.
 
     Attributes:
         max_speed: maximum speed, in m/s.
@@ -228,7 +216,8 @@ class Factsheet:
         max_load: maximum mass of the load.
         limits: values that the robot does not report.
         outline: corners of the outline in the vehicle's frame.
-        optional_parameters: optional fields that the vehicle obeys.
+        optional_parameters: optional fields that the vehicle obeys, e.g. `order.edges.maxSpeed`,
+            with a description, which may be empty.
         versions: versions of the vehicle's software, by name.
     """
 
@@ -243,5 +232,5 @@ class Factsheet:
     limits: Limits
     outline: tuple[tuple[float, float], ...]
     actions: tuple[ActionType, ...]
-    optional_parameters: tuple[OptionalParameter, ...]
+    optional_parameters: Mapping[str, str]
     versions: tuple[tuple[str, str], ...] = ()

@@ -18,10 +18,10 @@ Point: TypeAlias = tuple[float, float]
 def nearest_on_line(point: Point, start: Point, end: Point) -> Point:
     """Return the point of the straight line from `start` to `end` that is nearest to a point."""
     along = (end[0] - start[0], end[1] - start[1])
-    length = along[0] ** 2 + along[1] ** 2
-    if not length:
+    squared_length = along[0] ** 2 + along[1] ** 2
+    if not squared_length:
         return end
-    part = ((point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]) / length
+    part = ((point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]) / squared_length
     part = min(1.0, max(0.0, part))
     return start[0] + part * along[0], start[1] + part * along[1]
 
@@ -29,10 +29,9 @@ def nearest_on_line(point: Point, start: Point, end: Point) -> Point:
 _SPACING = 0.25
 """Usual distance between two points along a curve, in metres."""
 _MAX_POINTS = 100
-"""Approximate maximum number of points along a curve; along a longer curve, the points are farther
-apart."""
+"""Approximate maximum number of points along a curve; on a longer curve, they are farther apart."""
 _SAMPLES = 8
-"""Number of points in each span of the knots by which the length of the curve is estimated."""
+"""Number of points in each knot span by which the length of the curve is estimated."""
 _NOT_FINITE = Sentence("vda.curve.notFinite", "a number is not finite")
 _DEGREE = Sentence("vda.curve.degree", "its degree is not a positive integer: {degree}")
 _HIGH_DEGREE = Sentence("vda.curve.highDegree", "its degree is above {most}: {degree}")
@@ -51,7 +50,7 @@ _WEIGHT = Sentence("vda.curve.weight", "a weight is not positive")
 
 
 def curve_defect(trajectory: Trajectory) -> str:
-    """Return the defect of a trajectory; empty for a trajectory without a defect."""
+    """Return why a trajectory is no valid NURBS; empty if it is valid."""
     degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
     numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
     if not all(map(math.isfinite, (degree, *numbers))):
@@ -79,7 +78,7 @@ def curve_defect(trajectory: Trajectory) -> str:
 
 @functools.lru_cache(maxsize=256)
 def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
-    """Return points from start to end along a trajectory that has no defect."""
+    """Return points from start to end along a trajectory, for which `curve_defect` is empty."""
     degree, knots = int(trajectory.degree), trajectory.knots
     spans = [
         span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]

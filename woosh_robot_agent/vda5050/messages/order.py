@@ -24,7 +24,7 @@ MAX_KNOTS = MAX_CONTROL_POINTS + MAX_DEGREE + 1
 
 
 class BlockingType(Enum):
-    """Activities that are permitted while an action runs."""
+    """What else is permitted while an action runs."""
 
     NONE = "NONE"
     """Driving and other actions."""
@@ -33,10 +33,10 @@ class BlockingType(Enum):
     SOFT = "SOFT"
     """Other actions, but no driving."""
     HARD = "HARD"
-    """Nothing else."""
+    """Nothing."""
 
     @property
-    def stops(self) -> bool:
+    def forbids_driving(self) -> bool:
         """True if the vehicle must not drive while the action runs."""
         return self in (BlockingType.SOFT, BlockingType.HARD)
 
@@ -52,7 +52,7 @@ class Action:
 
     Attributes:
         type: name of the action, e.g. `pick`.
-        blocking: activities that are permitted while the action runs.
+        blocking: what else is permitted while the action runs.
         parameters: values by key.
         description: further information; may be empty.
     """
@@ -84,7 +84,8 @@ class NodePosition:
         deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
             for the normal tolerance of the robot.
         deviation_theta: permitted deviation from `theta`, in radians; 0 for the normal tolerance.
-        ellipse: permitted deviation, if it is no circle; `deviation_xy` is its smaller semi-axis.
+        ellipse: permitted deviation, if it is no circle, and `deviation_xy` is its smaller
+            semi-axis; None for a circle.
     """
 
     x: float
@@ -156,7 +157,7 @@ class Edge:
         max_speed: maximum speed on the edge, in m/s; None without a limit.
         trajectory: curve to drive along; None if the robot plans its path.
         description: further information; may be empty.
-        unsupported: names of the fields that are set although the robot cannot obey them.
+        unsupported: names of set fields that the robot cannot obey.
     """
 
     id: str
@@ -176,7 +177,7 @@ class Order:
     """An order or an update of an order.
 
     Attributes:
-        unsupported: names of the fields that are set although the robot cannot obey them.
+        unsupported: names of set fields that the robot cannot obey.
     """
 
     id: str

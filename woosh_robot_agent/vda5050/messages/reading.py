@@ -40,6 +40,8 @@ SCHEMAS = Path(__file__).with_name("schemas")
 """Folder of the schemas, with a folder for each version of the standard."""
 _MAX_ERRORS = 100
 """Maximum number of schema errors from which the most relevant one is chosen."""
+_MAX_VALUE = 200
+"""Maximum length of a value of a message that is repeated in an error, in characters."""
 
 
 @functools.cache
@@ -57,17 +59,14 @@ def validator(version: str, topic: str) -> Validator:
 
 
 def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
-    """Validate a message; return the path of an invalid field and the reason, or None."""
+    """Return the path of an invalid field of a message and the reason; None for a valid message."""
     errors = itertools.islice(validator(version, topic).iter_errors(message), _MAX_ERRORS)
     error = best_match(errors)
     if error is None:
         return None
     path = ".".join(str(part) for part in error.absolute_path)
-    return path, _short(error.message)
-
-
-def _short(text: str, limit: int = 200) -> str:
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+    reason = error.message
+    return path, reason if len(reason) <= _MAX_VALUE else reason[: _MAX_VALUE - 3] + "..."
 
 
 _MESSAGE = Sentence("vda.message", "the message on {topic} {reason}")
@@ -89,8 +88,6 @@ _MAX_NUMBER = 2.0**53
 """Maximum of the absolute value of a number in a message."""
 _MAX_REASON = 500
 """Maximum length of the description of an error, in characters."""
-_MAX_REFERENCE = 200
-"""Maximum length of a value of a message that is repeated in an error, in characters."""
 
 
 def read_order(payload: bytes, version: Version, identity: Identity) -> Order:
@@ -119,7 +116,7 @@ def read_instant_actions(payload: bytes, version: Version, identity: Identity) -
     topic = Topic.INSTANT_ACTIONS
     message = _parse(payload, version, identity, topic)
     if (count := len(message["actions"])) > MAX_INSTANT_ACTIONS:
-        raise _rejected(topic, message, _MANY_ACTIONS(count=count, most=MAX_INSTANT_ACTIONS))
+        raise _rejection(topic, message, _MANY_ACTIONS(count=count, most=MAX_INSTANT_ACTIONS))
     return [_action(version, action) for action in message["actions"]]
 
 
@@ -139,7 +136,7 @@ def refusal_of_zone_set(payload: bytes, version: Version, identity: Identity) ->
 
 
 def _unsupported(version: Version, order: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of fields of an order, or of its actions, that the robot cannot obey."""
+    """Return the names of set fields of an order, or of its actions, that the robot cannot obey."""
     if not version.is_3:
         return ("zoneSetId",) if order.get("zoneSetId") else ()
     parts = (*order["nodes"], *order["edges"])
@@ -250,21 +247,21 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
         message = json.loads(payload)
         _check_limits(message)
     except (ValueError, RecursionError) as error:
-        raise _rejected(topic, None, _UNREADABLE(error=said_by(error))) from None
+        raise _rejection(topic, None, _UNREADABLE(error=said_by(error))) from None
     if found := defect(version.number, topic.value, message):
         field_path, reason = found
         wrong = _MALFORMED(place=field_path or _TOP_LEVEL(), reason=reason)
-        raise _rejected(topic, message, wrong)
+        raise _rejection(topic, message, wrong)
     if message["version"].split(".")[0] != version.number.split(".")[0]:
         reason = _VERSION(version=message["version"], own=version.number)
-        raise _rejected(topic, message, reason)
+        raise _rejection(topic, message, reason)
     for key, own in (
         ("manufacturer", identity.manufacturer),
         ("serialNumber", identity.serial_number),
     ):
         if message[key] != own:
             reason = _OTHER(key=key, value=message[key], own=own)
-            raise _rejected(topic, message, reason)
+            raise _rejection(topic, message, reason)
     return message  # type: ignore[no-any-return]
 
 
@@ -295,9 +292,10 @@ def _check_limits(message: Any) -> None:
     raise ValueError(_DEEP(most=_MAX_DEPTH))
 
 
-def _rejected(topic: Topic, message: Any, reason: str) -> RejectedError:
+def _rejection(topic: Topic, message: Any, reason: str) -> RejectedError:
+    """Return the exception that rejects a message; None as message if it could not be parsed."""
     references = {
-        key: str(message[key])[:_MAX_REFERENCE]
+        key: str(message[key])[:_MAX_VALUE]
         for key in ("headerId", "orderId", "orderUpdateId")
         if isinstance(message, dict) and key in message
     }
@@ -305,6 +303,7 @@ def _rejected(topic: Topic, message: Any, reason: str) -> RejectedError:
     return RejectedError(
         warning(
             ErrorType.VALIDATION,
+            # a slice is a plain string, which the page cannot translate
             text if len(text) <= _MAX_REASON else text[:_MAX_REASON],
             "correct the message and send it again",
             topic=topic.value,

@@ -11,9 +11,9 @@ from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
 ROBOT_REFUSED = Sentence("vda.refused", "the robot refused {what}: {reason}")
 """Reason of a failure: a refusal, with the robot's text."""
 WITH_TEXT = Sentence("vda.withText", "{reason}: {text}")
-"""Reason of a failure, with the robot's text."""
+"""Another reason of a failure, with the robot's text."""
 NO_STATE = Sentence("vda.noState", "the robot has not reported its state yet")
-"""Reason of a failure without a report of the robot."""
+"""Reason of a failure before the first report of the robot."""
 
 
 class ErrorLevel(Enum):
@@ -81,8 +81,9 @@ class VehicleError:
     """An error in the state of a vehicle.
 
     Attributes:
+        type: value of an `ErrorType`, or another type in the standard's spelling.
         hint: how to remove the cause; may be empty.
-        references: subjects of the error: keys such as `orderId`, and values.
+        references: keys such as `orderId`, each with its value; a key may occur several times.
     """
 
     type: str
@@ -93,7 +94,11 @@ class VehicleError:
 
 
 class RejectedError(Exception):
-    """An order or an action is rejected."""
+    """A message of the master control is rejected.
+
+    Attributes:
+        error: the error that the state reports.
+    """
 
     def __init__(self, error: VehicleError) -> None:
         super().__init__(error.description)
@@ -105,7 +110,7 @@ class ActionFailedError(Exception):
 
     Args:
         reason: the reason.
-        kind: type of the error that reports the failure.
+        kind: type of the error in the state that reports the failure.
     """
 
     def __init__(self, reason: str, kind: ErrorType = ErrorType.ACTION) -> None:

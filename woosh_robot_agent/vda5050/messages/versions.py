@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any
 
 from woosh_robot_agent.vda5050.messages.state import ErrorType
 
@@ -29,20 +29,13 @@ class Topic(Enum):
     """From version 3.0 on."""
 
 
-class PublishOptions(NamedTuple):
-    """QoS level and retain flag of a message."""
-
-    qos: int
-    retain: bool
-
-
-PUBLISHED: Mapping[Topic, PublishOptions] = {
-    Topic.STATE: PublishOptions(0, False),
-    Topic.VISUALIZATION: PublishOptions(0, False),
-    Topic.CONNECTION: PublishOptions(1, True),
-    Topic.FACTSHEET: PublishOptions(0, True),
+PUBLISHED: Mapping[Topic, tuple[int, bool]] = {
+    Topic.STATE: (0, False),
+    Topic.VISUALIZATION: (0, False),
+    Topic.CONNECTION: (1, True),
+    Topic.FACTSHEET: (0, True),
 }
-"""Publish options of the topics of the vehicle; they are the same in all versions."""
+"""Topics of the vehicle, in all versions, with QoS level, and True if messages are retained."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +65,8 @@ OBEYED_ANYWAY: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
     "rotationAllowed": lambda edge: bool(edge["rotationAllowed"]),
     "reachOrientationBeforeEntering": lambda edge: not edge["reachOrientationBeforeEntering"],
 }
-"""Functions, by unsupported field of an edge, that return True if the field demands only what the
-robot does anyway: to turn where it must, and to drive forwards."""
+"""Unsupported fields of an edge that may demand only what the robot does anyway: to turn where it
+must, and to drive forwards. Each has a function that returns True for such an edge."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +78,10 @@ class Version:
         received: topics that the vehicle subscribes to.
         names: names of fields that differ from version 2.1; empty for a field that this version
             does not have.
-        values: names of enumeration values that differ from the names in the connector.
+        values: enumeration values that differ from those in the connector.
         unsupported_edge_fields: fields of an edge that the robot cannot obey; see also
             `OBEYED_ANYWAY`.
-        error_types: errorType of errors that `error_type` cannot derive from the connector's name.
+        error_types: errorType by `ErrorType`, where `error_type` cannot derive it.
         error_levels: errorLevel of errors, by their errorType, where the standard prescribes
             another level than `VehicleError.level`.
     """

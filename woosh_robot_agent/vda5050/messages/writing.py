@@ -1,4 +1,4 @@
-"""The messages of a vehicle, without their headers."""
+"""Write the messages of a vehicle, without their headers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     Factsheet,
-    OptionalParameter,
     ParameterType,
 )
 from woosh_robot_agent.vda5050.messages.geometry import path_ahead
@@ -38,15 +37,10 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.messages.versions import Version
 
 Fields = dict[str, Any]
-
+"""A message, or a part of one, as it is written in JSON."""
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
-_ARRAY_LIMITS: Mapping[str, int] = {
-    "order.nodes": MAX_NODES,
-    "instantActions": MAX_INSTANT_ACTIONS,
-    "trajectory.controlPoints": MAX_CONTROL_POINTS,
-    "trajectory.knotVector": MAX_KNOTS,
-}
+
 _NOT_LOCALIZED = VehicleError(
     "LOCALIZATION_ERROR",
     ErrorLevel.FATAL,
@@ -102,8 +96,7 @@ def visualization_message(version: Version, robot: RobotStatus, state_id: int) -
     """Return a `visualization` message.
 
     Args:
-        robot: state of the robot.
-        state_id: header id of the last state.
+        state_id: header id of the last `state` message.
     """
     reference = {"referenceStateHeaderId": state_id} if version.is_3 else {}
     return reference | _renamed(_motion(robot), version.names)
@@ -117,6 +110,7 @@ def connection_message(version: Version, state: ConnectionState) -> Fields:
 def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
     """Return a `factsheet` message."""
     limits, kinematics = factsheet.limits, version.value(factsheet.kinematics.value)
+    outline = [{"x": x, "y": y} for x, y in factsheet.outline]
     message: Fields = {
         "typeSpecification": _without_empty(
             {
@@ -140,7 +134,12 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         },
         "protocolLimits": {
             "maxStringLens": {"msgLen": MAX_MESSAGE_SIZE, "idLen": MAX_TEXT},
-            "maxArrayLens": dict(_ARRAY_LIMITS),
+            "maxArrayLens": {
+                "order.nodes": MAX_NODES,
+                "instantActions": MAX_INSTANT_ACTIONS,
+                "trajectory.controlPoints": MAX_CONTROL_POINTS,
+                "trajectory.knotVector": MAX_KNOTS,
+            },
             "timing": {
                 "minOrderInterval": 0.0,
                 "minStateInterval": limits.min_state_interval,
@@ -150,13 +149,15 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         },
         "protocolFeatures": {
             "optionalParameters": [
-                _optional_parameter(version, each)
-                for each in factsheet.optional_parameters
-                if version.name(each.name)
+                _optional_parameter(name, description)
+                for field, description in factsheet.optional_parameters.items()
+                if (name := version.name(field))
             ],
             "agvActions": [_action_type(version, each) for each in factsheet.actions],
         },
-        "agvGeometry": {"envelopes2d": [_outline(factsheet)] if factsheet.outline else []},
+        "agvGeometry": {
+            "envelopes2d": [{"set": "outline", "polygonPoints": outline}] if outline else []
+        },
         "loadSpecification": {},
         "vehicleConfig": {
             "versions": [{"key": key, "value": value} for key, value in factsheet.versions]
@@ -172,7 +173,11 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
 
 
 def _renamed(message: Fields, names: Mapping[str, str]) -> Fields:
-    """Return a message with other names of fields, at any depth."""
+    """Return a message with its fields renamed, at any depth.
+
+    Args:
+        names: new names, by the old names.
+    """
 
     def renamed(value: Any) -> Any:
         if isinstance(value, dict):
@@ -216,7 +221,7 @@ def _trajectory(curve: Trajectory) -> Fields:
 
 
 def _planned_path(state: VehicleState) -> Fields:
-    """Return the field plannedPath while the robot executes an order; empty without a path.
+    """Return the field plannedPath, or no field unless the robot executes an order and has a path.
 
     There is no `intermediatePath`, because the robot does not report arrival times.
     """
@@ -254,7 +259,7 @@ def _motion(robot: RobotStatus) -> Fields:
         message["agvPosition"] = {
             "x": place.x,
             "y": place.y,
-            # rounding may have exceeded the limits of the schemas
+            # rounding may have led outside of the limits of the schemas
             "theta": max(-_MAX_ANGLE, min(_MAX_ANGLE, place.theta)),
             "mapId": place.map_id,
             "positionInitialized": place.initialised,
@@ -298,19 +303,8 @@ def _error(version: Version, error: VehicleError) -> Fields:
 # Parts of the factsheet
 
 
-def _outline(factsheet: Factsheet) -> Fields:
-    points = [{"x": x, "y": y} for x, y in factsheet.outline]
-    return {"set": "outline", "polygonPoints": points}
-
-
-def _optional_parameter(version: Version, parameter: OptionalParameter) -> Fields:
-    return _without_empty(
-        {
-            "parameter": version.name(parameter.name),
-            "support": "SUPPORTED",
-            "description": parameter.description,
-        }
-    )
+def _optional_parameter(name: str, description: str) -> Fields:
+    return _without_empty({"parameter": name, "support": "SUPPORTED", "description": description})
 
 
 def _action_type(version: Version, action: ActionType) -> Fields:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from woosh_robot_agent.vda5050.messages.order import Action, Edge, Node
-from woosh_robot_agent.vda5050.messages.state import ActionState, ActionStatus, VehicleError
-from woosh_robot_agent.vda5050.orders.legs import Command, EndAction, Perform, stops
+from woosh_robot_agent.vda5050.messages.state import ActionState, ActionStatus
+from woosh_robot_agent.vda5050.orders.legs import Command, EndAction, Perform, need_standstill
 
 
-def startable(waiting: Sequence[Action], running: Iterable[Action], *, driving: bool) -> int:
+def count_startable(waiting: Sequence[Action], running: Iterable[Action], *, driving: bool) -> int:
     """Return the number of waiting actions that may start now; they start in their order.
 
     Args:
@@ -21,7 +21,7 @@ def startable(waiting: Sequence[Action], running: Iterable[Action], *, driving: 
     active = list(running)
     count = 0
     for action in waiting:
-        if driving and action.blocking.stops:
+        if driving and action.blocking.forbids_driving:
             break
         if any(each.blocking.excludes_actions for each in active):
             break
@@ -33,10 +33,11 @@ def startable(waiting: Sequence[Action], running: Iterable[Action], *, driving: 
 
 
 @dataclass(frozen=True)
-class ActionMemory:
-    """State of the actions of an order.
+class ActionsMemory:
+    """State of the actions of an order that must survive a restart of the program.
 
     Attributes:
+        states: states of all actions of the order.
         triggered: triggered actions that have not started.
         running: actions that have started and not ended.
         of_edge: actions of the edge on which the vehicle drives.
@@ -48,39 +49,6 @@ class ActionMemory:
     of_edge: tuple[Action, ...] = ()
 
 
-@dataclass(frozen=True)
-class Memory:
-    """State of an order.
-
-    Attributes:
-        order_id: id of the order; empty without an order.
-        update_id: number of the order's last update.
-        last_node: the node that was reached last; None before the first node.
-        nodes: nodes still to be reached.
-        edges: edges still to be left.
-        on_edge: True if the vehicle is on the first of `edges`.
-        leg_length: number of nodes of the current leg that are still to be reached; 0 without a
-            leg.
-        canceling: True while the order is being cancelled.
-        cancelled: True if the order was cancelled.
-        holds: names of the holds that keep the vehicle from driving.
-        error: why the order does not go on; None while it goes on.
-    """
-
-    order_id: str = ""
-    update_id: int = 0
-    last_node: Node | None = None
-    nodes: tuple[Node, ...] = ()
-    edges: tuple[Edge, ...] = ()
-    on_edge: bool = False
-    leg_length: int = 0
-    actions: ActionMemory = field(default_factory=ActionMemory)
-    canceling: bool = False
-    cancelled: bool = False
-    holds: tuple[str, ...] = ()
-    error: VehicleError | None = None
-
-
 class OrderActions:
     """The actions of the current order.
 
@@ -90,7 +58,8 @@ class OrderActions:
     Attributes:
         triggered: triggered actions that have not started, in the order in which they must start.
         running: actions that have started and not ended, by id.
-        commands: commands that start and end actions; the owner takes them.
+        commands: commands that `OrderMachine.poll` returns next. The machine adds its commands
+            about the drive here too, so that all commands keep their order.
     """
 
     def __init__(self) -> None:
@@ -104,25 +73,24 @@ class OrderActions:
 
     @property
     def states(self) -> tuple[ActionState, ...]:
-        """States of all actions."""
         return tuple(self._states.values())
 
-    def forbid_driving(self) -> bool:
+    def need_standstill(self) -> bool:
         """Return True if the vehicle must not drive because of a running or triggered action."""
-        return stops((*self.triggered, *self.running.values()))
+        return need_standstill((*self.triggered, *self.running.values()))
 
     @property
-    def memory(self) -> ActionMemory:
+    def memory(self) -> ActionsMemory:
         """State that must survive a restart of the program."""
-        return ActionMemory(
+        return ActionsMemory(
             states=self.states,
             triggered=tuple(self.triggered),
             running=tuple(self.running.values()),
             of_edge=self._of_edge,
         )
 
-    def restore(self, memory: ActionMemory) -> None:
-        """Restore the actions after a restart; actions that ran before still count as running."""
+    def restore(self, memory: ActionsMemory) -> None:
+        """Restore the actions after a restart. Those that ran count as running, see `interrupt`."""
         self._states = {state.id: state for state in memory.states}
         self.triggered = list(memory.triggered)
         self.running = {action.id: action for action in memory.running}
@@ -133,7 +101,6 @@ class OrderActions:
         return self._states.keys() - {action.id for part in parts for action in part.actions}
 
     def clear(self) -> None:
-        """Forget all actions."""
         self._states.clear()
         self._of_edge = ()
 
@@ -151,17 +118,17 @@ class OrderActions:
             for action in part.actions:
                 self._states.pop(action.id, None)
 
-    def reach(self, node: Node) -> None:
-        """Trigger the actions of a node."""
+    def trigger_node(self, node: Node) -> None:
+        """Trigger the actions of a node that the vehicle has reached."""
         self.triggered += node.actions
 
-    def miss(self, node: Node) -> None:
+    def fail_node(self, node: Node) -> None:
         """Let the actions of a node fail, because no report showed the vehicle near the node."""
         for action in node.actions:
             self.changed(action.id, ActionStatus.FAILED, "the vehicle passed the node unseen")
 
-    def enter(self, edge: Edge) -> None:
-        """Trigger the actions of an edge."""
+    def trigger_edge(self, edge: Edge) -> None:
+        """Trigger the actions of an edge that the vehicle enters."""
         self._of_edge = edge.actions
         self.triggered += edge.actions
 
@@ -181,7 +148,7 @@ class OrderActions:
         Args:
             driving: True if the vehicle drives.
         """
-        count = startable(self.triggered, self.running.values(), driving=driving)
+        count = count_startable(self.triggered, self.running.values(), driving=driving)
         started, self.triggered = self.triggered[:count], self.triggered[count:]
         for action in started:
             self.running[action.id] = action
@@ -189,7 +156,7 @@ class OrderActions:
             self.commands.append(Perform(action))
 
     def changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
-        """Take the new status of an action."""
+        """Store the new status of an action, unless it has ended."""
         state = self._states.get(action_id)
         if state is None or state.status.ended:
             return
@@ -198,14 +165,14 @@ class OrderActions:
             self.running.pop(action_id, None)
 
     def interrupt(self, reason: str) -> Sequence[Action]:
-        """Let running actions fail, and return them."""
+        """Let all running actions fail, and return them."""
         interrupted = tuple(self.running.values())
         for action in interrupted:
             self.changed(action.id, ActionStatus.FAILED, reason)
         return interrupted
 
     def cancel(self, reason: str) -> None:
-        """Let waiting actions fail, and end running actions; drop the commands so far."""
+        """Let waiting actions fail, and end running actions; drop the commands not taken yet."""
         for action_id, state in self._states.items():
             if action_id not in self.running and not state.status.ended:
                 self._states[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)

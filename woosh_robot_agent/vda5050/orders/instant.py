@@ -35,9 +35,9 @@ _MAX_KNOWN = 500
 _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
-_HOLD = "action "
-"""Prefix of the names of holds: each running action that forbids driving sets a hold of the order.
-"""
+_HOLD_PREFIX = "action "
+"""Prefix of the names of holds: while an instant action forbids driving, the order has a hold with
+this prefix and the id of the action."""
 
 _TOO_MANY = Sentence("vda.tooManyInstant", "more than {most} instant actions run")
 _RUNS = Sentence("vda.idRuns", "the {action} with this id has not ended")
@@ -52,23 +52,26 @@ class InstantActions:
     """Instant actions since the last order.
 
     Args:
+        types: the actions that the vehicle can perform.
         order: the current order; it does not drive while an instant action forbids it.
 
     Attributes:
-        commands: commands that start actions; the owner takes them.
+        commands: commands that start actions; `Execution` takes them.
         last_motion: id of the last instant action that moves something; empty before the first.
+        errors: errors of refused instant actions, and of all actions that failed.
     """
 
     def __init__(self, types: ActionTypes, order: OrderMachine) -> None:
         self._types = types
         self._order = order
         self._states: dict[str, ActionState] = {}
+        """States of the instant actions since the last order, by id."""
         self._known: dict[str, None] = {}
         """Ids of the last instant actions, the oldest first."""
         self.commands: list[Perform] = []
         self._pause_again: dict[str, Action] = {}
-        """startPause actions that repeat the id of a startPause that has not ended, by the id; each
-        is performed after that end."""
+        """startPause actions to perform once an earlier startPause with the same id has ended, by
+        id."""
         self.last_motion = ""
         self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
 
@@ -92,7 +95,7 @@ class InstantActions:
         """Return the ids of the actions in the state.
 
         Args:
-            ended: True to include actions that have ended.
+            ended: True to include the actions that have ended.
         """
         return {key for key, state in self._states.items() if ended or not state.status.ended}
 
@@ -101,7 +104,8 @@ class InstantActions:
         for action in actions:
             if action.type == STOP_PAUSE:
                 self._pause_again.clear()
-            if self._is_pausing(action):  # a stopPause may have come in between
+            if self._is_pausing(action):
+                # not refused, because a stopPause may have arrived since the first one
                 self._pause_again[action.id] = action
                 continue
             if reason := self._reuse_objection(action):
@@ -153,13 +157,13 @@ class InstantActions:
                 self.commands.append(Perform(action, at_once=True))
             else:
                 self.changed(state.id, ActionStatus.FAILED, "the connector was restarted")
-        interrupted = [hold for hold in holds if hold.startswith(_HOLD)]
+        interrupted = [hold for hold in holds if hold.startswith(_HOLD_PREFIX)]
         for hold in interrupted:
             self._order.release(hold)
-        return [hold.removeprefix(_HOLD) for hold in interrupted]
+        return [hold.removeprefix(_HOLD_PREFIX) for hold in interrupted]
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
-        """Take the new status of an action; return False if it is not an instant action."""
+        """Store the new status of an action; return False if it is not an instant action."""
         state = self._states.get(action_id)
         if state is None:
             return False
@@ -171,7 +175,7 @@ class InstantActions:
         return True
 
     def failed(self, action: Action, reason: str, kind: ErrorType) -> None:
-        """Store the error of a failed action, of the order or instant."""
+        """Report the error of a failed action, which may also be one of the order."""
         self._add_error(warning(kind, reason, actionId=action.id, actionType=action.type))
 
     def forget_ended(self) -> None:
@@ -181,26 +185,26 @@ class InstantActions:
 
     def _start(self, action: Action, kind: ActionType) -> None:
         if kind.scopes == {Scope.INSTANT}:
-            # the action controls the vehicle, so it waits for nothing, whatever its blockingType
+            # the action controls the vehicle itself, so it ignores its blockingType
             self.commands.append(Perform(action, at_once=True))
             return
         if kind.pausable:
             self.last_motion = action.id
-        if action.blocking not in kind.blocking:
+        if action.blocking not in kind.blocking:  # in version 3.0, instant actions have only NONE
             action = replace(action, blocking=BlockingType.HARD)
-        if action.blocking.stops:
+        if action.blocking.forbids_driving:
             self._order.hold(_hold_of(action.id))
         self.commands.append(Perform(action))
 
     def _is_pausing(self, action: Action) -> bool:
-        """Return True for a startPause that repeats the id of a startPause that has not ended."""
+        """Return True for a startPause with the id of a startPause that has not ended."""
         state = self._states.get(action.id)
         if state is None or state.status.ended:
             return False
         return state.type == action.type == START_PAUSE
 
     def _reuse_objection(self, action: Action) -> str:
-        """Return why an action cannot have its id; empty if the id is permitted."""
+        """Return why an action cannot use its id again; empty if it may use it."""
         state = self._states.get(action.id)
         if state is not None and not state.status.ended:
             return _RUNS(action=state.type)
@@ -239,4 +243,4 @@ class InstantActions:
 
 
 def _hold_of(action_id: str) -> str:
-    return f"{_HOLD}{action_id}"
+    return f"{_HOLD_PREFIX}{action_id}"

@@ -1,4 +1,4 @@
-"""The legs of an order, which the robot drives one by one, their speed, and the commands."""
+"""The legs of an order, which the robot drives one by one, and the state machines' commands."""
 
 from __future__ import annotations
 
@@ -44,37 +44,37 @@ def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
     base = [(edge, node) for edge, node in zip(edges, nodes, strict=True) if edge.released]
     if not base:
         return None
-    poses = _poses(base[0][0])
+    poses = _pose_count(base[0][0])
     length = 1
     for (before, node), (edge, following) in pairwise(base):
-        poses += _poses(edge)
-        if poses > _MAX_POSES or stops_at(node) or stops(edge.actions):
+        poses += _pose_count(edge)
+        if poses > _MAX_POSES or must_stop_at(node) or need_standstill(edge.actions):
             break
-        if changes_way(before, node, edge, following):
+        if needs_own_task(before, node, edge, following):
             break
         length += 1
     chosen = base[:length]
     return Leg(tuple(edge for edge, _ in chosen), tuple(node for _, node in chosen))
 
 
-def _poses(edge: Edge) -> int:
-    """Return the number of poses in the task for an edge."""
+def _pose_count(edge: Edge) -> int:
+    """Return the number of poses for an edge in a task of the robot."""
     return 1 if edge.trajectory is None else len(curve_points(edge.trajectory))
 
 
-def stops_at(node: Node) -> bool:
+def must_stop_at(node: Node) -> bool:
     """Return True if the vehicle must stop on a node: for an action, a heading or a mark."""
     place = node.position
     turns = place is not None and place.theta is not None and abs(place.deviation_theta) < math.pi
-    return turns or bool(node.mark) or stops(node.actions)
+    return turns or bool(node.mark) or need_standstill(node.actions)
 
 
-def stops(actions: Sequence[Action]) -> bool:
+def need_standstill(actions: Sequence[Action]) -> bool:
     """Return True if the vehicle must not drive while some of these actions run."""
-    return any(action.blocking.stops for action in actions)
+    return any(action.blocking.forbids_driving for action in actions)
 
 
-def changes_way(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
+def needs_own_task(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
     """Return True if the edge after a node needs a task of its own.
 
     Args:
@@ -148,13 +148,13 @@ def _distances(nodes: Sequence[Node], position: Position) -> Iterator[float]:
 
 @dataclass(frozen=True)
 class Drive:
-    """Drive a leg, and report its end with `OrderMachine.drive_ended`."""
+    """Command to drive a leg, and to report its end with `OrderMachine.drive_ended`."""
 
     leg: Leg
 
 
 class Control(Enum):
-    """Command about the drive of a leg; about any task or action of the robot, too.
+    """Command to pause, resume or cancel the drive of a leg, or any task or action of the robot.
 
     After a cancellation, report the end of the drive with `OrderMachine.drive_ended`.
     """
@@ -166,7 +166,7 @@ class Control(Enum):
 
 @dataclass(frozen=True)
 class Perform:
-    """Perform an action, and report its progress with `action_changed`.
+    """Command to perform an action, and to report its progress with `action_changed`.
 
     Attributes:
         at_once: True to wait neither for other actions nor for a standstill.
@@ -178,10 +178,10 @@ class Perform:
 
 @dataclass(frozen=True)
 class EndAction:
-    """End an action that runs: the vehicle has left its edge, or the order was cancelled."""
+    """Command to end an action: the vehicle has left its edge, or the order was cancelled."""
 
     action: Action
 
 
 Command: TypeAlias = Drive | Control | Perform | EndAction
-"""Any command of the state machine."""
+"""Any command of `OrderMachine`; `InstantActions` has only `Perform`."""

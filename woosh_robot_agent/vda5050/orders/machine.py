@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
@@ -15,19 +16,24 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleError,
     warning,
 )
-from woosh_robot_agent.vda5050.orders.actions import Memory, OrderActions
+from woosh_robot_agent.vda5050.orders.actions import ActionsMemory, OrderActions
 from woosh_robot_agent.vda5050.orders.legs import (
     Command,
     Control,
     Drive,
     Leg,
+    need_standstill,
     needs_base,
     next_leg,
     speed_limit,
-    stops,
 )
 from woosh_robot_agent.vda5050.orders.reach import Route, in_sequence
-from woosh_robot_agent.vda5050.orders.structure import Verdict, check_action_ids, check_start, judge
+from woosh_robot_agent.vda5050.orders.structure import (
+    OrderKind,
+    check_action_ids,
+    check_start,
+    classify,
+)
 
 _RESTARTED = Sentence("vda.restarted", "the connector was restarted while the action ran")()
 _OTHER_MAP = Sentence("vda.otherMap", "the vehicle waits before node {node}: it is on map {map}")
@@ -38,6 +44,39 @@ _MAX_APPROACH = 0.5
 """Maximum distance to the start of a trajectory from which the vehicle drives there, in metres."""
 
 
+@dataclass(frozen=True)
+class OrderMemory:
+    """State of an order that must survive a restart of the program.
+
+    Attributes:
+        order_id: id of the order; empty without an order.
+        update_id: number of the order's last update.
+        last_node: the node that was reached last; None before the first node.
+        nodes: nodes still to be reached.
+        edges: edges still to be left.
+        on_edge: True if the vehicle is on the first of `edges`.
+        leg_length: number of nodes of the current leg that are still to be reached; 0 without a
+            leg.
+        canceling: True from the cancellation of the order until it has been emptied.
+        cancelled: True if the order was cancelled.
+        holds: names of the holds that keep the vehicle from driving.
+        error: why the order does not go on; None while it goes on.
+    """
+
+    order_id: str = ""
+    update_id: int = 0
+    last_node: Node | None = None
+    nodes: tuple[Node, ...] = ()
+    edges: tuple[Edge, ...] = ()
+    on_edge: bool = False
+    leg_length: int = 0
+    actions: ActionsMemory = field(default_factory=ActionsMemory)
+    canceling: bool = False
+    cancelled: bool = False
+    holds: tuple[str, ...] = ()
+    error: VehicleError | None = None
+
+
 class OrderMachine:
     """The current order: its state, and what to do next.
 
@@ -45,6 +84,7 @@ class OrderMachine:
 
     Attributes:
         error: why the order can only be cancelled; None while it can go on.
+        canceling: True from the cancellation of the order until it has been emptied.
     """
 
     def __init__(self) -> None:
@@ -53,19 +93,18 @@ class OrderMachine:
         self.error: VehicleError | None = None
         self._order: Order | None = None
         """The order or update that was taken last."""
-        self._canceling = False
-        self._cancelled = False
-        """True if the order was cancelled."""
+        self.canceling = False
+        self._is_cancelled = False
         self._holds: set[str] = set()
         """Names of the holds that keep the vehicle from driving."""
-        self._is_held: bool | None = False
-        """True if the drive was paused because of `held`; None if it may be paused or not."""
+        self._is_drive_paused: bool | None = False
+        """True if the last command about the drive was a pause; None if unknown after a restart."""
 
     # Properties of the order
 
     @property
     def held(self) -> bool:
-        """True while a hold keeps the vehicle from driving, or the order was interrupted."""
+        """True while a hold or an interruption of the order keeps the vehicle from driving."""
         interrupted = self.error is not None and self.error.type == ErrorType.INTERRUPTED.value
         return bool(self._holds) or interrupted
 
@@ -100,7 +139,7 @@ class OrderMachine:
         node = route.nodes[0] if route.nodes and route.nodes[0].released else None
         if node is None or here is None or route.is_on_map_of(node):
             return ()
-        if self._actions.forbid_driving():
+        if self._actions.need_standstill():
             return ()  # an action may bring the vehicle to the other map
         return (
             warning(
@@ -114,14 +153,9 @@ class OrderMachine:
         )
 
     @property
-    def canceling(self) -> bool:
-        """True from the cancellation of the order until it has been emptied."""
-        return self._canceling
-
-    @property
     def has_ended(self) -> bool:
         """True once the drive and all actions of a cancelled order have ended."""
-        return self._canceling and not self.driving and not self._actions.running
+        return self.canceling and not self.driving and not self._actions.running
 
     @property
     def order_id(self) -> str:
@@ -155,7 +189,7 @@ class OrderMachine:
 
     @property
     def _needs_base(self) -> bool:
-        return not self._canceling and needs_base(self._route.nodes, self._route.position)
+        return not self.canceling and needs_base(self._route.nodes, self._route.position)
 
     @property
     def speed_limit(self) -> float | None:
@@ -177,8 +211,10 @@ class OrderMachine:
 
     # Events
 
-    def receive(self, order: Order, check: Callable[[Order], None] = lambda order: None) -> Verdict:
-        """Take an order or an update.
+    def receive(
+        self, order: Order, check: Callable[[Order], None] = lambda order: None
+    ) -> OrderKind:
+        """Take an order or an update, and return its kind.
 
         Args:
             check: raises a RejectedError if the vehicle cannot perform the order.
@@ -186,24 +222,24 @@ class OrderMachine:
         Raises:
             RejectedError: the vehicle cannot take the order; nothing has changed.
         """
-        verdict = judge(
+        kind = classify(
             order,
             self._order,
             busy=self.busy,
-            cancelled=self._cancelled,
+            cancelled=self._is_cancelled,
             decision_point=self._decision_point,
         )
-        if verdict is Verdict.KNOWN:
-            return verdict
+        if kind is OrderKind.KNOWN:
+            return kind
         horizon: list[Node | Edge] = []
-        if verdict is Verdict.UPDATE:
+        if kind is OrderKind.UPDATE:
             horizon = [part for part in self._route.parts if not part.released]
             check_action_ids(order, self._actions.ids_without(horizon))
         check(order)  # before check_start, which would fail with another error on an unknown map
-        if verdict is Verdict.NEW:
+        if kind is OrderKind.NEW:
             check_start(order, self._route.stands_on)
             self.error = None
-            self._cancelled = False
+            self._is_cancelled = False
             self._actions.clear()
             self._actions.add(in_sequence(order.nodes, order.edges))
             self._route.begin(order)
@@ -212,17 +248,17 @@ class OrderMachine:
             self._route.append(order)
             self._actions.add(in_sequence(order.nodes[1:], order.edges))
         self._order = order
-        return verdict
+        return kind
 
     def set_last_node(self, node_id: str) -> None:
-        """Set the last node, on which the vehicle stands by its own knowledge or by a command.
+        """Set the last node, without a drive to it.
 
         Args:
             node_id: id of the node; empty if the vehicle stands on no node.
         """
         last = self._route.last_node
         number = last.sequence_id if last and self.busy else 0
-        self._route.place(Node(node_id, number) if node_id else None)
+        self._route.set_last_node(Node(node_id, number) if node_id else None)
 
     def forget_left_node(self) -> None:
         """Forget the last node, unless the vehicle stands on it; not during an order."""
@@ -231,39 +267,36 @@ class OrderMachine:
             self.set_last_node("")
 
     def moved(
-        self, position: Position, *, by_itself: bool = False, confirmed: bool = False
+        self, position: Position, *, by_action: bool = False, confirmed: bool = False
     ) -> None:
-        """Take a new position, and find the nodes of the leg that the vehicle has passed.
+        """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
         Args:
-            by_itself: True if an action may have moved the vehicle.
+            by_action: True if an action may have moved the vehicle.
             confirmed: True if the robot has confirmed, over the current link, that it drives the
                 leg.
         """
         self._route.moved(
-            position, by_itself=by_itself, confirmed=confirmed, passes=not self._canceling
+            position, by_action=by_action, confirmed=confirmed, passes=not self.canceling
         )
 
-    def lose_track(self) -> None:
-        """Pass no node until the robot confirms the drive.
-
-        To be called when the link is lost: the robot may be moved, or restarted elsewhere.
-        """
-        self._route.lose_track()
+    def link_lost(self) -> None:
+        """Pass no node until the robot confirms the drive: it may be moved without the link."""
+        self._route.link_lost()
 
     def drive_ended(self, reason: str = "") -> None:
-        """Take the end of the drive.
+        """Take note that the drive has ended.
 
         Args:
             reason: why the drive did not reach the goal of the leg; empty if it did.
         """
         route = self._route
-        if route.leg is None or self._canceling:
+        if route.leg is None or self.canceling:
             route.leg = None
         elif reason:
             route.leg = None
             node = route.nodes[0]
-            self.error = self._stuck(
+            self.error = self._fatal_error(
                 ErrorType.DRIVING,
                 _NOT_REACHED(node=node.id, reason=reason),
                 ("nodeId", node.id),
@@ -273,12 +306,12 @@ class OrderMachine:
             route.arrive()
 
     def drive_unsent(self) -> None:
-        """Command the leg again when the vehicle may drive: the `Drive` command was not sent."""
+        """Take note that the last `Drive` was not sent to the robot; `poll` returns it again."""
         self._route.leg = None
-        self._route.doubtful = True
+        self._route.must_check_place = True
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
-        """Take the new status of an action that was started by a `Perform` command."""
+        """Store the new status of an action that was started by a `Perform` command."""
         self._actions.changed(action_id, status, result)
 
     def hold(self, name: str) -> None:
@@ -299,7 +332,7 @@ class OrderMachine:
         Args:
             reason: result of the actions that fail because of the cancellation.
         """
-        self._canceling = self._cancelled = True
+        self.canceling = self._is_cancelled = True
         self.error = None
         self._actions.cancel(reason)
         if self.driving:
@@ -312,12 +345,12 @@ class OrderMachine:
             may_drive: True if the vehicle may start to drive.
             may_empty: True if a cancelled order that has ended may be emptied.
         """
-        if self._canceling:
+        if self.canceling:
             if may_empty and self.has_ended:
                 self.empty()
-        elif self._is_in_place(may_drive=may_drive):
+        elif self._check_place(may_drive=may_drive):
             self._start_actions()
-            self._hold_drive()
+            self._pause_or_resume_drive()
             if may_drive and not self.held:
                 while self._start_drive():
                     self._start_actions()
@@ -326,54 +359,53 @@ class OrderMachine:
 
     def empty(self) -> None:
         """Remove the remaining nodes and edges of a cancelled order that has ended."""
-        self._canceling = False
+        self.canceling = False
         self._route.empty()
 
-    def doubt_place(self) -> None:
-        """Check the position before the order goes on, because the vehicle may have been moved."""
-        self._route.doubtful = True
+    def require_place_check(self) -> None:
+        """Check the position before the order goes on: the vehicle may have been moved."""
+        self._route.must_check_place = True
 
     # Memory
 
     @property
-    def memory(self) -> Memory:
+    def memory(self) -> OrderMemory:
         """State that must survive a restart of the program."""
         route, leg = self._route, self._route.leg
-        ends = (leg is not None and node is leg.goal for node in route.nodes)
-        return Memory(
+        return OrderMemory(
             order_id=self.order_id,
             update_id=self._update_id,
             last_node=route.last_node,
             nodes=tuple(route.nodes),
             edges=tuple(route.edges),
             on_edge=route.on_edge,
-            leg_length=next((index + 1 for index, ends_leg in enumerate(ends) if ends_leg), 0),
+            leg_length=0 if leg is None else route.nodes.index(leg.goal) + 1,
             actions=self._actions.memory,
-            canceling=self._canceling,
-            cancelled=self._cancelled,
+            canceling=self.canceling,
+            cancelled=self._is_cancelled,
             holds=tuple(sorted(self._holds)),
             error=self.error,
         )
 
-    def restore(self, memory: Memory) -> None:
+    def restore(self, memory: OrderMemory) -> None:
         """Go on with an order after a restart. Actions that ran fail.
 
-        If there is a leg, report its end with `drive_ended`, as if it had just been started.
+        If `driving` is True then, call `drive_ended` at the end of the drive, as after a `Drive`.
         """
         if not memory.order_id:
             return
-        self._order = Order(memory.order_id, memory.update_id, (), ())
+        self._order = Order(memory.order_id, memory.update_id, nodes=(), edges=())  # not saved
         route = self._route
         route.restore(memory.last_node, memory.nodes, memory.edges, on_edge=memory.on_edge)
         self._actions.restore(memory.actions)
         if length := memory.leg_length:
             route.leg = Leg(memory.edges[:length], memory.nodes[:length])
-        self._cancelled = memory.cancelled
+        self._is_cancelled = memory.cancelled
         self._holds = set(memory.holds)
         self.error = memory.error
-        self._is_held = None if self.held else False
+        self._is_drive_paused = None if self.held else False
         for action in self._actions.interrupt(_RESTARTED):
-            if stops((action,)):
+            if need_standstill((action,)):
                 self.interrupt(action.id)
         if memory.canceling:
             self.cancel()
@@ -386,31 +418,37 @@ class OrderMachine:
             reason: why the outcome of the action is unknown.
         """
         if self.busy and self.error is None:
-            self.error = self._stuck(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
+            self.error = self._fatal_error(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
 
     # Steps
 
-    def _is_in_place(self, *, may_drive: bool) -> bool:
-        """Return False while the order must wait until the position is known and was checked."""
+    def _check_place(self, *, may_drive: bool) -> bool:
+        """If it is required, check that the vehicle is still at its last node.
+
+        Returns:
+            False while the order must wait, because the position cannot be checked yet.
+        """
         route = self._route
         last = route.last_node
         goes_on = self._actions.triggered or (route.edges and route.edges[0].released)
-        if not route.doubtful or self.driving or not goes_on:
+        if not route.must_check_place or self.driving or not goes_on:
             return True
         if last is not None and last.position is not None:
             if route.position is None or not may_drive:
                 return False
-            is_there = route.stands_on(last) or route.is_where_it_stood()
+            is_there = route.stands_on(last) or route.was_not_moved()
             if not is_there and self.error is None:
-                self.error = self._stuck(
+                self.error = self._fatal_error(
                     ErrorType.INTERRUPTED,
                     _MOVED(node=last.id),
                     ("nodeId", last.id),
                 )
-        route.doubtful = False
+        route.must_check_place = False
         return True
 
-    def _stuck(self, kind: ErrorType, reason: str, *references: tuple[str, str]) -> VehicleError:
+    def _fatal_error(
+        self, kind: ErrorType, reason: str, *references: tuple[str, str]
+    ) -> VehicleError:
         """Return the error of an order that cannot go on."""
         return VehicleError(
             kind.value,
@@ -427,16 +465,20 @@ class OrderMachine:
         if self.error is None:
             self._actions.start(driving=self.driving)
 
-    def _hold_drive(self) -> None:
-        """Pause or resume the drive."""
-        if self.driving and self._is_held != self.held:
-            self._is_held = self.held
+    def _pause_or_resume_drive(self) -> None:
+        """Pause or resume the drive after a change of `held`."""
+        if self.driving and self._is_drive_paused != self.held:
+            self._is_drive_paused = self.held
             self._command(Control.PAUSE if self.held else Control.RESUME)
 
     def _start_drive(self) -> bool:
-        """Start the next leg; return True if the next node was reached without driving."""
+        """Start the next leg, or reach the next node without a drive if it is at the same place.
+
+        Returns:
+            True if the next node was reached, so that the leg after it may start.
+        """
         route = self._route
-        if self.driving or self.error is not None or self._actions.forbid_driving():
+        if self.driving or self.error is not None or self._actions.need_standstill():
             return False
         leg = next_leg(route.edges, route.nodes)
         if leg is None or not route.is_on_map_of(leg.nodes[0]):
@@ -444,19 +486,19 @@ class OrderMachine:
         if not route.on_edge:
             route.enter_edge()
             self._start_actions()
-            if self._actions.forbid_driving():
+            if self._actions.need_standstill():
                 return False
         if route.reach_in_place(leg.nodes[0]):
             return True
-        if (distance := route.distance_to_way(leg)) > _MAX_APPROACH:
-            self.error = self._stuck(
+        if (distance := route.distance_to_trajectory(leg)) > _MAX_APPROACH:
+            self.error = self._fatal_error(
                 ErrorType.DRIVING,
                 _FAR(edge=leg.edges[0].id, distance=f"{distance:.1f}"),
                 ("nodeId", leg.nodes[0].id),
                 ("edgeId", leg.edges[0].id),
             )
             return False
-        route.depart(leg)
-        self._is_held = False
+        route.begin_leg(leg)
+        self._is_drive_paused = False
         self._command(Drive(leg))
         return False

@@ -1,4 +1,4 @@
-"""The rest of an order, the place of the vehicle on it, and the reasons to count nodes as reached.
+"""The route: the rest of an order, the place of the vehicle on it, and which nodes are reached.
 
 A node counts as reached for one of these reasons, and for no other:
 
@@ -34,10 +34,8 @@ _MAX_STEP = 1.0
 jump: the position was corrected, or the vehicle was moved.
 A robot sends five reports per second."""
 _UNSEEN_WAY = math.sqrt(2.0)
-"""Estimated length of a way that was driven without a link, per distance of its ends; as if the way
-led round one right-angled corner."""
-
-
+"""Estimated length of a way that was driven without a link, as a multiple of the distance between
+its ends; as if the way led round one right-angled corner."""
 TOLERANCE = 0.25
 """Lowest deviation from a node that is permitted, in metres; a smaller value of the order is raised
 to it."""
@@ -58,8 +56,8 @@ class Route:
         on_edge: True if the vehicle is on an edge.
         leg: the leg that the vehicle drives; None while it drives no leg.
         position: the last position; None if unknown.
-        driven: distance since the last node, in metres; None if unknown.
-        doubtful: True if the vehicle may have been moved away from the last node.
+        driven: distance driven since the last node, in metres; None if unknown after a restart.
+        must_check_place: True if the vehicle may have been moved away from the last node.
     """
 
     def __init__(self, actions: OrderActions) -> None:
@@ -71,20 +69,22 @@ class Route:
         self.leg: Leg | None = None
         self.position: Position | None = None
         self.driven: float | None = 0.0
-        self.doubtful = False
+        self.must_check_place = False
         self._before: Position | None = None
         """The last position that differed from `position`; None if unknown."""
-        self._stand: Position | None = None
-        """Last position to which the vehicle drove by itself, i.e. was not pushed; None if unknown.
-        """
-        self._left: Position | NodePosition | None = None
+        self._driven_to: Position | None = None
+        """Last position to which the vehicle drove, i.e. was not pushed; None if unknown."""
+        self._reached_at: Position | NodePosition | None = None
         """Position of the vehicle when it reached the last node; None if unknown."""
-        self._way = 0.0
-        """Distance driven since `_left`, in metres; estimated for times without a link."""
-        self._is_lost = False
-        """True if the vehicle may have been moved, or restarted elsewhere, during the leg."""
-        self._lost_at: Position | NodePosition | None = None
-        """Position before `_is_lost` became True; None if unknown."""
+        self._estimated_way = 0.0
+        """Like `driven`, but estimated for times without a link, and known after a restart."""
+        self._is_unconfirmed = False
+        """True from a loss of the link during the leg until the robot confirms that it drives it.
+
+        The vehicle may have been moved, or restarted elsewhere.
+        """
+        self._position_at_loss: Position | NodePosition | None = None
+        """Position when `_is_unconfirmed` became True; None if unknown."""
 
     # The order
 
@@ -100,7 +100,7 @@ class Route:
         self._reach()
 
     def append(self, order: Order) -> None:
-        """Replace the horizon by the nodes and edges of an update."""
+        """Replace the horizon by an update, whose first node is the last one of the base."""
         self.nodes = deque(node for node in self.nodes if node.released)
         self.edges = deque(edge for edge in self.edges if edge.released)
         self.nodes += order.nodes[1:]
@@ -115,12 +115,13 @@ class Route:
     def restore(
         self, last_node: Node | None, nodes: Iterable[Node], edges: Iterable[Edge], *, on_edge: bool
     ) -> None:
-        """Go on after a restart of the program: only the node that was reached last is known."""
+        """Go on after a restart of the program; the position of the vehicle is not known yet."""
         self.last_node = last_node
         self.nodes, self.edges, self.on_edge = deque(nodes), deque(edges), on_edge
         self.driven = None
-        self.doubtful = self._is_lost = True
-        self._left = self._lost_at = None if last_node is None else last_node.position
+        self.must_check_place = self._is_unconfirmed = True
+        self._reached_at = None if last_node is None else last_node.position
+        self._position_at_loss = self._reached_at
 
     # Reasons why a node counts as reached
 
@@ -130,16 +131,16 @@ class Route:
             return False
         return is_reached(node.position, None, self.position)
 
-    def place(self, node: Node | None) -> None:
+    def set_last_node(self, node: Node | None) -> None:
         """Set the last node to a node on which the vehicle stands; None if it stands on no node."""
         self.last_node = node
-        self._leave()
+        self._measure_from_here()
 
     def reach_in_place(self, node: Node) -> bool:
         """Reach the next node if it is at the place of the last node, and the vehicle stands there.
 
-        Args:
-            node: the next node.
+        Returns:
+            True if the node was reached.
         """
         last = self.last_node
         if last is None or last.position is None or node.position is None or node.mark:
@@ -151,35 +152,35 @@ class Route:
         self._reach()
         return True
 
-    def moved(self, position: Position, *, by_itself: bool, confirmed: bool, passes: bool) -> None:
+    def moved(self, position: Position, *, by_action: bool, confirmed: bool, passes: bool) -> None:
         """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
         Args:
-            by_itself: True if an action may have moved the vehicle.
+            by_action: True if an action may have moved the vehicle.
             confirmed: True if the robot has confirmed, over the current link, that it drives the
                 leg.
             passes: True if passed nodes count as reached.
         """
         last, self.position = self.position, position
-        before = None if self._is_lost else last
-        step = _distance(before, position)
-        if step > _MAX_STEP:
-            before, step = None, 0.0
+        before = None if self._is_unconfirmed else last
+        step = estimated_step = _distance(before, position)
+        if step > _MAX_STEP:  # a jump, or `before` is unknown
+            before, step, estimated_step = None, 0.0, 0.0
         leg = self.leg
-        if self._is_lost and leg is not None and confirmed:
-            gap = _distance(self._lost_at, position)
+        if self._is_unconfirmed and leg is not None and confirmed:
+            gap = _distance(self._position_at_loss, position)
             step = gap if math.isfinite(gap) else 0.0
-            self._way += step * (_UNSEEN_WAY - 1.0)
-            self._is_lost = False
+            estimated_step = step * _UNSEEN_WAY
+            self._is_unconfirmed = False
         if position != last or before is None:
             self._before = before
-        self._way += step
+        self._estimated_way += estimated_step
         self.driven = None if self.driven is None else self.driven + step
         is_on_other_map = last is not None and last.map_id != position.map_id
-        if by_itself or (leg is not None and not self._is_lost) or is_on_other_map:
-            self._stand = position
-        elif position != last:
-            self.doubtful = True
+        if by_action or (leg is not None and not self._is_unconfirmed) or is_on_other_map:
+            self._driven_to = position
+        elif position != last:  # pushed by somebody, or its position was corrected
+            self.must_check_place = True
         if leg is None or not passes:
             return
         ahead = takewhile(lambda node: node is not leg.goal, tuple(self.nodes))
@@ -206,27 +207,29 @@ class Route:
             edges: the edge to each node.
             nodes: the nodes that are passed without a stop, in their order.
         """
-        if self._is_lost:
+        if self._is_unconfirmed:
             return 0
         before = self._before
-        count, way = 0, 0.0
-        start: Position | NodePosition | None = self._left
+        count, way = 0, 0.0  # `way` leads from the last node to `start`
+        start: Position | NodePosition | None = self._reached_at
         for number, (edge, node) in enumerate(zip(edges, nodes, strict=False)):
             place = node.position
             if place is None:
                 break
-            is_next = number == count or (self._way >= way and self._leaves(start))
-            if is_next and is_reached(place, before, here):
+            misses_none = number == count
+            may_miss = self._estimated_way >= way and self._moves_away_from(start)
+            if (misses_none or may_miss) and is_reached(place, before, here):
                 count = number + 1
                 if before is not None and before.map_id == here.map_id:
+                    # the following nodes must be passed on the rest of the move
                     x, y = nearest_on_line(place.point, before.point, here.point)
                     before = replace(here, x=x, y=y)
             way += _length(edge, start, place)
             start = place
         return count
 
-    def _leaves(self, place: Position | NodePosition | None) -> bool:
-        """Return True if the vehicle moves away from a place."""
+    def _moves_away_from(self, place: Position | NodePosition | None) -> bool:
+        """Return True if the last move has not brought the vehicle nearer to a place."""
         if self._before is None:
             return False
         return _distance(self.position, place) >= _distance(self._before, place)
@@ -243,16 +246,16 @@ class Route:
             self._actions.leave_edge()
         self.last_node = self.nodes.popleft()
         is_past = passing and self._is_far_from(self.last_node)
-        self._leave()
+        self._measure_from_here()
         if is_past:
-            self._actions.miss(self.last_node)
+            self._actions.fail_node(self.last_node)
         else:
-            self._actions.reach(self.last_node)
+            self._actions.trigger_node(self.last_node)
 
     def _is_far_from(self, node: Node) -> bool:
-        """Return True if the vehicle is farther from a node than it drives between two reports.
+        """Return True if the vehicle is farther past a node than it drives between two reports.
 
-        It must have passed the node unseen, and actions of the node would happen somewhere else.
+        Then actions of the node would happen somewhere else.
         """
         place, here = node.position, self.position
         if place is None or here is None:
@@ -262,27 +265,26 @@ class Route:
             radius = max(place.ellipse.a, place.ellipse.b)
         return _distance(here, place) > max(radius, TOLERANCE) + _MAX_STEP
 
-    # The leg, and doubts about the place
+    # The leg, and the place of the vehicle
 
     def enter_edge(self) -> None:
-        """Enter the next edge."""
         self.on_edge = True
-        self._actions.enter(self.edges[0])
+        self._actions.trigger_edge(self.edges[0])
 
-    def depart(self, leg: Leg) -> None:
+    def begin_leg(self, leg: Leg) -> None:
         """Begin a leg; the place of the vehicle has been checked."""
         self.leg = leg
-        self._is_lost = False
+        self._is_unconfirmed = False
 
-    def lose_track(self) -> None:
-        """Take note that the link is lost: the robot may be moved, or restarted elsewhere."""
-        self.doubtful = True
-        if self.leg is not None and not self._is_lost:
-            self._is_lost, self._lost_at = True, self.position
+    def link_lost(self) -> None:
+        """Pass no node until the robot confirms the drive, and check the place after it."""
+        self.must_check_place = True
+        if self.leg is not None and not self._is_unconfirmed:
+            self._is_unconfirmed, self._position_at_loss = True, self.position
 
-    def is_where_it_stood(self) -> bool:
-        """Return True if the vehicle is still at the place to which it drove by itself."""
-        return _distance(self._stand, self.position) <= TOLERANCE
+    def was_not_moved(self) -> bool:
+        """Return True if the vehicle is still at the place to which it drove."""
+        return _distance(self._driven_to, self.position) <= TOLERANCE
 
     def is_on_map_of(self, node: Node) -> bool:
         """Return True if the vehicle is on the map of a node, or if one of the maps is unknown."""
@@ -290,17 +292,17 @@ class Route:
             return True
         return node.position.map_id == self.position.map_id
 
-    def distance_to_way(self, leg: Leg) -> float:
-        """Return the distance to the start of the leg's first trajectory, in metres; else 0."""
+    def distance_to_trajectory(self, leg: Leg) -> float:
+        """Return the distance to the leg's trajectory, in metres; 0 without a trajectory."""
         trajectory = leg.edges[0].trajectory
         if trajectory is None or self.position is None:
             return 0.0
         return math.dist(curve_points(trajectory)[0], self.position.point)
 
-    def _leave(self) -> None:
+    def _measure_from_here(self) -> None:
         """Measure the driven distance from here, because the vehicle has reached a node."""
-        self.driven, self._way, self._left = 0.0, 0.0, self.position
-        self._is_lost = False
+        self.driven, self._estimated_way, self._reached_at = 0.0, 0.0, self.position
+        self._is_unconfirmed = False
 
 
 def in_sequence(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edge]:

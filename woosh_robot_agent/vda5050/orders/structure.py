@@ -1,4 +1,4 @@
-"""Acceptance or rejection of orders and updates, and nodes that are marks of the map."""
+"""Check that an order or update fits the current order, and find the marks at its nodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from woosh_robot_agent.vda5050.messages.state import (
     RejectedError,
     rejection,
 )
-from woosh_robot_agent.vda5050.orders.legs import stops
+from woosh_robot_agent.vda5050.orders.legs import need_standstill
 from woosh_robot_agent.vda5050.orders.reach import is_reached
 
 _NO_NODE = Sentence("vda.noNode", "the order has no node")
@@ -87,9 +87,9 @@ def check_action_ids(order: Order, used: Collection[str]) -> None:
         RejectedError: two actions have the same id.
     """
     seen = set(used)
-    known = order.nodes[0] if used else None
+    skipped = order.nodes[0] if used else None
     for part in order.parts:
-        for action in part.actions if part is not known else ():
+        for action in part.actions if part is not skipped else ():
             if action.id in seen:
                 raise _malformed(order, _SAME_ID(), actionId=action.id)
             seen.add(action.id)
@@ -112,26 +112,26 @@ def _malformed(order: Order, reason: str, **references: object) -> RejectedError
     )
 
 
-class Verdict(Enum):
-    """Treatment of an order that is not rejected."""
+class OrderKind(Enum):
+    """Kind of an order that is not rejected."""
 
     NEW = "new"
-    """Replace the current order by the new order."""
+    """It replaces the current order."""
     UPDATE = "update"
-    """Append the update to the current order."""
+    """It is appended to the current order."""
     KNOWN = "known"
-    """Ignore the order, because the vehicle has it already."""
+    """The vehicle has it already, and ignores it."""
 
 
-def judge(
+def classify(
     order: Order,
     current: Order | None,
     *,
     busy: bool,
     cancelled: bool,
     decision_point: Node | None,
-) -> Verdict:
-    """Decide what to do with an order. A new order also needs `check_start`.
+) -> OrderKind:
+    """Check an order, and return its kind. A new order also needs `check_start`.
 
     Args:
         current: the last order or update that the vehicle took; None before the first order.
@@ -151,7 +151,7 @@ def judge(
                 _OTHER_ORDER(),
                 "wait for its end, or cancel it with cancelOrder",
             )
-        return Verdict.NEW
+        return OrderKind.NEW
     if order.update_id < current.update_id:
         raise rejection(
             ErrorType.OUTDATED_UPDATE,
@@ -161,7 +161,7 @@ def judge(
         )
     is_restored = not current.nodes  # only the ids of an order survive a restart
     if order == current or (is_restored and order.update_id == current.update_id):
-        return Verdict.KNOWN
+        return OrderKind.KNOWN
     if order.update_id == current.update_id:
         raise rejection(
             ErrorType.CHANGED_UPDATE,
@@ -191,7 +191,7 @@ def judge(
             f"sequenceId {decision_point.sequence_id}",
             nodeId=first.id,
         )
-    return Verdict.UPDATE
+    return OrderKind.UPDATE
 
 
 def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
@@ -219,14 +219,15 @@ mark."""
 
 
 def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
-    """Return an order in which each node to drive to by a mark has the number of the mark.
+    """Return an order with `Node.mark` set at the nodes to which the robot drives by a mark.
 
-    This applies to a node whose id is the number of a mark if the node has no position, or if it is
-    at the position of the mark and has an action that forbids driving. A node without a position
-    gets the position of the mark.
+    These are the nodes whose id is the number of a mark, and which have no position, or are at the
+    position of the mark and have an action that forbids driving. A node without a position gets the
+    position of the mark.
 
     Args:
         map_id: id of the map for nodes without a position.
+        find: returns the position of a mark.
     """
     return replace(order, nodes=tuple(_with_mark(node, map_id, find) for node in order.nodes))
 
@@ -239,7 +240,7 @@ def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
     if place is None:
         # the robot itself chooses the heading at a mark
         return replace(node, mark=node.id, position=replace(mark, theta=None))
-    if stops(node.actions) and _is_at(place, mark):
+    if need_standstill(node.actions) and _is_at(place, mark):
         return replace(node, mark=node.id)
     return node
 

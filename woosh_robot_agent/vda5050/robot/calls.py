@@ -65,12 +65,12 @@ class _Run:
     """One execution of an action of the robot, from its start to its end.
 
     Args:
-        command: the command, without its `action`.
+        command: the command, without its field `action` (start, pause, resume or cancel).
         report: called with each new status: RUNNING or PAUSED.
 
     Attributes:
         accepted: True if the robot has accepted the start.
-        heard: True if the robot has reported that it executes, or has paused, the action.
+        reported: True if the robot has reported that it executes, or has paused, the action.
         cannot_pause: True if the robot could not pause the action.
         ended: done when the action has ended, with the reason of its failure; empty after a
             success.
@@ -86,7 +86,7 @@ class _Run:
         self.command = command
         self.report = report
         self.accepted = False
-        self.heard = False
+        self.reported = False
         self.cannot_pause = False
         self.outcome_unknown = False
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -97,7 +97,7 @@ class _Run:
         """Name of the command, for log and error texts."""
         return self.command.DESCRIPTOR.name
 
-    def call(self, action: action_pb2.ControlAction) -> CallAction:
+    def request(self, action: action_pb2.ControlAction) -> CallAction:
         """Return the request that starts, pauses, resumes or cancels the action."""
         call = CallAction()
         part: Any = getattr(call, _FIELDS[full_name(self.command)])
@@ -137,12 +137,12 @@ class RobotCalls:
         return not self._runs.keys().isdisjoint(_MOVES_BASE)
 
     @property
-    def stand(self) -> bool:
+    def all_paused(self) -> bool:
         """True if each running action is paused, or cannot be paused."""
-        return all(run.controller.stands or run.cannot_pause for run in self._runs.values())
+        return all(run.controller.stays_paused or run.cannot_pause for run in self._runs.values())
 
     def want(self, control: Control) -> None:
-        """Pause or resume all actions."""
+        """Pause or resume all actions, as `Controller.want` does."""
         for run in self._runs.values():
             run.cannot_pause = False
             run.controller.want(control)
@@ -172,7 +172,7 @@ class RobotCalls:
                 await asyncio.wait({run.ended})
             raise
         finally:
-            run.end("it is not followed any more")
+            run.end("")  # so that nothing more is asked or commanded
             del self._runs[name]
         if reason:
             raise ActionFailedError(
@@ -181,33 +181,34 @@ class RobotCalls:
         return run.result
 
     def _new_run(self, command: Message, report: Callable[[ActionStatus], None]) -> _Run:
+        run = _Run(command, report)
+
         async def send(control: Control) -> Answer:
-            return await self._link.command(run.call(_CONTROLS[control]))
+            return await self._link.command(run.request(_CONTROLS[control]))
 
         def answered(control: Control, answer: Answer | None) -> None:
             if answer is None:
                 return
             if control is Control.CANCEL:
-                self._inquire(run)
-            elif control is Control.PAUSE and not answer.ok and (run.accepted or run.heard):
-                self._show_unpausable(run)
+                self._ask_about(run)
+            elif control is Control.PAUSE and not answer.ok and (run.accepted or run.reported):
+                self._pause_failed(run)
 
-        run = _Run(command, report)
         run.controller = Controller(self._link, run.name, send, answered)
         return run
 
     async def _start(self, run: _Run) -> None:
         def answered(answer: Answer) -> None:
             run.accepted = answer.ok
-            if answer.ok and not run.heard:
+            if answer.ok and not run.reported:
                 run.report(ActionStatus.RUNNING)
 
         try:
-            answer = await self._link.command(run.call(action_pb2.kExecute), tap=answered)
+            answer = await self._link.command(run.request(action_pb2.kExecute), tap=answered)
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of %s was not answered: %s", run.name, error)
             if self._link.ready:
-                self._inquire(run)
+                self._ask_about(run)
         except LinkError as error:
             raise ActionFailedError(_NOT_SENT(name=run.name, reason=said_by(error))) from None
         else:
@@ -222,16 +223,16 @@ class RobotCalls:
     def _handle_report(self, run: _Run, report: Feedback) -> None:
         """Update an action from a report."""
         if report.state == ros_pack_pb2.kRosExecuting:
-            if not (run.accepted or run.heard):
+            if not (run.accepted or run.reported):
                 run.report(ActionStatus.RUNNING)
-            run.heard = True
-            self._show_paused(run, False)
+            run.reported = True
+            self._update_paused(run, paused=False)
         elif report.state == ros_pack_pb2.kRosPause:
-            run.heard = True
-            self._show_paused(run, True)
+            run.reported = True
+            self._update_paused(run, paused=True)
         elif report.state == ros_pack_pb2.kRosPauseFailed:
-            self._show_unpausable(run)
-        elif not (run.accepted or run.heard):
+            self._pause_failed(run)
+        elif not (run.accepted or run.reported):
             return  # the end of an earlier action of this kind
         elif report.state == ros_pack_pb2.kRosSuccess:
             run.result = report.msg
@@ -240,39 +241,39 @@ class RobotCalls:
             reason = _FAILURES[report.state]
             run.end(WITH_TEXT(reason=reason, text=report.msg) if report.msg else reason)
 
-    def _show_paused(self, run: _Run, paused: bool) -> None:
+    def _update_paused(self, run: _Run, *, paused: bool) -> None:
         was_paused = run.controller.paused
-        if run.controller.reported(paused):
+        if run.controller.update(paused):
             if paused != was_paused:
                 run.report(ActionStatus.PAUSED if paused else ActionStatus.RUNNING)
             self._link.changed()
 
-    def _show_unpausable(self, run: _Run) -> None:
+    def _pause_failed(self, run: _Run) -> None:
         run.cannot_pause = True
         run.controller.withdraw_pause()
         self._link.changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Find out the states of the actions after a reconnect."""
+        """Ask for the states of the actions after a reconnect."""
         for run in self._runs.values():
-            self._inquire(run)
+            self._ask_about(run)
 
     def _link_changed(self, state: LinkState) -> None:
         for run in self._runs.values():
             run.controller.link_changed()
 
-    def _inquire(self, run: _Run) -> None:
+    def _ask_about(self, run: _Run) -> None:
         """Ask the robot about an action, until it answers or the link is lost."""
-        self._link.work.start_once(lambda: self._poll(run), run)
+        self._link.background.start_once(lambda: self._ask(run), run)
 
-    async def _poll(self, run: _Run) -> None:
+    async def _ask(self, run: _Run) -> None:
         def take_answer(answer: Answer) -> None:
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == full_name(run.command)]
             if mine:
                 self._handle_report(run, mine[-1])
-            # the end of a run that was neither accepted nor heard of belongs to an earlier run
-            if not mine or not (run.accepted or run.heard):
+            # if nothing shows that this run has begun, the reported end is that of an earlier run
+            if not mine or not (run.accepted or run.reported):
                 run.outcome_unknown = True
                 run.end(_UNKNOWN())
 

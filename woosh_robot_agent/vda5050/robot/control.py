@@ -21,21 +21,21 @@ _EFFECT_WITHIN = 1.5
 
 
 class Controller:
-    """Pauses, resumes and cancels a task or an action. Used in the event loop of the link.
+    """Pauses, resumes and cancels one task or action. Used in the event loop of the link.
 
     A pause or a cancellation is repeated until the robot reports its effect, because it only stops
     the robot. A pause is sent again if the robot goes on. A resumption is sent once, when there is
-    a link. Nothing replaces a cancellation.
+    a link. After a cancellation, there are no other commands.
 
     Args:
         name: name of the task or the action, for the log.
         send: sends a command.
         answered: called with the answer to a command, or with None if no answer came.
-        may_send: returns False while another task or action would get the commands.
+        may_send: returns False while the robot would apply the commands to another task or action.
 
     Attributes:
         paused: True if the robot has reported that it is paused.
-        stands: True if the task or action is paused and was not resumed since.
+        stays_paused: True if it is paused and was not resumed since.
     """
 
     def __init__(
@@ -52,46 +52,46 @@ class Controller:
         self._answered = answered
         self._may_send = may_send
         self.paused = False
-        self.stands = False
+        self.stays_paused = False
         self._wanted: Control | None = None
         """Command that the robot must obey; None without a command."""
-        self._may_pause = False
-        """True if the last sent pause was not refused, and had no effect yet."""
+        self._is_pause_pending = False
+        """True if the last command was a pause that was not refused, and has had no effect yet."""
         self._resumed_at = -math.inf
         """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
         self._wake = asyncio.Event()
         self._log = LogOnce(_LOG)
 
     def want(self, control: Control) -> None:
-        """Let the robot obey a command."""
+        """Send a command, and replace the one before, unless that was a cancellation."""
         if self._wanted is not Control.CANCEL:
             self._wanted = control
             self._wake.set()
-            self._pursue()
+            self._start_sending()
 
     def withdraw_pause(self) -> None:
-        """Do not demand a pause any more."""
+        """Stop repeating a pause."""
         if self._wanted is Control.PAUSE:
             self._wanted = None
 
-    def reported(self, paused: bool) -> bool:
-        """Take a report; return True if `paused` or `stands` has changed.
+    def update(self, paused: bool) -> bool:
+        """Update the state from a report; return True if `paused` or `stays_paused` has changed.
 
         Args:
             paused: True if the task or action is paused.
         """
-        before = (self.paused, self.stands)
+        before = (self.paused, self.stays_paused)
         self.paused = paused
         if paused:
-            self._may_pause = False
+            self._is_pause_pending = False
         else:
             self._resumed_at = -math.inf
         now = asyncio.get_running_loop().time()
-        self.stands = paused and now >= self._resumed_at + _EFFECT_WITHIN
-        changed = (self.paused, self.stands) != before
+        self.stays_paused = paused and now >= self._resumed_at + _EFFECT_WITHIN
+        changed = (self.paused, self.stays_paused) != before
         if changed:
             self._wake.set()
-        self._pursue()
+        self._start_sending()
         return changed
 
     def link_changed(self) -> None:
@@ -103,29 +103,31 @@ class Controller:
         self._wanted = None
         self._wake.set()
 
-    def _pursue(self) -> None:
+    def _start_sending(self) -> None:
         """Start to send the wanted command, unless the robot has obeyed it."""
-        if self._due() is not None:
-            self._link.work.start_once(self._insist, self)
+        if self._pending() is not None:
+            self._link.background.start_once(self._send_until_obeyed, self)
 
-    async def _insist(self) -> None:
-        """Send the wanted command until the robot has obeyed it."""
-        while (control := self._due()) is not None:
+    async def _send_until_obeyed(self) -> None:
+        while (control := self._pending()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
-                self._may_pause = control is Control.PAUSE
+                self._is_pause_pending = control is Control.PAUSE
                 if control is Control.RESUME:
-                    self._wanted, self.stands = None, False
+                    self._wanted, self.stays_paused = None, False
                     self._resumed_at = asyncio.get_running_loop().time()
-                self._link.work.start(self._send(control))
+                self._link.background.start(self._send(control))
             with contextlib.suppress(TimeoutError):
                 await run_with_timeout(self._link.timing.repeat_after, self._wake.wait())
 
-    def _due(self) -> Control | None:
-        """Return the wanted command; None if there is none, or the robot has obeyed it."""
-        if self._wanted is Control.PAUSE and self.stands:
+    def _pending(self) -> Control | None:
+        """Return the wanted command; None if there is none, or the robot has obeyed it.
+
+        A resumption of what is not paused is forgotten. A pause is not, because it must last.
+        """
+        if self._wanted is Control.PAUSE and self.stays_paused:
             return None
-        if self._wanted is Control.RESUME and not (self.paused or self._may_pause):
+        if self._wanted is Control.RESUME and not (self.paused or self._is_pause_pending):
             self._wanted = None
         return self._wanted
 
@@ -138,9 +140,9 @@ class Controller:
             self._log.warn(text, f"the {text} was not sent or not answered: {error}")
             is_unsent = isinstance(error, NotConnectedError | TooManyRequestsError)
             if is_unsent and control is Control.RESUME and self._wanted is None:
-                self._wanted = control
+                self._wanted = control  # `_send_until_obeyed` tries again
         else:
             if not answer.ok:
-                self._may_pause = self._may_pause and control is not Control.PAUSE
+                self._is_pause_pending = self._is_pause_pending and control is not Control.PAUSE
                 self._log.warn(text, f"the robot refused the {text}: {answer.msg}")
         self._answered(control, answer)

@@ -22,7 +22,7 @@ _READY_TIMEOUT = 5.0
 
 
 class Background:
-    """Runs coroutines as asyncio tasks until they end, or until closed. At most one per key."""
+    """Runs coroutines as asyncio tasks until they end, or until `close`. At most one per key."""
 
     def __init__(self) -> None:
         self._tasks: dict[Hashable, asyncio.Task[None]] = {}
@@ -35,7 +35,8 @@ class Background:
             key: key of the task; None for a task that runs beside all others.
         """
         key = object() if key is None else key
-        self.cancel(key)
+        if (former := self._tasks.pop(key, None)) is not None:
+            former.cancel()
         task = asyncio.get_running_loop().create_task(work, name="vda5050")
         self._tasks[key] = task
         task.add_done_callback(lambda task: self._ended(key, task))
@@ -46,11 +47,6 @@ class Background:
         task = self._tasks.get(key)
         if task is None or task.done():
             self.start(work(), key)
-
-    def cancel(self, key: Hashable) -> None:
-        """Cancel the task with a key; do nothing if it has ended."""
-        if (task := self._tasks.pop(key, None)) is not None:
-            task.cancel()
 
     async def close(self) -> None:
         """Cancel all tasks, and wait for their end."""
@@ -71,6 +67,7 @@ class Conditions:
 
     def __init__(self) -> None:
         self._waiting: dict[asyncio.Future[None], Callable[[], bool]] = {}
+        """Conditions, by the future that is done once the condition holds."""
 
     async def wait(self, condition: Callable[[], bool], timeout: float | None = None) -> bool:
         """Wait until a condition holds; return False if this takes more than `timeout` seconds."""
@@ -101,7 +98,7 @@ class Timing:
         repeat_after: time after which a command that stops the robot is repeated if it had no
             effect, in seconds.
         pause_within: maximum time until the robot has paused or resumed everything, in seconds.
-        ask_again_after: pause before the marks are requested again after a request without an
+        ask_again_after: pause before maps and marks are requested again after a request without an
             answer, in seconds.
         minimum_timeouts: minimum timeouts of slow requests, in seconds, by protobuf full name.
     """
@@ -122,11 +119,12 @@ class RobotLink:
         on_moved: called with each report of a pose.
 
     Attributes:
+        chassis: client of the robot.
         gate: sends commands that move the robot, and tells who drives the robot.
-        changed: tells the vehicle that its state may have changed.
-        moved: tells the vehicle that a pose was reported.
+        changed: call it after each event that may change the state of the vehicle, except a pose.
+        moved: call it after each report of a pose.
         conditions: conditions of the vehicle that its actions wait for.
-        work: tasks that end with the link.
+        background: asyncio tasks that end with the link.
         is_closing: True once the link is being closed; the robot continues its task or action.
     """
 
@@ -144,7 +142,7 @@ class RobotLink:
         self.changed = on_changed
         self.moved = on_moved
         self.conditions = Conditions()
-        self.work = Background()
+        self.background = Background()
         self.is_closing = False
 
     @property
@@ -161,11 +159,15 @@ class RobotLink:
         await self.chassis.wait_ready(_READY_TIMEOUT)
 
     async def ask(self, request: Message, tap: Callable[[Answer], None] | None = None) -> Answer:
-        """Send a request that moves nothing, and return the answer; see `ChassisClient.request`."""
+        """Send a request that moves nothing, and return the answer; see `ChassisClient.request`.
+
+        Args:
+            tap: called with the answer, in order with the reports of the robot.
+        """
         return await self.chassis.request(self._requests.address(request), tap=tap)
 
     async def command(
         self, request: Message, tap: Callable[[Answer], None] | None = None
     ) -> Answer:
-        """Send a request that may move the robot; see `MotionGate.request`."""
+        """Send a request that may move the robot; see `ask` and `MotionGate.request`."""
         return await self.gate.request(self._requests.address(request), tap=tap)

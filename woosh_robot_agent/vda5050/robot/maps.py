@@ -24,6 +24,7 @@ class StoredMap:
     """A map on the robot.
 
     Attributes:
+        scene: name of the scene (folder of maps on the robot) with the map.
         name: name of the map, unique in its scene; the standard's mapId.
         version: version of the map, as a string; empty if the robot does not report it.
     """
@@ -39,15 +40,16 @@ class RobotMaps:
     Maps and marks are read at each connection, and when the robot's map changes.
 
     Attributes:
-        downloading: held while a map is downloaded.
+        downloading: held while a map is downloaded, so that it is the only one.
     """
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
         self.downloading = asyncio.Lock()
         self._maps: tuple[StoredMap, ...] | None = None
+        """All maps; None until they have been read."""
         self._scene = ""
-        """Name of the robot's scene."""
+        """Name of the robot's scene; empty if it has none."""
         self._marks: dict[tuple[str, str], NodePosition] = {}
         """Positions of the marks, by the id of the map and the number of the mark."""
         self._log = LogOnce(_LOG)
@@ -59,10 +61,10 @@ class RobotMaps:
         return self._marks.get((map_id, number))
 
     def listed(self, info: RobotInfo) -> tuple[Map, ...] | None:
-        """Return the maps for the state; None if they are unknown.
+        """Return the maps for the state message; None if they are unknown.
 
         Args:
-            info: reports of the robot, with the current map.
+            info: reports of the robot, with the map that it uses now.
         """
         if self._maps is None:
             return None
@@ -84,11 +86,10 @@ class RobotMaps:
         ]
 
     def of_scene(self, scene: str) -> list[StoredMap]:
-        """Return the maps of a scene."""
         return [each for each in self._maps or () if each.scene == scene]
 
     async def read(self) -> None:
-        """Read the list of maps from the robot.
+        """Read the list of maps from the robot; keep the last list if the robot refuses.
 
         Raises:
             LinkError: the robot did not answer.
@@ -101,13 +102,13 @@ class RobotMaps:
         self._log.clear()
         maps: list[StoredMap] = []
         for scene in answer.body.scenes:
-            versions = await self._versions(scene.name)
+            versions = await self._read_versions(scene.name)
             maps += [StoredMap(scene.name, name, versions.get(name, "")) for name in scene.maps]
         if tuple(maps) != self._maps:
             self._maps = tuple(maps)
             self._link.changed()
 
-    async def _versions(self, scene: str) -> dict[str, str]:
+    async def _read_versions(self, scene: str) -> dict[str, str]:
         """Return the versions of the maps of a scene, by their names."""
         answer = await self._link.ask(SceneDataEasy(name=scene))
         if not isinstance(answer.body, SceneDataEasy):
@@ -117,7 +118,7 @@ class RobotMaps:
     def _scene_reported(self, scene: Scene) -> None:
         if scene.scene_name != self._scene:
             self._scene, self._marks = scene.scene_name, {}
-        self._link.work.start(self._refresh(), self)
+        self._link.background.start(self._refresh(), self)
 
     async def _refresh(self) -> None:
         while True:
@@ -152,7 +153,7 @@ class RobotMaps:
 
 def _place(pose: Pose, map_id: str) -> NodePosition | None:
     """Return the position of a robot at a mark; None if it is unknown."""
-    for name in ("dock", "real"):  # where a robot docks comes first
+    for name in ("dock", "real"):  # "real" is the mark itself, "dock" where a robot docks at it
         if pose.HasField(name):
             there = getattr(pose, name)
             if all(map(math.isfinite, (there.x, there.y, there.theta))):

@@ -60,8 +60,8 @@ class ReportedState:
         """True if `_status` is up to date, except for the position."""
         self._is_moved = False
         """True if the position has changed since `_status` was computed."""
-        self._heard_at = -math.inf
-        """Loop time of the last report of a pose."""
+        self._pose_at = -math.inf
+        """Loop time of the last report of a pose, or of the last request for one."""
         self._silence_timer: asyncio.TimerHandle | None = None
         """Asks a moving robot for its pose if no report comes; None while the robot stands."""
         link.chassis.on_snapshot(lambda info: self._changed())
@@ -72,7 +72,7 @@ class ReportedState:
 
     @property
     def info(self) -> RobotInfo | None:
-        """All reports; None before the first RobotInfo."""
+        """The last reports of the robot; None before the first RobotInfo."""
         return self._values.value(RobotInfo)
 
     @property
@@ -82,7 +82,8 @@ class ReportedState:
         if info is None:
             return None
         if self._status is None or not self._is_current:
-            path = status.path(self._values.value(NavPath))
+            report = self._values.value(NavPath)
+            path = () if report is None else status.points(report.path.poses)
             self._status = replace(status.robot_status(info), path=path)
         elif self._is_moved:
             self._status = replace(
@@ -101,12 +102,10 @@ class ReportedState:
 
     @property
     def is_automatic(self) -> bool:
-        """True while the robot is in automatic mode."""
         return self.status is not None and self.status.mode is OperatingMode.AUTOMATIC
 
     @property
     def is_charging(self) -> bool:
-        """True while the battery is being charged."""
         return self.status is not None and self.status.battery.charging
 
     @property
@@ -120,7 +119,7 @@ class ReportedState:
         self._moved()
 
     def _moved(self) -> None:
-        self._heard_at = asyncio.get_running_loop().time()
+        self._pose_at = asyncio.get_running_loop().time()
         self._is_moved = True
         self._link.moved()
         self._watch_for_silence()
@@ -131,32 +130,31 @@ class ReportedState:
         self._watch_for_silence()
 
     def _watch_for_silence(self) -> None:
-        """Start the timer for the next pose if the robot moves; a standing robot reports none."""
+        """Start the timer for the next pose if the robot moves; a standing one reports no pose."""
         if self._silence_timer is None and self.is_driving and not self._link.is_closing:
             loop = asyncio.get_running_loop()
-            due = max(loop.time(), self._heard_at + REPORT_GAP)
+            due = max(loop.time(), self._pose_at + REPORT_GAP)
             self._silence_timer = loop.call_at(due, self._check_silence)
 
     def _check_silence(self) -> None:
-        """Ask for the pose if it was not reported: the report of the standstill may be lost."""
+        """Ask for the pose if none was reported: the report of the standstill may be lost."""
         self._silence_timer = None
         now = asyncio.get_running_loop().time()
-        if now >= self._heard_at + REPORT_GAP and self.is_driving and not self._link.is_closing:
-            self._heard_at = now  # wait a full period before asking again
+        if now >= self._pose_at + REPORT_GAP and self.is_driving and not self._link.is_closing:
+            self._pose_at = now  # wait a full period before asking again
             if self._link.ready:
-                self._link.work.start_once(self._ask, self)
+                self._link.background.start_once(self._ask_for_pose, self)
         self._watch_for_silence()
 
-    async def _ask(self) -> None:
-        def found(answer: Answer) -> None:
+    async def _ask_for_pose(self) -> None:
+        def take_answer(answer: Answer) -> None:
             if answer.ok and isinstance(answer.body, PoseSpeed):
                 self.remember_pose(answer.body)
 
         try:
-            await self._link.ask(PoseSpeed(), tap=found)
+            await self._link.ask(PoseSpeed(), tap=take_answer)
         except LinkError as error:
             _LOG.debug("no answer about the pose: %s", error)  # asked again
 
     def _path_changed(self) -> None:
-        """Invalidate the vehicle state. A new path alone causes no state message."""
-        self._is_current = False
+        self._is_current = False  # without `_link.changed`: a new path needs no state message

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
@@ -11,7 +11,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery as BatteryReport
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     DeviceState,
     General,
-    NavPath,
     OperationState,
     RobotInfo,
 )
@@ -27,7 +26,6 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
     Factsheet,
     Kinematics,
     Limits,
-    OptionalParameter,
     VehicleClass,
 )
 from woosh_robot_agent.vda5050.messages.state import (
@@ -41,11 +39,12 @@ from woosh_robot_agent.vda5050.messages.state import (
 )
 
 _TYPE = "robotStatusCode"
-"""Type of the errors."""
+"""Type of the errors for status codes."""
 _LEVELS = {StatusCode.kWarn: ErrorLevel.WARNING, StatusCode.kFault: ErrorLevel.FATAL}
+"""Levels of errors, by the level of the status code; codes of other levels are no errors."""
 _HINT = "resolve the cause at the robot; the error ends when the robot does not report it any more"
 _SAFETY_SCANNERS = 110203
-"""First digits of the status codes of safety scanners."""
+"""First six digits of the status codes of safety scanners, which have twelve digits."""
 _FUNCTION = 10**6
 """Divisor that leaves the first digits of a status code."""
 
@@ -137,13 +136,8 @@ def velocity(info: RobotInfo) -> Velocity | None:
     return Velocity(_rounded(motion.linear), _rounded(motion.angular))
 
 
-def path(report: NavPath | None) -> tuple[tuple[float, float], ...]:
-    """Return the points of the path that the robot follows; empty without a path."""
-    return () if report is None else points(report.path.poses)
-
-
 def points(reported: Iterable[Any]) -> tuple[tuple[float, float], ...]:
-    """Return the finite ones of reported points, in metres."""
+    """Return the points with finite coordinates, in metres."""
     return tuple(
         (_rounded(point.x), _rounded(point.y))
         for point in reported
@@ -168,7 +162,7 @@ def _battery(report: BatteryReport) -> Battery:
 
 
 def _loaded(info: RobotInfo) -> bool | None:
-    """Return True if the robot carries a load; None if it does not detect loads."""
+    """Return True if the robot carries a load, False if not, None if it does not detect loads."""
     if info.device_state.software & DeviceState.kGoodsState:
         return True
     return False if info.setting.allow.goods_check else None
@@ -193,25 +187,25 @@ _CLASSES = {
     robot.kTractorRobot_500: VehicleClass.TUGGER,
     robot.kRollerRobot_500: VehicleClass.CONVEYOR,
 }
-"""Classes of robots, by type; all others are carriers."""
+"""VDA 5050 classes of robots, by the robot's type; all other types are carriers."""
 _DIFFERENTIAL = 0
 """Value of `General.driver_method` for a differential drive."""
-OPTIONAL_PARAMETERS = (
-    OptionalParameter("order.nodes.nodePosition", description="or nodeId is the number of a mark"),
-    OptionalParameter("order.nodes.nodePosition.theta"),
-    OptionalParameter("order.nodes.nodePosition.allowedDeviationXY"),
-    OptionalParameter("order.nodes.nodePosition.allowedDeviationTheta"),
-    OptionalParameter("order.edges.maxSpeed"),
-    OptionalParameter("order.edges.orientation", description="only TANGENTIAL 0: forwards"),
-    OptionalParameter("order.edges.rotationAllowed", description="only true"),
-    OptionalParameter("order.edges.trajectory", description="also several edges without a stop"),
-)
-"""Optional fields of the standard that the connector obeys."""
+OPTIONAL_PARAMETERS: Mapping[str, str] = {
+    "order.nodes.nodePosition": "or nodeId is the number of a mark",
+    "order.nodes.nodePosition.theta": "",
+    "order.nodes.nodePosition.allowedDeviationXY": "",
+    "order.nodes.nodePosition.allowedDeviationTheta": "",
+    "order.edges.maxSpeed": "",
+    "order.edges.orientation": "only TANGENTIAL 0: forwards",
+    "order.edges.rotationAllowed": "only true",
+    "order.edges.trajectory": "also several edges without a stop",
+}
+"""Optional fields of the standard that the connector obeys, with descriptions, if needed."""
 
 
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
     """Return the factsheet of a robot."""
-    general: General = info.genral
+    general: General = info.genral  # spelled so in the messages of the robot
     size = general.model_data
     version = general.version
     versions = (("robot system", version.system), ("robot application", version.rc))

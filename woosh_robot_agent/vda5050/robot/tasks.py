@@ -1,4 +1,4 @@
-"""Tasks of the robot: the drives along the legs of an order, and tasks of actions."""
+"""Execution of the robot's tasks: drives along the legs of an order, and tasks of actions."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def leg_task(leg: Leg, position: Position | None) -> ExecTask:
     elif leg.edges[0].trajectory is not None:
         for edge, node in zip(leg.edges, leg.nodes, strict=True):
             if edge.trajectory is not None:
-                _add_segment(request, _along(edge.trajectory, node), PlanPath.kStrict)
+                _add_segment(request, _trajectory_poses(edge.trajectory, node), PlanPath.kStrict)
     else:
-        poses = _through(leg.nodes, position)
+        poses = _node_poses(leg.nodes, position)
         if len(poses) == 1:
             request.pose.CopyFrom(poses[0])
         else:
@@ -67,8 +67,11 @@ def _add_segment(request: ExecTask, poses: list[Pose2D], optimal: PlanPath.Optim
     segment.path.poses.extend(poses)
 
 
-def _through(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]:
-    """Return a pose for each node. Without `theta`, the heading is the direction to the node."""
+def _node_poses(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]:
+    """Return a pose for each node.
+
+    At a node without `theta`, the heading is the direction in which the robot arrives.
+    """
     poses: list[Pose2D] = []
     here = None if position is None else position.point
     heading = 0.0 if position is None else position.theta
@@ -84,7 +87,7 @@ def _through(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]
     return poses
 
 
-def _along(trajectory: Trajectory, end: Node) -> list[Pose2D]:
+def _trajectory_poses(trajectory: Trajectory, end: Node) -> list[Pose2D]:
     """Return the poses along a trajectory, without its start, where the robot stands."""
     points = curve_points(trajectory)
     poses = [
@@ -105,12 +108,12 @@ _ASK_EVERY = 1.0
 _THE_TASK = Sentence("vda.theTask", "the task")
 _RESTARTED = Sentence("vda.restartedBefore", "the connector was restarted before it sent the task")
 _OTHER_ACTION = Sentence("vda.otherAction", "the robot executes the task of another action")
-_ENDED = {
+_END_REASONS = {
     task.kCompleted: "",
     task.kCanceled: Sentence("vda.taskCancelled", "the task was cancelled at the robot")(),
     task.kFailed: Sentence("vda.taskFailed", "the task failed")(),
 }
-"""Reasons why a task was not completed, by its last state; empty for a completed task."""
+"""Reasons why a task was not completed, by its final state; empty for a completed task."""
 UNKNOWN_TASK = Sentence("vda.unknownTask", "the robot does not know the task")()
 """Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
 UNSENT = Sentence("vda.unsent", "there is no link to the robot")()
@@ -122,7 +125,7 @@ _ORDERS = {
 }
 
 
-class RobotTask:
+class TaskRunner:
     """Executes one task of the robot at a time. Used in the event loop of the link.
 
     A start is never repeated. If the outcome of a task is unknown, the robot is asked.
@@ -133,7 +136,8 @@ class RobotTask:
 
     Attributes:
         id: id of the current task; 0 without a task.
-        foreign_id: id of the task of another client that the robot executes; 0 without such a task.
+        foreign_id: id of the task that the robot executes, if it is not the current task of this
+            runner; otherwise 0.
         confirmed: True once the robot has reported on the current task over the current link.
     """
 
@@ -145,6 +149,7 @@ class RobotTask:
         self._on_paused = on_paused
         self.id = 0
         self._last_id = 0
+        """Highest id so far, so that no id is used twice."""
         self.foreign_id = 0
         self.confirmed = False
         self._controller = self._new_controller()
@@ -154,41 +159,41 @@ class RobotTask:
 
     @property
     def paused(self) -> bool:
-        """True while the robot pauses the task, by its last report."""
+        """True while the task is paused, by the last report of the robot."""
         return self._controller.paused
 
     @property
-    def stands(self) -> bool:
-        """True while the robot pauses the task and was not told to go on."""
-        return self._controller.stands
+    def stays_paused(self) -> bool:
+        """True while the task is paused and was not resumed since."""
+        return self._controller.stays_paused
 
     def start(self, request: ExecTask) -> None:
         """Execute a task; it gets a new id."""
         request.task_id = max(self._last_id + 1, int(time.time() * 1000))
-        self._set(request.task_id)
-        self._link.work.start(self._start(request.task_id, request))
+        self._set_current(request.task_id)
+        self._link.background.start(self._start(request.task_id, request))
 
     def restore(self, task_id: int, info: RobotInfo) -> None:
-        """Follow a task that was started before a restart of the program.
+        """Make a task that was started before a restart of the program the current task.
 
         Args:
             task_id: id of the task; 0 if its start was not sent.
             info: the first report of the robot.
         """
-        self._set(task_id)
+        self._set_current(task_id)
         if task_id:
             self._snapshot(info)
         else:
             self._on_end(_RESTARTED())
 
     def want(self, control: Control) -> None:
-        """Keep the task paused, let it go on, or cancel it; without a task, do nothing."""
+        """Pause, resume or cancel the task, like `Controller.want`; without a task, do nothing."""
         if self.id:
             self._controller.want(control)
 
     # Commands
 
-    def _set(self, task_id: int) -> None:
+    def _set_current(self, task_id: int) -> None:
         self.id = task_id
         self._last_id = max(self._last_id, task_id)
         self.confirmed = False
@@ -203,7 +208,7 @@ class RobotTask:
 
         def answered(control: Control, answer: Answer | None) -> None:
             if task_id == self.id:
-                self._inquire()
+                self._ask_until_known()
 
         return Controller(
             self._link, f"task {task_id}", send, answered, lambda: not self.foreign_id
@@ -214,7 +219,7 @@ class RobotTask:
             answer = await self._link.command(request)
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of task %d was not answered: %s", task_id, error)
-            self._inquire()
+            self._ask_until_known()
         except NotConnectedError:
             self._end(task_id, UNSENT)
         except LinkError as error:
@@ -226,17 +231,16 @@ class RobotTask:
     # Reports
 
     def _reported(self, report: TaskProc) -> None:
-        self._note_foreign(report)
+        self._update_foreign_id(report)
         if not self.id:
             return
         if report.robot_task_id == self.id:
             self._handle_report(report)
-        elif self.confirmed:  # the last report on our task was lost
-            self._inquire()
+        elif self.confirmed:  # the report on the end of the current task was lost
+            self._ask_until_known()
 
-    def _note_foreign(self, report: TaskProc) -> None:
-        """Take note of a task of another client."""
-        is_foreign = report.state not in _ENDED and report.robot_task_id != self.id
+    def _update_foreign_id(self, report: TaskProc) -> None:
+        is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
         foreign_id = report.robot_task_id if is_foreign else 0
         if foreign_id != self.foreign_id:
             self.foreign_id = foreign_id
@@ -245,29 +249,29 @@ class RobotTask:
     def _handle_report(self, report: TaskProc) -> None:
         """Update the current task from a report."""
         self.confirmed = True
-        if report.state in _ENDED:
-            reason = _ENDED[report.state]
+        if report.state in _END_REASONS:
+            reason = _END_REASONS[report.state]
             text = report.msg if reason else ""
             self._end(self.id, WITH_TEXT(reason=reason, text=text) if text else reason)
             return
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
-        if self._controller.reported(paused):
+        if self._controller.update(paused):
             self._on_paused()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Find out the state of the task after a reconnect."""
-        self._note_foreign(info.task_proc)
+        """Find out the state of the current task after a reconnect."""
+        self._update_foreign_id(info.task_proc)
         if not self.id:
             return
         if info.task_proc.robot_task_id == self.id:
             self._handle_report(info.task_proc)
         else:
-            self._inquire()
+            self._ask_until_known()
 
-    def _inquire(self) -> None:
+    def _ask_until_known(self) -> None:
         """Ask the robot about the current task until its state is known."""
         if task_id := self.id:
-            self._link.work.start_once(lambda: self._ask(task_id), (self, task_id))
+            self._link.background.start_once(lambda: self._ask(task_id), (self, task_id))
 
     async def _ask(self, task_id: int) -> None:
         clock = asyncio.get_running_loop().time
@@ -284,15 +288,16 @@ class RobotTask:
                 if clock() > deadline:
                     self._end(task_id, UNKNOWN_TASK)
                     return
+                # a task that has just begun may be in neither answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)
 
     async def _ask_current(self, task_id: int) -> bool:
-        """Return True if the robot executes the task."""
+        """Ask which task the robot executes; return True if it is this task."""
 
         def take_answer(answer: Answer) -> None:
             if isinstance(answer.body, TaskProc):
-                self._note_foreign(answer.body)
+                self._update_foreign_id(answer.body)
                 if answer.body.robot_task_id == task_id == self.id:
                     self._handle_report(answer.body)
 
@@ -300,11 +305,11 @@ class RobotTask:
         return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
 
     async def _ask_history(self, task_id: int) -> bool:
-        """Return True if the history of the robot has the end of the task."""
+        """Ask for the last tasks of the robot; return True if this task has ended."""
 
         def end_of(answer: Answer) -> TaskProc | None:
             reports = answer.body.tes if isinstance(answer.body, TaskHistory) else ()
-            ended = (each for each in reports if each.state in _ENDED)
+            ended = (each for each in reports if each.state in _END_REASONS)
             return next((each for each in ended if each.robot_task_id == task_id), None)
 
         def take_answer(answer: Answer) -> None:
@@ -322,18 +327,19 @@ class RobotTask:
 
     def _end(self, task_id: int, reason: str) -> None:
         if task_id and task_id == self.id:
-            self._set(0)
+            self._set_current(0)
             self._on_end(reason)
 
 
 class ActionTasks:
-    """Executes the tasks of actions, one at a time."""
+    """Executes the tasks of the vehicle's actions, one at a time."""
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
-        self._task = RobotTask(link, self._ended, self._paused)
+        self._task = TaskRunner(link, self._ended, self._paused)
         self._end: asyncio.Future[str] | None = None
-        """Done when the task has ended, with the reason of a failure; None if no action waits."""
+        """Done when the task has ended, with the reason of a failure, or empty; None if no action
+        waits for it, e.g. for a task that goes on charging."""
         self._report: Callable[[ActionStatus], None] = lambda status: None
 
     @property
@@ -342,9 +348,9 @@ class ActionTasks:
         return self._task.id
 
     @property
-    def stands(self) -> bool:
+    def stays_paused(self) -> bool:
         """True if no action waits for a task, or the task is paused."""
-        return self._end is None or self._task.stands
+        return self._end is None or self._task.stays_paused
 
     def want(self, control: Control) -> None:
         """Pause or resume the task that an action waits for."""
@@ -362,7 +368,7 @@ class ActionTasks:
         Args:
             request: the task; it gets a new id.
             report: called when the task begins, and when the robot pauses or resumes it.
-            is_done: returns True if the action is finished before the end of the task.
+            is_done: returns True if the action need not wait for the end of the task.
 
         Raises:
             ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown.

@@ -54,7 +54,7 @@ _CHARGE_TIMEOUT = 30.0
         _STATION,
         "STRING",
         f"number of the charger's mark, within {REACH:g} m; without it, the nearest one",
-        True,
+        optional=True,
     ),
     blocking=STANDSTILL,
     pausable=True,
@@ -121,11 +121,11 @@ _LOAD_PARAMETERS = (
         "STRING",
         f"number of the mark at which the robot docks, at most {REACH:g} m away; without it, the "
         "lift moves where the robot stands",
-        True,
+        optional=True,
     ),
-    ParameterType("stationType", "STRING", "accepted, but not used", True),
-    ParameterType("loadType", "STRING", "accepted, but not used", True),
-    ParameterType("loadId", "STRING", "accepted, but not used", True),
+    ParameterType("stationType", "STRING", "accepted, but not used", optional=True),
+    ParameterType("loadType", "STRING", "accepted, but not used", optional=True),
+    ParameterType("loadId", "STRING", "accepted, but not used", optional=True),
 )
 
 
@@ -220,7 +220,7 @@ async def lift_to(run: Run) -> str:
         _MAX_STEP,
     ),
     number("speed", "speed, in m/s; the robot's own if missing", _MIN_SPEED, optional=True),
-    ParameterType("lateral", "BOOL", "true to move to the left; only on some robots", True),
+    ParameterType("lateral", "BOOL", "true to move left; only on some robots", optional=True),
     result="report of the robot",
     blocking=STANDSTILL,
     pausable=True,

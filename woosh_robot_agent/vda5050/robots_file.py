@@ -1,0 +1,138 @@
+"""Read the robots of a parameter file of the agent, for the option `--robots`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from woosh_robot_agent.link import LinkConfig
+
+_NODE = "agent"
+"""Name of the agent's node in the file."""
+_PARAMETERS = "ros__parameters"
+_TYPES: dict[str, tuple[type, ...]] = {
+    # `field.type` is the text of the annotation; other annotations are literals
+    field.name: {"float": (int, float), "int": (int,)}.get(str(field.type), (str,))
+    for field in fields(LinkConfig)
+}
+"""Permitted types of the parameters of the link, by name."""
+
+
+@dataclass(frozen=True)
+class ListedRobot:
+    """A robot in the file.
+
+    Attributes:
+        name: name in the list `robots`, without slashes at its ends.
+        link: address of the robot, and options of its link.
+        serial_number: serial number in the topics; empty for the one that the robot reports.
+    """
+
+    name: str
+    link: LinkConfig
+    serial_number: str
+
+
+def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
+    """Read the robots of a file.
+
+    Args:
+        default: options of the link that the file does not set; the address is not used.
+
+    Raises:
+        ValueError: the file cannot be read, or a robot in it is invalid; the text names the file.
+    """
+    try:
+        content = yaml.safe_load(path.read_text("utf-8"))
+        return _robots(content, default)
+    except OSError as error:
+        reason = error.strerror or str(error)
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+    except ValueError as error:
+        reason = str(error)
+    raise ValueError(f"cannot use {path}: {reason}")
+
+
+def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
+    sections = list(_sections("", content))
+    names = _parameters(sections, f"/{_NODE}").get("robots")
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        raise ValueError("list the names of the robots: /**: {ros__parameters: {robots: [r1, r2]}}")
+    robots: list[ListedRobot] = []
+    for name in (each.strip("/") for each in names):
+        try:
+            robot = _robot(name, _parameters(sections, f"/{name}/{_NODE}"), default)
+            _check_distinct(robot, robots)
+        except ValueError as error:
+            raise ValueError(f"robot {name}: {error}") from None
+        robots.append(robot)
+    return robots
+
+
+def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the name and the parameters of each node in the content of a parameter file.
+
+    Args:
+        name: name of the node or namespace that has the content; empty for the whole file.
+        content: a mapping; names of nodes in it may be nested or contain slashes and wildcards.
+    """
+    if not isinstance(content, dict):
+        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
+    for key, value in content.items():
+        if key == _PARAMETERS and name and isinstance(value, dict):
+            yield name, value
+        else:
+            yield from _sections(f"{name}/{str(key).strip('/')}", value)
+
+
+def _parameters(sections: list[tuple[str, Mapping[str, Any]]], node: str) -> dict[str, Any]:
+    """Return the parameters of a node from all sections that match it; a later section wins."""
+    found: dict[str, Any] = {}
+    for pattern, parameters in sections:
+        if re.fullmatch(_regex(pattern), node):
+            found |= parameters
+    return found
+
+
+def _regex(pattern: str) -> str:
+    """Return the regular expression for a name in which `*` is one part, and `**` any number."""
+    parts = {"*": "/[^/]+", "**": "(/[^/]+)*"}
+    return "".join(parts.get(part, f"/{re.escape(part)}") for part in pattern.split("/")[1:])
+
+
+def _robot(name: str, parameters: Mapping[str, Any], default: LinkConfig) -> ListedRobot:
+    given = {key: value for key, value in parameters.items() if key in _TYPES}
+    if not given.get("ip"):
+        raise ValueError(f"it needs an ip; set it under /{name}/{_NODE}")
+    for key, value in given.items():
+        if isinstance(value, bool) or not isinstance(value, _TYPES[key]):
+            raise ValueError(f"{key} cannot be {value!r}")
+    serial_number = parameters.get("serial_number", "")
+    if isinstance(serial_number, bool) or not isinstance(serial_number, str | int):
+        raise ValueError(f"serial_number cannot be {serial_number!r}")
+    return ListedRobot(name, replace(default, **given), str(serial_number))
+
+
+def _leads_to_same_robot(one: LinkConfig, other: LinkConfig) -> bool:
+    """Return True if two links lead to the same robot, over any transport."""
+    same_port = one.port == other.port or one.effective_port == other.effective_port
+    return same_port and (one.ip, one.robot_id) == (other.ip, other.robot_id)
+
+
+def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
+    for other in others:
+        if other.name == robot.name:
+            raise ValueError("give each robot its own name; two have this one")
+        if _leads_to_same_robot(other.link, robot.link):
+            raise ValueError(
+                f"it has the address of robot {other.name}, {robot.link.address}; give each its "
+                "own ip, port or robot_id"
+            )
+        if robot.serial_number and other.serial_number == robot.serial_number:
+            raise ValueError(f"it has the serial_number of robot {other.name}")
