@@ -8,6 +8,7 @@ the agent's namespace. Types are given by name, so that the table can be read wi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 NAMESPACE = "/woosh_robot"
 """Usual namespace of the agent."""
@@ -129,57 +130,27 @@ _GROUPS = {
     "robot/count": ("woosh_robot_msgs/", "woosh.robot.count."),
     "task": ("woosh_task_msgs/", "woosh.task."),
 }
-"""Start of the ROS type and of the protobuf full name of an endpoint, by the group in its name."""
+"""Prefixes of ROS type and protobuf full name, by the part of an endpoint's name before the last
+slash."""
 
 
 def _types(name: str) -> tuple[str, str]:
-    """Return ROS type and protobuf full name that follow from an endpoint's name, by `_GROUPS`."""
+    """Return ROS type and protobuf full name that follow from an endpoint's name."""
     group, _, short = name.rpartition("/")
     ros_prefix, prefix = _GROUPS[group]
     return f"{ros_prefix}{short}", f"{prefix}{short}"
 
 
-def _query(
-    name: str,
-    *,
-    request: str = "",
-    field: str = "info",
-    takes_arg: bool = False,
-    timeout: float = 0.0,
-    extra: bool = False,
-) -> Query:
+def _query(name: str, *, request: str = "", **options: Any) -> Query:
+    """Return a query; `options` are fields of `Query`."""
     srv, usual_request = _types(name)
-    return Query(
-        name,
-        srv,
-        request or usual_request,
-        field=field,
-        takes_arg=takes_arg,
-        timeout=timeout,
-        extra=extra,
-    )
+    return Query(name, srv, request or usual_request, **options)
 
 
-def _command(
-    name: str,
-    answer: str = "",
-    *,
-    timeout: float = 0.0,
-    reads: bool = False,
-    two_types: bool = False,
-    extra: bool = False,
-) -> Command:
+def _command(name: str, answer: str = "", **options: Any) -> Command:
+    """Return a command; `options` are fields of `Command`."""
     srv, request = _types(name)
-    return Command(
-        name,
-        srv,
-        request,
-        answer,
-        timeout=timeout,
-        reads=reads,
-        two_types=two_types,
-        extra=extra,
-    )
+    return Command(name, srv, request, answer, **options)
 
 
 def _setting(short: str, name: str = "") -> Command:
@@ -283,7 +254,7 @@ COMMANDS = (
         two_types=True,
         extra=True,
     ),
-    # may change the records: only its kGet reads
+    # not `reads`: all of its request types but kGet change the records
     _command("robot/CountData", "woosh.robot.CountDataResponse", extra=True),
     _command("robot/BuildMap", timeout=600.0, extra=True),
     _command("robot/Deployment", "woosh.robot.DeploymentResponse", extra=True),
@@ -345,13 +316,13 @@ ACTIONS = (
 )
 
 
+OWN_READS = ("woosh.ros.Feedbacks",)
+"""Protobuf full names of read-only requests that the agent itself sends; they have no endpoint."""
+
+
 def minimum_timeouts() -> dict[str, float]:
     """Return the minimum timeout of each slow request, in seconds, by its protobuf full name."""
     return {each.request: each.timeout for each in (*QUERIES, *COMMANDS) if each.timeout}
-
-
-OWN_READS = ("woosh.ros.Feedbacks",)
-"""Protobuf full names of read-only requests that the agent itself sends; they have no endpoint."""
 
 
 def markdown() -> str:

@@ -23,7 +23,7 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check, check_names
+from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check_names, settings_from
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.watch import Watch
@@ -66,7 +66,7 @@ class ParameterNode(Node):
             for each in PARAMETERS:
                 initial = (defaults or {}).get(each.name, each.initial)
                 self.declare_parameter(each.name, initial, each.descriptor())
-            self.settings = check(self._values())
+            self.settings = settings_from(self._values())
         except BaseException:
             self.destroy_node()
             raise
@@ -93,13 +93,13 @@ class ParameterNode(Node):
     def _check_change(self, changed: list[RosParameter]) -> SetParametersResult:
         log_as(self.get_logger())
         try:
-            check(self._values(changed))
+            settings_from(self._values(changed))
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _apply_change(self, changed: list[RosParameter]) -> None:
-        before, self.settings = self.settings, check(self._values(changed))
+        before, self.settings = self.settings, settings_from(self._values(changed))
         if self._callback is not None:
             self._callback(before)
 
