@@ -64,10 +64,9 @@ _NO_ANSWER = Sentence(
 
 
 class Expiry:
-    """Calls a function when the earliest of many deadlines has passed.
+    """Timer that many requests share: calls a function when the earliest deadline has passed.
 
-    All deadlines share one timer, which is set again only for an earlier deadline. This is cheaper
-    than a timer per request.
+    The timer is set again only for an earlier deadline. This is cheaper than a timer per request.
 
     Args:
         loop: the event loop.
@@ -135,13 +134,16 @@ class Liveness:
         self._probe = probe
         self._sent = sent
         self._now = asyncio.get_running_loop().time
-        self._heard_at = self._taken_at = self._now()
+        self._alive_at = self._now()
+        """Loop time of the last sign of life."""
+        self._accepted_at = self._now()
+        """Loop time at which the other end last accepted bytes, or none were waiting."""
         self._previous = (sent(), 0)
         """Frames sent, and bytes waiting to be sent, at the last check."""
 
-    def heard(self) -> None:
+    def note_alive(self) -> None:
         """Note a sign of life."""
-        self._heard_at = self._now()
+        self._alive_at = self._now()
 
     async def watch(self) -> None:
         """Watch the connection for as long as the other end is alive.
@@ -150,14 +152,14 @@ class Liveness:
             ConnectionLostError: the other end is no longer alive.
         """
         while True:
-            quiet = self._check()
+            quiet = self._silence()
             if quiet < self._timeout * _IDLE_SHARE:
                 await self._sleep(self._timeout * _IDLE_SHARE - quiet)
                 continue
             try:
-                await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._ask())
+                await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._probe_once())
             except (TimeoutError, RequestTimeoutError):
-                if self._check() >= self._usable_timeout:
+                if self._silence() >= self._usable_timeout:
                     raise ConnectionLostError(_SILENT(seconds=f"{self._timeout:g}")) from None
 
     async def _sleep(self, seconds: float) -> None:
@@ -166,32 +168,32 @@ class Liveness:
         await asyncio.sleep(seconds)
         late = self._now() - due
         if late > self._timeout * _BUSY_SHARE:
-            self._heard_at += late
-            self._taken_at += late
+            self._alive_at += late
+            self._accepted_at += late
 
-    async def _ask(self) -> None:
+    async def _probe_once(self) -> None:
         await self._probe()
-        self.heard()
+        self.note_alive()
 
-    def _check(self) -> float:
-        """Return the time since the last sign of life, in seconds.
+    def _silence(self) -> float:
+        """Look for signs of life at the transport; return the time since the last, in seconds.
 
         Raises:
             ConnectionLostError: the other end has stopped reading.
         """
         now = self._now()
-        self._heard_at = max(self._heard_at, self._transport.progress_at)
+        self._alive_at = max(self._alive_at, self._transport.progress_at)
         sent, backlog = self._sent(), self._transport.backlog()
         previous_sent, previous_backlog = self._previous
         self._previous = sent, backlog
         if sent == previous_sent and backlog < previous_backlog:
-            self._heard_at = now
+            self._alive_at = now
         if not backlog or sent != previous_sent or backlog < previous_backlog:
-            self._taken_at = now
-        elif now - self._taken_at >= self._timeout:
+            self._accepted_at = now
+        elif now - self._accepted_at >= self._timeout:
             seconds = f"{self._timeout:g}"
             raise ConnectionLostError(_READS_NOTHING(seconds=seconds, bytes=backlog))
-        return now - self._heard_at
+        return now - self._alive_at
 
 
 _LOG = logging.getLogger(__name__)
@@ -220,7 +222,7 @@ class Sending(NamedTuple):
             of them.
         within: maximum time that the request may wait to be sent, in seconds.
         always: send it even if `ChassisClient.permit_only` excludes it.
-        tap: called with the answer as soon as it is read, in order with the pushes.
+        tap: callback that gets the answer in order with the pushes; see `ChassisClient.request`.
     """
 
     timeout: float | None = None
@@ -571,7 +573,7 @@ class Connection:
 
     def _receive(self, envelope: Envelope, alone: bool) -> None:
         self._stats.rx += 1
-        self._liveness.heard()
+        self._liveness.note_alive()
         if envelope.defect:
             self._count_bad(FrameError("timestamp", envelope.defect))
         if envelope.timestamp is not None:
@@ -616,7 +618,7 @@ class Connection:
         if (cls := message_types().get(envelope.type)) is not None:
             try:
                 envelope.message = self._codec.body(envelope, cls)
-            except FrameError:  # found again, and counted, by whoever reads the body
+            except FrameError:  # raised again, and counted, when a consumer reads the body
                 return envelope
             if not envelope.sn:  # the body of an answer may be read as another type
                 envelope.body = None

@@ -111,16 +111,16 @@ class PrintableFormatter(logging.Formatter):
         return "\n".join(map(printable, super().formatException(ei).split("\n")))
 
 
-def log_to_stderr(level: int, form: str, *filters: logging.Filter) -> None:
+def log_to_stderr(level: int, record_format: str, *filters: logging.Filter) -> None:
     """Make a program log to stderr.
 
     Args:
         level: lowest level that is logged.
-        form: format of a record.
+        record_format: format of a record.
         filters: filters that each record passes.
     """
     handler = logging.StreamHandler()
-    handler.setFormatter(PrintableFormatter(form))
+    handler.setFormatter(PrintableFormatter(record_format))
     for each in filters:
         handler.addFilter(each)
     logging.basicConfig(level=level, handlers=[handler])

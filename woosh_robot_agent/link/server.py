@@ -130,7 +130,7 @@ class ConnectedClient:
 
     @property
     def backlog(self) -> int:
-        """Number of frames that wait to be written."""
+        """Number of queued frames."""
         return len(self._outbox)
 
     @property
@@ -430,6 +430,7 @@ class WebSocketServerTransport:
             raise TransportClosedError(str(error)) from None
 
     def _ended(self, message: WSMessage) -> TransportClosedError:
+        """Return the error for a message with which aiohttp reports the end of the WebSocket."""
         if message.type is WSMsgType.CLOSE:
             return TransportClosedError(f"closed with code {message.data} {message.extra}".rstrip())
         if message.type is WSMsgType.ERROR:

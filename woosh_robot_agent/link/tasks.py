@@ -102,6 +102,7 @@ async def aside(function: Callable[..., T], *args: Any) -> T:
 
 
 def _run(function: Callable[..., T], *args: Any) -> T:
+    """Return the result of a function during which the GIL changes hands often."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_INTERVAL)
     try:

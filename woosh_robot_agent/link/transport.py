@@ -376,6 +376,7 @@ class _ClientSocket(ClientSocket):
 
 
 def _reason(error: ConnectionClosed) -> str:
+    """Return how a WebSocket ended."""
     close = error.rcvd or error.sent
     if close is None:
         return _NO_CLOSE

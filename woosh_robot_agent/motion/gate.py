@@ -43,7 +43,7 @@ from woosh_robot_agent.link import (
     SupersededError,
 )
 from woosh_robot_agent.link.reports import DropLog
-from woosh_robot_agent.link.subscriptions import call
+from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
@@ -246,7 +246,7 @@ class MotionGate:
         else:
             answer = await self._chassis.send(message, how)
         for callback in self._answered_callbacks:
-            call(callback, AnsweredCommand(message, sender.name, answer))
+            call_logged(callback, AnsweredCommand(message, sender.name, answer))
         return answer
 
     def announce_stop(self) -> None:

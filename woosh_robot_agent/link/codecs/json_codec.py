@@ -444,9 +444,9 @@ class JsonCodec:
         if timestamp is not None:
             frame["timestamp"] = timestamp
         long = body is not None and body.ByteSize() >= json_text.LONG_MESSAGE
-        texts = json_text.take_out(frame) if long else []
+        texts = json_text.take_from_value(frame) if long else []
         text = json_text.write(frame)
-        return json_text.insert(text, texts) if texts else text
+        return json_text.put_into_frame(text, texts) if texts else text
 
     def parse(self, data: str | bytes) -> Any:
         """Return the value of a JSON text.
@@ -458,7 +458,7 @@ class JsonCodec:
             if len(data) <= json_text.LONG_FRAME:  # parsing it hardly blocks the loop
                 return json_text.parse(data)
             # Decoding a long base64 text is faster than parsing it.
-            data, texts = json_text.cut_out(data)
+            data, texts = json_text.take_from_frame(data)
             _check_parts(data)
             value = json_text.parse_in_pieces(data)
         except UnicodeDecodeError as error:
@@ -466,7 +466,7 @@ class JsonCodec:
         except (ValueError, RecursionError) as error:
             raise FrameError("json", f"not JSON: {error}") from None
         if texts and isinstance(value, dict | list):
-            json_text.put_back(value, texts)
+            json_text.put_into_value(value, texts)
         return value
 
     def decode(self, data: str | bytes) -> Envelope:
@@ -504,6 +504,7 @@ class JsonCodec:
 
 
 def _check_parts(text: str | bytes) -> None:
+    """Refuse a frame whose parsed value would take too much memory."""
     if len(text) > _MAX_PARTS:
         marks: Any = "{[:" if isinstance(text, str) else (b"{", b"[", b":")
         parts = sum(text.count(mark) for mark in marks)
