@@ -77,7 +77,7 @@ def test_a_source_that_falls_silent_may_be_followed_by_another(
 class TestInterleaving:
     def noticed(self, *numbers: int | None, step: float = 0.1) -> bool:
         interleaving = Interleaving()
-        noticed = [interleaving.notice(n, 9.0 + i * step) for i, n in enumerate(numbers)]
+        noticed = [interleaving.observe(n, 9.0 + i * step) for i, n in enumerate(numbers)]
         return any(noticed)
 
     def test_two_publishers_are_noticed(self):

@@ -18,8 +18,8 @@ from woosh_robot_agent.convert.mapping import (
     class_of,
     item_type,
     message_class,
+    mirrored_fields,
     oneofs,
-    pairs,
     presence_bits,
 )
 
@@ -36,7 +36,7 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
     bits = presence_bits(ros_class, proto_class)
     if bits is not None:
         source.add("has = r.has_field")
-    for name, ros_type, field in pairs(ros_class, proto_class):
+    for name, ros_type, field in mirrored_fields(ros_class, proto_class):
         if bits is not None and name in bits:
             source.add(f"if has & {bits[name]}:")
             _set_proto(source, "r", name, ros_type, field, "    ")
@@ -66,6 +66,17 @@ def _set_proto(
     indent: str = "",
     path: str = "",
 ) -> None:
+    """Write source that copies a field from the ROS message `origin` to the protobuf message `p`.
+
+    Args:
+        source: function that the source is added to.
+        origin: variable that holds the ROS message.
+        name: name of the field.
+        ros_type: ROS type of the field.
+        field: protobuf descriptor of the field.
+        indent: indentation of the source, inside of the function.
+        path: path of the field for errors; by default its name.
+    """
     path = path or name
 
     def add(line: str) -> None:
@@ -88,6 +99,7 @@ def _set_proto(
         elif "/" in ros_type:
             add(f"p.{name} = {origin}.{name}.value")
         else:
+            # an unsigned field: values from 2^31 stand for negative enum values
             add(f"p.{name} = ({origin}.{name} ^ 0x80000000) - 0x80000000")
     elif field.type == FieldDescriptor.TYPE_BYTES:
         add(f"p.{name} = bytes({origin}.{name})")

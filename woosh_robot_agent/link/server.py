@@ -140,7 +140,7 @@ class ConnectedClient:
 
     def send(self, frame: Encoded) -> None:
         """Queue a frame without waiting."""
-        if self._has_room():
+        if self._ensure_room():
             self._outbox.append(frame)
             self._outbox_bytes += _size(frame)
             self._filled.set()
@@ -178,8 +178,8 @@ class ConnectedClient:
         """Return the number of frames that count towards `max_outbox`."""
         return len(self._outbox)
 
-    def _has_room(self) -> bool:
-        """Return True if another frame may be queued. Otherwise drop the client."""
+    def _ensure_room(self) -> bool:
+        """Drop the client if its queue is full; return True if a frame may be queued."""
         is_full = self._waiting_frames() >= self._max_outbox or self._outbox_bytes > _MAX_BYTES
         if self._open and is_full:
             self.drop()

@@ -58,21 +58,18 @@ _STANDS = Sentence(
 
 def likely_causes(info: RobotInfo) -> str:
     """Return the causes in words: reported ones first, then possible ones, then unlikely ones."""
-    reported: list[str] = []
-    possible: list[str] = []
-    excluded: list[str] = []
-    for cause, state in _causes(info):
-        (possible if state is None else reported if state else excluded).append(cause)
-    parts = [_REPORTED(cause=cause) for cause in reported]
-    parts += [_PERHAPS(cause=cause) for cause in possible]
-    text = joined(AND, parts)
-    if excluded:
-        return THEN(one=text, other=_LESS_LIKELY(causes=joined(AND, excluded)))
+    causes = list(_causes(info))
+    reported = [_REPORTED(cause=cause) for cause, is_reported in causes if is_reported]
+    possible = [_PERHAPS(cause=cause) for cause, is_reported in causes if is_reported is None]
+    unlikely = [cause for cause, is_reported in causes if is_reported is False]
+    text = joined(AND, [*reported, *possible])
+    if unlikely:
+        return THEN(one=text, other=_LESS_LIKELY(causes=joined(AND, unlikely)))
     return text
 
 
 def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
-    """Yield each cause: True if the robot reports it, False if the opposite, None if neither."""
+    """Yield each cause, and True if the robot reports it, False if the opposite, None if neither."""
     has_device_state = info.HasField("device_state")
     hardware = info.device_state.hardware
     yield _STOP, bool(hardware & DeviceState.kEmgBtn) if has_device_state else None
@@ -110,7 +107,8 @@ _DRIVING_ACTIONS = (
     action_pb2.kSecondposQuit,
 )
 """Actions of a task during which the robot should move."""
-_ENDS = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
+_ENDED = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
+"""States of an action that has ended."""
 _VELOCITY = full_name(Twist)
 _TASKS = tuple(map(full_name, TASK_REQUESTS))
 
@@ -169,8 +167,8 @@ class Standstill:
         self._last_known = last_known
         self._demand: _Demand | None = None
         self._log = LogOnce(_LOG)
-        self._logged = -math.inf
-        """Loop time of the last warning after which repeated warnings were allowed again."""
+        self._log_cleared = -math.inf
+        """Loop time at which the logged warnings were last forgotten, so that they may repeat."""
         gate.on_answered(self._answered)
         gate.on_stop(self._give_up)
         chassis.on_state(self._link_changed)
@@ -250,9 +248,9 @@ class Standstill:
             self._start_timer(demand)
             return
         demand.reported = True
-        if now - self._logged > self.kept:
+        if now - self._log_cleared > self.kept:
             self._log.clear()
-            self._logged = now
+            self._log_cleared = now
         text = self._text(demand)
         self._log.warn(text, text)
 
@@ -306,7 +304,7 @@ class Standstill:
                 continue
             if report.state in (kRosExecuting, kRosPause):
                 self._set_standing(demand, may_stand=report.state == kRosPause)
-            elif report.state in _ENDS:
+            elif report.state in _ENDED:
                 self._demand = None
 
     def _set_standing(self, demand: _Demand, *, may_stand: bool) -> None:

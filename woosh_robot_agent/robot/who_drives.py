@@ -98,16 +98,16 @@ class VelocitySources:
             self._log.clear()
         self._simultaneous = tuple(sorted(sources))
         self._simultaneous_until = time.monotonic() + SHOWN
-        self._log.warn(str(self._simultaneous), warning(self._simultaneous))
+        self._log.warn(str(self._simultaneous), simultaneous_warning(self._simultaneous))
 
-    def called(self, service: str, number: int) -> None:
+    def note_call(self, service: str, number: int) -> None:
         """Process a call of the service robot/Twist that may move the robot.
 
         Args:
             service: name of the service.
             number: number of the call, counted by its client.
         """
-        if self._callers.notice(number, time.monotonic()):
+        if self._callers.observe(number, time.monotonic()):
             self.report(f"a client of {service}", f"another client of {service}")
 
     def _answered(self, command: AnsweredCommand) -> None:
@@ -129,7 +129,7 @@ class VelocitySources:
             self._driving.pop(source, None)
 
 
-def warning(sources: tuple[str, ...]) -> str:
+def simultaneous_warning(sources: tuple[str, ...]) -> str:
     """Return the warning about simultaneous sources of velocities."""
     return (
         f"{' and '.join(sources)} command velocities at the same time, so the robot stops and "
@@ -157,10 +157,10 @@ class Interleaving:
     def __init__(self) -> None:
         self._last = 0
         """Sequence number of the last message."""
-        self._returns: deque[float] = deque(maxlen=2)
-        """The last times at which the number did not rise."""
+        self._setbacks: deque[float] = deque(maxlen=2)
+        """The last two monotonic times at which the number did not rise."""
 
-    def notice(self, number: int | None, now: float) -> bool:
+    def observe(self, number: int | None, now: float) -> bool:
         """Process the number of a message.
 
         Args:
@@ -173,9 +173,9 @@ class Interleaving:
         if number is None or number in _UNKNOWN:
             return False
         if number <= self._last:
-            self._returns.append(now)
+            self._setbacks.append(now)
         self._last = number
-        return len(self._returns) == 2 and now - self._returns[0] < WINDOW
+        return len(self._setbacks) == 2 and now - self._setbacks[0] < WINDOW
 
 
 _NO_REPORT = Sentence("driver.noReport", "the robot has not reported its state yet")()
@@ -190,6 +190,7 @@ _UNEXPLAINED = Sentence(
     "the robot moves without a command of this agent: another client may drive it",
 )()
 
+# Values of `Driver.name` besides the names of topics and services
 NOBODY = "nobody"
 GOAL = "a goal"
 OTHER_CLIENT = "another client"
@@ -264,7 +265,7 @@ class WhoDrives:
         """Sources of the tasks that the agent started, by id."""
         self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
         """Sources of the task sets that the agent started, by id."""
-        self._follower = ""
+        self._follow_source = ""
         """Source of the last request to follow somebody."""
         self._task = TaskProc()
         """First report on the current task."""
@@ -290,7 +291,7 @@ class WhoDrives:
         if goals := self._goals():
             return Driver(GOAL, ", ".join(goals))
         if info.state == robot.kFollowing:
-            return Driver(self._follower or OTHER_CLIENT, _FOLLOWS)
+            return Driver(self._follow_source or OTHER_CLIENT, _FOLLOWS)
         if action := self._gate.reported_owner:
             return Driver(OTHER_CLIENT, action)
         return self._unexplained(info)
@@ -341,7 +342,7 @@ class WhoDrives:
             if may_move(message):
                 self._sets[message.task_set.base.id] = source
         elif isinstance(message, Follow):
-            self._follower = source if message.type else ""
+            self._follow_source = source if message.type else ""  # False ends the following
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._begin(info.task_proc, unseen=True)

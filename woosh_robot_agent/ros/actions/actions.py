@@ -11,7 +11,7 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.convert import Converter, converter, filled
+from woosh_robot_agent.convert import Converter, converter, new_message
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.link import LinkState
@@ -298,7 +298,7 @@ class Actions:
 
 def _wrapped(ros_class: Any, field: str, convert: Converter, report: Message) -> Any:
     """Return a ROS message whose only field is the converted report."""
-    return filled(ros_class, **{field: convert.to_ros(report)})
+    return new_message(ros_class, **{field: convert.to_ros(report)})
 
 
 def _field_class(part: Any, name: str) -> Any:

@@ -249,7 +249,9 @@ class AssistedTeleop(Nav2Action):
         if gate.owner and not part.settings().velocity_limits.override:
             return f"{gate.owner} drives the robot"
         stopping = (EMERGENCY_STOP, *CONTROL_MODES)
-        return "; ".join(str(each) for each in self.context.preventions if each in stopping)
+        return "; ".join(
+            str(each) for each in self.context.objections_except_busy if each in stopping
+        )
 
     def _stopped(self) -> None:
         if self._goal is not None:

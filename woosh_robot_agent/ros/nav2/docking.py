@@ -101,7 +101,7 @@ class DockRobot(_Docking):
                     goal.limit(0.0, late)
 
         def publish() -> None:
-            if is_held_up and (reasons := self.context.preventions):
+            if is_held_up and (reasons := self.context.objections_except_busy):
                 # otherwise the task stays paused for ever, or the robot drives on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback

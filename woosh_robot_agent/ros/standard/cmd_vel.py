@@ -88,7 +88,7 @@ class CmdVel(Part):
         published = self._clock.of_message(info, taken)
         self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z, published)
         now = time.monotonic()
-        alternate = self._publishers.notice(info.get("publication_sequence_number"), now)
+        alternate = self._publishers.observe(info.get("publication_sequence_number"), now)
         velocities = self._context.watch.velocities
         if alternate and velocities.driving(now) and now - self._reported > _REPORT_PERIOD:
             self._reported = now

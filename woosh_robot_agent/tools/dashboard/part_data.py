@@ -34,10 +34,10 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import (
     Objection,
     accepts_task,
+    all_objections,
     is_charging,
     objections,
-    pose_doubt,
-    rejections,
+    pose_problem,
 )
 from woosh_robot_agent.robot.status_codes import meaning
 from woosh_robot_agent.tools.dashboard.texts import value_data
@@ -64,7 +64,7 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
     pose, twist = info.pose_speed.pose, info.pose_speed.twist
     if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
         return None
-    doubt = pose_doubt(info)
+    doubt = pose_problem(info)
     return {
         "x": round(pose.x, 4),
         "y": round(pose.y, 4),
@@ -90,7 +90,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
         "emergencyStop": is_emergency_stop(info),
         "taskable": accepts_task(info),
-        "objections": [_objection(each) for each in rejections(info)],
+        "objections": [_objection(each) for each in all_objections(info)],
         "battery": _battery(info),
         "task": _task(view),
         "actions": [_action(view, name) for name in sorted(view.actions)],
