@@ -275,7 +275,7 @@ async def test_a_robot_gets_its_zero_if_it_may_drive(drove: bool) -> None:
     async with gated() as rig:
         if drove:
             await ok(rig.drive(1))
-        await rig.gate.leave(REASON, TIMEOUT)
+        await rig.gate.stop_driving(REASON, TIMEOUT)
         assert speeds(rig.wire) == [1, 0] * drove
         assert not rig.gate.driving
 
@@ -288,7 +288,7 @@ async def test_no_velocity_follows_the_zero() -> None:
 
     async with gated(answer_velocities) as rig:
         await ok(rig.drive(1))
-        leaving = asyncio.ensure_future(rig.gate.leave(REASON, TIMEOUT))
+        leaving = asyncio.ensure_future(rig.gate.stop_driving(REASON, TIMEOUT))
         await turns()
         with pytest.raises(SupersededError, match=REASON):
             await rig.drive(3)
@@ -309,7 +309,7 @@ async def test_a_robot_that_cannot_be_stopped_is_an_error(
         if not refused:
             rig.wire.abort()
             await eventually(lambda: rig.client.state is not LinkState.READY)
-        await rig.gate.leave(REASON, TIMEOUT)
+        await rig.gate.stop_driving(REASON, TIMEOUT)
         (record,) = [each for each in caplog.records if each.levelname == "ERROR"]
         assert "the robot was not stopped" in record.getMessage()
         assert ("no remote control" if refused else "not connected") in record.getMessage()
@@ -322,7 +322,7 @@ async def test_a_robot_that_is_only_observed_from_now_on_gets_its_zero_and_no_ot
     async with gated() as rig:
         await ok(rig.drive(1))
         rig.client.permit_only(only_reads, "it only observes")
-        await rig.gate.leave("it only observes", TIMEOUT)
+        await rig.gate.stop_driving("it only observes", TIMEOUT)
         for request in (*MOVING, Twist()):
             with pytest.raises(NotPermittedError, match="it only observes"):
                 await rig.gate.request(request)

@@ -165,7 +165,7 @@ class VelocityDriver:
         """The velocity to send next."""
         self._published = -math.inf
         """Loop time at which the velocity in `_waiting` was published."""
-        self._heard = -math.inf
+        self._received = -math.inf
         """Loop time of the last velocity that was received."""
         self._accepted = -math.inf
         """Loop time at which the sender published the last accepted velocity."""
@@ -215,25 +215,25 @@ class VelocityDriver:
         try:
             limited = limits.apply(Twist(linear=linear, linear_y=sideways, angular=angular))
         except UnusableVelocityError as error:  # rule 1
-            self.refuse("value", said_by(error))
+            self.log_refusal("value", said_by(error))
             return
         now = asyncio.get_running_loop().time()
-        paused, self._heard = now - self._heard > self._gate.timing.pause, now
+        has_paused, self._received = now - self._received > self._gate.timing.pause, now
         published = min(published, now)
         moves = any(values)
-        if not moves or paused:
+        if not moves or has_paused:
             self._silenced = ""
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
                 self._silence(_NOT_PERMITTED)
-            self.refuse("not permitted", reason)
+            self.log_refusal("not permitted", reason)
         elif moves and self._silenced:  # rule 3
             pause = f"{self._gate.timing.pause:g}"
-            self.refuse("silenced", _SILENCED(reason=self._silenced, seconds=pause))
+            self.log_refusal("silenced", _SILENCED(reason=self._silenced, seconds=pause))
         elif moves and not limits.override and (owner := self._gate.owner):  # rule 2
-            self.refuse("owner", _OWNED(owner=owner))
+            self.log_refusal("owner", _OWNED(owner=owner))
         elif self._chassis.state is not LinkState.READY:  # rule 5
-            self.refuse("link", _NO_LINK)
+            self.log_refusal("link", _NO_LINK)
         elif moves and now - published > self._max_age:  # rule 5
             self._gate.count_superseded(
                 f"{self._name}: a velocity was not sent: it was {now - published:.2f} s old, and "
@@ -246,7 +246,7 @@ class VelocityDriver:
             self._waiting = limited
             self._send_or_wait(now)
 
-    def refuse(self, kind: str, reason: str) -> None:
+    def log_refusal(self, kind: str, reason: str) -> None:
         """Log why a velocity is refused; repeated reasons of one kind are logged once.
 
         Args:
@@ -312,6 +312,7 @@ class VelocityDriver:
                 self._log.warn("refused", f"the chassis refused {self._name}: {answer.msg}")
 
     def _silence(self, reason: str) -> None:
+        """Refuse velocities until their sender pauses or sends a zero."""
         self._silenced = reason
         self._waiting = None
         self._driving = False

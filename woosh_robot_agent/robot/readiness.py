@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -186,7 +186,7 @@ def objections(info: RobotInfo) -> list[Objection]:
 def busy_objections(info: RobotInfo) -> list[Objection]:
     """Return what the robot is doing, as the objection to another task; empty if it is idle."""
     proc = info.task_proc
-    if is_running(proc):
+    if is_unfinished(proc):
         number = proc.robot_task_id
         reason = f"the robot is executing task {number}" if number else _EXECUTING
         return [Objection("busy", reason, "wait for its end, or cancel it")]

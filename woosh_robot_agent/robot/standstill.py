@@ -14,7 +14,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import TASK_REQUESTS, commands_motion, may_move, takes_wheels
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     DeviceState,
@@ -69,7 +69,7 @@ def likely_causes(info: RobotInfo) -> str:
 
 
 def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
-    """Yield each cause, and True if the robot reports it, False if the opposite, None if neither."""
+    """Yield each cause with True if the robot reports it, False if the opposite, else None."""
     has_device_state = info.HasField("device_state")
     hardware = info.device_state.hardware
     yield _STOP, bool(hardware & DeviceState.kEmgBtn) if has_device_state else None
@@ -285,7 +285,7 @@ class Standstill:
             return
         if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
             return
-        if not is_running(report):
+        if not is_unfinished(report):
             if demand.begun:
                 self._demand = None
             return

@@ -18,7 +18,7 @@ from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import may_move
-from woosh_robot_agent.motion.wheel_owner import TASK, is_running
+from woosh_robot_agent.motion.wheel_owner import TASK, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
@@ -286,7 +286,7 @@ class WhoDrives:
         # the gate knows whether something else has taken over since
         if self._gate.driving and self._velocities.driving(time.monotonic()):
             return Driver(self._velocities.last)
-        if is_running(info.task_proc):
+        if is_unfinished(info.task_proc):
             return self._task_driver(info.task_proc)
         if goals := self._goals():
             return Driver(GOAL, ", ".join(goals))

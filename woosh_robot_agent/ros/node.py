@@ -326,12 +326,16 @@ class Agent:
         self.robot.chassis.permit_only(only_reads, self._observes_only)
         self.actions.give_up(f"{self._observes_only}; the robot may still be executing the goal")
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
-        self.robot.thread.spawn(partial(self.robot.gate.leave, self._observes_only, _ZERO_TIMEOUT))
+        self.robot.thread.spawn(
+            partial(self.robot.gate.stop_driving, self._observes_only, _ZERO_TIMEOUT)
+        )
 
     async def _reconfigure(self, config: LinkConfig) -> None:
         self.robot.requests.robot_id = config.robot_id
         if not config.keeps_connection(self.robot.chassis.config):
-            await self.robot.gate.leave("the settings of the link have changed", _ZERO_TIMEOUT)
+            await self.robot.gate.stop_driving(
+                "the settings of the link have changed", _ZERO_TIMEOUT
+            )
         await self.robot.chassis.reconfigure(config)
 
 

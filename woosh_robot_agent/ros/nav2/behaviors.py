@@ -264,7 +264,7 @@ class AssistedTeleop(Nav2Action):
         if hasattr(message, "header"):
             twist = message.twist
             if objection := stamp_objection(self.context.part, message.header.stamp):
-                self._driver.refuse("age", objection)
+                self._driver.log_refusal("age", objection)
                 return
         published = self._clock.of_message(info, taken)
         self._driver.drive(twist.linear.x, twist.linear.y, twist.angular.z, published)

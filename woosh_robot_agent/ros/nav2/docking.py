@@ -9,7 +9,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import LinkError
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map import storage_edit_pb2
 from woosh_robot_agent.pb.map.mark_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
@@ -216,4 +216,4 @@ class UndockRobot(_Docking):
     def _charges(self) -> bool:
         """Return True while the chassis executes a charging task."""
         report = self.context.part.robot.last_known.value(TaskProc)
-        return report is not None and report.type == task.kCharge and is_running(report)
+        return report is not None and report.type == task.kCharge and is_unfinished(report)

@@ -80,7 +80,7 @@ class CmdVel(Part):
 
     def _stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
         if objection := stamp_objection(self._context, message.header.stamp):
-            self._driver.refuse("age", objection)
+            self._driver.log_refusal("age", objection)
         else:
             self._drive(message.twist, info, taken)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.link.protos import enum_name
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -308,7 +308,7 @@ def _task(view: RobotView) -> dict[str, Any] | None:
         "type": enum_name(task.Type, proc.type),
         "to": proc.dest,
         "state": enum_name(task.State, proc.state),
-        "running": is_running(proc),
+        "running": is_unfinished(proc),
         "text": proc.msg,
         "action": enum_name(action.Type, doing.type) if doing.type else "",
         "actionState": enum_name(action.State, doing.state) if doing.state else "",
