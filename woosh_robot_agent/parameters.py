@@ -120,20 +120,14 @@ def parameter_field(
     default: Any, description: str, low: float = 0, high: float = 0, *, read_only: bool = False
 ) -> Any:
     """Return a dataclass field that declares a parameter of its name; see `Parameter`."""
-    metadata = {
-        "default": default,
-        "description": description,
-        "low": low,
-        "high": high,
-        "read_only": read_only,
-    }
-    return dataclasses.field(default=default, metadata=metadata)
+    parameter = Parameter("", default, description, low, high, read_only)
+    return dataclasses.field(default=default, metadata={"parameter": parameter})
 
 
 def parameters_of(settings_class: Any) -> tuple[Parameter, ...]:
     """Return the parameters that a dataclass declares with `parameter_field`, in order."""
     return tuple(
-        Parameter(name=each.name, **each.metadata)
+        dataclasses.replace(each.metadata["parameter"], name=each.name)
         for each in dataclasses.fields(settings_class)
         if each.metadata
     )

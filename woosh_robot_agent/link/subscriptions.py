@@ -224,7 +224,7 @@ class Subscriptions:
 
     # Called by the reader of the connection; these methods never wait
 
-    def put_push(self, codec: Codec, envelope: Envelope, alone: bool = False) -> None:
+    def put_push(self, codec: Codec, envelope: Envelope, alone: bool) -> None:
         """Deliver or queue a push if it has a consumer.
 
         Args:

@@ -94,8 +94,6 @@ def peer_address(transport: Any) -> str:
     return f"{name[0]}:{name[1]}" if isinstance(name, tuple) else "unknown"
 
 
-__all__ = ["RAW_TEXT", "ClientSocket", "Connect"]
-
 ClientSocket: Any
 _connect: Any
 try:  # websockets 13 and later

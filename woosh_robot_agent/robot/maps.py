@@ -104,7 +104,7 @@ def grey_image(image_file: bytes) -> Image.Image:
         raise MapError(_DAMAGED(error=str(error))) from None
 
 
-def check_place(resolution: float, *origin: float) -> None:
+def check_resolution_and_origin(resolution: float, *origin: float) -> None:
     """Check the resolution and the origin of a map.
 
     Args:
@@ -157,7 +157,7 @@ def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, byt
     import yaml
 
     png, origin = grey_png(image), area.origin
-    check_place(area.resolution, origin.x, origin.y, origin.theta)
+    check_resolution_and_origin(area.resolution, origin.x, origin.y, origin.theta)
     numbers = (area.resolution, origin.x, origin.y, origin.theta)
     # the chassis sends numbers of 32 bits: 0.05, not 0.0500000007
     resolution, *place = (float(str(numpy.float32(number))) for number in numbers)
