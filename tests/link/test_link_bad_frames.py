@@ -94,13 +94,22 @@ async def test_the_error_names_the_limit_that_a_websocket_frame_exceeded() -> No
         await client.wait_ready(TIMEOUT)
 
 
+@pytest.mark.parametrize(
+    ("code", "reason", "told"),
+    [
+        (4001, "out of order", "4001 out of order"),
+        (1009, "too big", r"1009 too big .*a frame from this side"),
+    ],
+)
 @aio
-async def test_the_error_says_when_the_chassis_refused_a_large_frame() -> None:
+async def test_the_error_says_why_the_chassis_closed_the_connection(
+    code: int, reason: str, told: str
+) -> None:
     async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
         await wire.next()
-        await wire.socket.close(1009, "too big")
-        with pytest.raises(ConnectionLostError, match=r"1009 too big .*a frame from this side"):
+        await wire.socket.close(code, reason)
+        with pytest.raises(ConnectionLostError, match=told):
             await soon(task)
 
 

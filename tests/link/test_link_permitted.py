@@ -57,6 +57,15 @@ async def test_requests_that_wait_are_withdrawn() -> None:
 
 
 @aio
+async def test_what_is_not_permitted_can_be_sent_on_demand() -> None:
+    async with linked() as (_peer, client, wire):
+        client.permit_only(lambda _message: False, "nothing")
+        request = asyncio.ensure_future(client.send(Speak(), Sending(always=True)))
+        await wire.answer(await wire.next(SPEAK))
+        assert (await soon(request)).ok
+
+
+@aio
 async def test_the_links_own_requests_are_sent() -> None:
     async with Peer() as peer:
         client = peer.client()
