@@ -397,11 +397,10 @@ async def linked(
     kind: str = "json",
     *,
     script: Callable[[Wire, Frame], Awaitable[bool]] | None = None,
-    info: Any = None,
     **changes: Any,
 ) -> AsyncIterator[tuple[Peer, ChassisClient, Wire]]:
     """Connect a client to a peer; the arguments are those of `Peer` and `Peer.client`."""
-    async with Peer(kind, script=script, info=info) as peer, peer.client(**changes) as client:
+    async with Peer(kind, script=script) as peer, peer.client(**changes) as client:
         yield peer, client, await peer.wire()
 
 
