@@ -115,7 +115,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
             rclpy.init(
                 args=with_possible_log_files(args), signal_handler_options=SignalHandlerOptions.NO
             )
-            fleet = Fleet(lambda: signals.received)
+            fleet = Fleet(stopping=lambda: signals.received)
         except (
             ValueError,
             ParameterException,

@@ -160,6 +160,7 @@ def _setting(short: str, name: str = "") -> Command:
 
 
 def _topic(short: str, depth: int = 1, package: str = "woosh.robot") -> Topic:
+    """Return a topic that the manufacturer's agent has too; all of these begin with `robot/`."""
     return Topic(f"robot/{short}", f"woosh_robot_msgs/{short}", f"{package}.{short}", depth)
 
 

@@ -36,12 +36,7 @@ def _unchanged(value: T) -> T:
 class ChassisClient:
     """A link to one chassis that reconnects by itself.
 
-    Use it in one asyncio event loop::
-
-        async with ChassisClient("172.20.8.74") as chassis:
-            chassis.subscribe(PoseSpeed, lambda pose_speed: print(pose_speed.pose))
-            answer = await chassis.request(Speak(text="hello"))
-            print(answer.ok, answer.msg)
+    Use it in one asyncio event loop; `woosh_robot_agent.link` has an example.
 
     After a reconnect, subscriptions are renewed, and no request is sent again. The client belongs
     to the first robot that answers. If a robot with another id or serial number answers later, it

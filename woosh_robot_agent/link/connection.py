@@ -367,7 +367,7 @@ class Connection:
                 self._codec.encode, name, message, sn=sn, timestamp=time.time_ns() // 1_000_000
             )
             data = encode() if message.ByteSize() < LARGE else None
-            # the outbox keeps requests with `first` in the order that their sender expects
+            # in the outbox, a request with `first` goes ahead even of an earlier one with `first`
             if data is not None and self._is_free_for(data) and not how.first:
                 await self._guard(partial(self._send, data))
             else:
@@ -620,7 +620,7 @@ class Connection:
                 envelope.message = self._codec.body(envelope, cls)
             except FrameError:  # raised again, and counted, when a consumer reads the body
                 return envelope
-            if not envelope.sn:  # the body of an answer may be read as another type
+            if not envelope.sn:  # an answer keeps its body, which may be read as another type
                 envelope.body = None
         return envelope
 

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from woosh_robot_agent.link.frames import Codec
-from woosh_robot_agent.link.tasks import run_with_timeout, wait_then_cancel
+from woosh_robot_agent.link.tasks import close_or_abort, run_with_timeout
 from woosh_robot_agent.link.transport import (
     CHUNK,
     FrameConnection,
@@ -396,12 +396,7 @@ class WebSocketServerTransport:
         return True
 
     async def close(self, timeout: float = 1.0) -> None:
-        closing = asyncio.ensure_future(self._socket.close())
-        try:
-            await asyncio.wait({closing}, timeout=timeout)
-        finally:
-            self.abort()
-            await wait_then_cancel(closing)
+        await close_or_abort(self._socket.close(), self.abort, timeout)
 
     def abort(self) -> None:
         self._connection.transport.abort()

@@ -63,12 +63,19 @@ async def cancel_and_wait(*tasks: asyncio.Future[Any]) -> None:
         await asyncio.wait(tasks, timeout=_GRACE)
 
 
-async def wait_then_cancel(task: asyncio.Future[Any]) -> None:
-    """Wait at most one second for a task that is about to end by itself, then cancel it."""
+async def close_or_abort(
+    closing: Coroutine[Any, Any, object], abort: Callable[[], None], timeout: float
+) -> None:
+    """Close a connection in an orderly way within `timeout` seconds, then call `abort`."""
+    task = asyncio.ensure_future(closing)
     try:
-        await asyncio.wait({task}, timeout=_GRACE)
+        await asyncio.wait({task}, timeout=timeout)
     finally:
-        await cancel_and_wait(task)
+        abort()
+        try:
+            await asyncio.wait({task}, timeout=_GRACE)  # the abort lets it end by itself
+        finally:
+            await cancel_and_wait(task)
 
 
 def _retrieve_exception(task: asyncio.Future[Any]) -> None:

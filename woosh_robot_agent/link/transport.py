@@ -10,7 +10,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
 
 from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.frames import FrameError
-from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout, wait_then_cancel
+from woosh_robot_agent.link.tasks import cancel_and_wait, close_or_abort, run_with_timeout
 from woosh_robot_agent.sentences import Sentence
 
 _NO_WEBSOCKET = Sentence("link.noWebsocket", "not a WebSocket server: {error}")
@@ -312,12 +312,7 @@ class WebSocketTransport:
         return True
 
     async def close(self, timeout: float = 1.0) -> None:
-        closing = asyncio.ensure_future(self._socket.close())
-        try:
-            await asyncio.wait({closing}, timeout=timeout)
-        finally:
-            self.abort()
-            await wait_then_cancel(closing)
+        await close_or_abort(self._socket.close(), self.abort, timeout)
 
     def abort(self) -> None:
         self._socket.transport.abort()

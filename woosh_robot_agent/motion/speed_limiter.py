@@ -32,10 +32,6 @@ _ACTION = -1
 """Stands for the action MoveBase in place of the id of a task."""
 
 
-def _nothing() -> None:
-    """Do nothing."""
-
-
 class SpeedLimiter:
     """Limits the speed of the robot's navigation. Used in the event loop of the link.
 
@@ -60,7 +56,7 @@ class SpeedLimiter:
         gate: MotionGate,
         start: Callable[[Coroutine[Any, Any, None]], object],
         on_refused: Callable[[str], None],
-        on_change: Callable[[], None] = _nothing,
+        on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self._gate = gate
         self._start = start

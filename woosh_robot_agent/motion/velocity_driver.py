@@ -163,11 +163,9 @@ class VelocityDriver:
         """True if the last velocity that was sent was not zero."""
         self._waiting: Twist | None = None
         """The velocity to send next."""
-        self._published = -math.inf
-        """Loop time at which the velocity in `_waiting` was published."""
         self._received = -math.inf
         """Loop time of the last velocity that was received."""
-        self._accepted = -math.inf
+        self._published = -math.inf
         """Loop time at which the sender published the last accepted velocity."""
         self._pace = Pace()
         """Loop times at which velocities may be sent."""
@@ -242,7 +240,7 @@ class VelocityDriver:
             )
         elif moves or self._has_to_stop():  # rule 8
             self._log.clear()
-            self._accepted = self._published = published
+            self._published = published
             self._waiting = limited
             self._send_or_wait(now)
 
@@ -273,7 +271,7 @@ class VelocityDriver:
             first_zero = self._driving and not may_move(self._waiting)
             return 0.0 if first_zero else self._pace.due(limits.rate)
         if self._driving and self._chassis.state is LinkState.READY:  # rule 6
-            return self._accepted + limits.timeout
+            return self._published + limits.timeout
         return math.inf
 
     def _send_or_wait(self, now: float) -> None:

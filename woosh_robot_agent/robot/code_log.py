@@ -139,10 +139,7 @@ class RefusalLog:
     async def _explain(
         name: str, msg: str, reasons: Coroutine[Any, Any, list[Objection]], log: LogOnce
     ) -> None:
-        why = "; ".join(
-            f"{each.reason}: {each.remedy}" if each.remedy else each.reason
-            for each in await reasons
-        )
+        why = "; ".join(map(str, await reasons))
         log.warn(
             f"{msg}: {why}", f"the chassis refused {name}: {msg}" + (f" ({why})" if why else "")
         )

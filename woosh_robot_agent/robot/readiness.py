@@ -29,7 +29,7 @@ class Objection(NamedTuple):
     Attributes:
         name: identifier for programs, e.g. `emergency_stop`; unlike the texts, it never changes.
         reason: what is wrong.
-        remedy: what to do about it.
+        remedy: what to do about it; may be empty.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Objection(NamedTuple):
         return Said(self.reason, f"objection.{self.name}.reason")
 
     def __str__(self) -> str:
-        return f"{self.reason}: {self.remedy}"
+        return f"{self.reason}: {self.remedy}" if self.remedy else self.reason
 
 
 EMERGENCY_STOP = Objection(
@@ -131,6 +131,7 @@ _STATES = {
     ),
     robot.kCharging: Objection("charging", "the robot is charging", "wait, or stop charging"),
 }
+"""Objections by state of a robot that is not taskable."""
 _EXECUTING = "the robot is executing a task"
 _BUSY_STATES = {
     robot.kTask: Objection("busy", _EXECUTING, "wait for its end, or cancel it"),
@@ -142,6 +143,7 @@ _BUSY_STATES = {
     robot.kMapping: MAPPING,
     robot.kFollowing: _STATES[robot.kFollowing],
 }
+"""Objections of `busy_objections`, by state of the robot."""
 _POSE_WITHOUT_MAP = Objection(
     "no_map",
     "the pose may mean nothing, because it belongs to no map (map_id 0)",

@@ -203,6 +203,7 @@ class Standstill:
             elif self._demand is not None and self._demand.is_velocity:
                 self._give_up()
         elif takes_wheels(message) and not _may_stand(message):
+            # an order to the running task is observed like the task
             kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
             self._expect(command_name(command), kind, getattr(message, "task_id", 0))
         elif not may_move(message):  # a pause or a cancel

@@ -351,6 +351,12 @@ class WhoDrives:
         self._begin(task, unseen=False)
 
     def _begin(self, task: TaskProc, *, unseen: bool) -> None:
+        """Keep a report if it is the first one on its task.
+
+        Args:
+            task: the report.
+            unseen: True if the task may have begun before the link was ready.
+        """
         if task.robot_task_id != self._task.robot_task_id:
             self._task, self._began_unseen = task, unseen
 
