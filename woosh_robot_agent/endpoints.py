@@ -71,7 +71,7 @@ class Topic:
     Attributes:
         name: name of the topic.
         msg: ROS type of the topic.
-        push: protobuf full name of the push.
+        push: protobuf full name of the push; empty if the agent publishes about itself.
         depth: number of messages that late subscribers receive.
         on_demand: True if the pushes are large: the agent asks the chassis for them only while the
             topic has subscribers.
@@ -84,19 +84,6 @@ class Topic:
     depth: int = 1
     on_demand: bool = False
     extra: bool = False
-
-
-@dataclass(frozen=True)
-class OwnTopic:
-    """A topic on which the agent publishes something about itself.
-
-    Attributes:
-        name: name of the topic.
-        msg: ROS type of the topic.
-    """
-
-    name: str
-    msg: str
 
 
 @dataclass(frozen=True)
@@ -290,7 +277,7 @@ TOPICS = (
     _extra_topic("device/RfRemoteController"),
 )
 
-AGENT_INFO = OwnTopic("robot/AgentInfo", "woosh_robot_msgs/AgentInfo")
+AGENT_INFO = Topic("robot/AgentInfo", "woosh_robot_msgs/AgentInfo", push="")
 """The topic that tells if the agent has a link to the chassis."""
 
 ACTIONS = (
@@ -330,8 +317,7 @@ def markdown() -> str:
     """Return a Markdown table for each kind of endpoint."""
     reads: list[Query | Command] = [*QUERIES, *(each for each in COMMANDS if each.reads)]
     writes = [each for each in COMMANDS if not each.reads]
-    topics = [_row(each, each.msg, "msg", each.push) for each in TOPICS]
-    topics.append((AGENT_INFO.name, _full_type(AGENT_INFO.msg, "msg"), ""))
+    topics = [_row(each, each.msg, "msg", each.push) for each in (*TOPICS, AGENT_INFO)]
     service_columns = ("Name", "ROS type", "Chassis message", "Timeout")
     return "\n\n".join(
         (
@@ -362,11 +348,7 @@ def _row(
 ) -> tuple[str, ...]:
     """Return the cells of an endpoint. An asterisk: the manufacturer's agent lacks the endpoint."""
     name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
-    return (name, _full_type(ros_type, folder), message)
-
-
-def _full_type(ros_type: str, folder: str) -> str:
-    return ros_type.replace("/", f"/{folder}/")
+    return (name, ros_type.replace("/", f"/{folder}/"), message)
 
 
 if __name__ == "__main__":

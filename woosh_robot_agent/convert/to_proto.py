@@ -39,7 +39,7 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
     for name, ros_type, field in mirrored_fields(ros_class, proto_class):
         if bits is not None and name in bits:
             source.add(f"if has & {bits[name]}:")
-            _set_proto(source, "r", name, ros_type, field, "    ")
+            _set_proto(source, "r", name, ros_type, field, indent="    ")
         else:
             _set_proto(source, "r", name, ros_type, field)
     for group in oneofs(proto_class):
@@ -49,7 +49,7 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
         for number, field in enumerate(group.fields, 1):
             source.add(f"{'el' if number > 1 else ''}if which == {number}:")
             inner = f"{group.name}.{field.name}"
-            _set_proto(source, "o", field.name, types[field.name], field, "    ", path=inner)
+            _set_proto(source, "o", field.name, types[field.name], field, indent="    ", path=inner)
         source.add("elif which:")
         source.add(
             f"    raise BadField('{group.name}.which', f'it is {{which}}, which is not a member')"
@@ -66,15 +66,10 @@ def _set_proto(
     indent: str = "",
     path: str = "",
 ) -> None:
-    """Write source that copies a field from the ROS message `origin` to the protobuf message `p`.
+    """Write source that copies a field from the ROS message in `origin` to the one in `p`.
 
     Args:
-        source: function that the source is added to.
-        origin: variable that holds the ROS message.
-        name: name of the field.
-        ros_type: ROS type of the field.
-        field: protobuf descriptor of the field.
-        indent: indentation of the source, inside of the function.
+        indent: indentation inside of the function.
         path: path of the field for errors; by default its name.
     """
     path = path or name

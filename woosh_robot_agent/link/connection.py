@@ -342,10 +342,7 @@ class Connection:
 
         Raises:
             NotConnectedError: the connection has ended; nothing was sent.
-            TooManyRequestsError: nothing was sent.
-            SupersededError: the request was withdrawn or waited too long; it was not sent.
-            RequestTimeoutError: no answer arrived in time.
-            ConnectionLostError: the connection ended before the answer arrived.
+            LinkError: as in `ChassisClient.request`.
         """
         name = full_name(message)
         if self._cause is not None:
@@ -385,14 +382,7 @@ class Connection:
             self._urgent_pending -= urgent
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
-        """Withdraw requests that wait to be sent; those that were sent are not affected.
-
-        The caller of a withdrawn request gets a SupersededError.
-
-        Args:
-            which: selects the requests.
-            reason: the text of the error, after "not sent: ".
-        """
+        """Withdraw requests that wait to be sent; see `ChassisClient.withdraw`."""
         for sn, pending in self._pending.items():
             if sn in self._outbox and which(pending.message):
                 del self._outbox[sn]

@@ -112,13 +112,7 @@ class PrintableFormatter(logging.Formatter):
 
 
 def log_to_stderr(level: int, record_format: str, *filters: logging.Filter) -> None:
-    """Make a program log to stderr.
-
-    Args:
-        level: lowest level that is logged.
-        record_format: format of a record.
-        filters: filters that each record passes.
-    """
+    """Make a program log to stderr, from a level on; each record passes the filters."""
     handler = logging.StreamHandler()
     handler.setFormatter(PrintableFormatter(record_format))
     for each in filters:

@@ -200,26 +200,17 @@ class TcpServerTransport(TcpTransport):
     async def send_raw(self, data: bytes) -> None:
         await self._write(data)
 
+    # the transport of the writer serves both directions
+
     def pause(self) -> None:
-        self._read_side.pause_reading()
+        self._writer.transport.pause_reading()  # type: ignore[attr-defined]
 
     def resume(self) -> None:
-        self._read_side.resume_reading()
-
-    @property
-    def _read_side(self) -> Any:
-        return self._writer.transport  # one object for both directions
+        self._writer.transport.resume_reading()  # type: ignore[attr-defined]
 
 
 async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) -> Listener:
-    """Listen for TCP clients.
-
-    Args:
-        handler: serves one connection.
-        host: the address to listen on.
-        port: the port to listen on; 0 takes a free port.
-        max_size: largest frame that is read, in bytes.
-    """
+    """Listen for TCP clients; the arguments are those of `serve_websocket`."""
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await handler(TcpServerTransport(reader, writer, max_size))
@@ -272,7 +263,7 @@ class HttpConnection(asyncio.Protocol):
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
         self._unread = 0
         """Number of bytes since the last message or ping of the WebSocket."""
-        self._opening = loop.call_later(open_timeout, self._give_up)
+        self._opening = loop.call_later(open_timeout, lambda: self.transport.abort())
 
     def opened(self, max_message: int | None = None) -> None:
         """Note that the first request has arrived, or that the handshake is complete.
@@ -317,9 +308,6 @@ class HttpConnection(asyncio.Protocol):
 
     def resume_writing(self) -> None:
         self._inner.resume_writing()
-
-    def _give_up(self) -> None:
-        self.transport.abort()
 
     # For server transports over HTTP
 

@@ -234,16 +234,7 @@ class TcpTransport:
 
 
 async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
-    """Connect to a chassis by TCP.
-
-    Args:
-        config: address and limits.
-        made: list to which the stream writer is added as soon as it exists, so that the caller can
-            abort the connection.
-
-    Raises:
-        OSError: nothing answers at the address.
-    """
+    """Connect to a chassis by TCP; as `open_websocket`, with the stream writer in `made`."""
     reader, writer = await asyncio.open_connection(config.ip, config.effective_port)
     made.append(writer)
     return TcpTransport(reader, writer, config.max_frame_size)

@@ -311,11 +311,7 @@ class MotionGate:
                 )
 
     def count_superseded(self, reason: str) -> None:
-        """Count a velocity that was not sent; log the first one of a series.
-
-        Args:
-            reason: why it was not sent, and what to do.
-        """
+        """Count a velocity that was not sent; log the first one of a series, with the reason."""
         if self._forbidden_until < math.inf:  # after closing, refusals are expected
             self.superseded += 1
             self._drops.count("velocity commands were out of date and not sent", reason)

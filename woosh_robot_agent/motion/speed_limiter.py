@@ -82,11 +82,7 @@ class SpeedLimiter:
         return self._sent != math.inf
 
     def restore(self, is_limited: bool) -> None:
-        """Restore the state of an earlier process.
-
-        Args:
-            is_limited: the last value of `is_limited` in that process.
-        """
+        """Restore the last value of the property `is_limited` of an earlier process."""
         self._sent = _UNKNOWN if is_limited else math.inf
 
     def limit(self, limit: float | None) -> None:
@@ -173,12 +169,7 @@ class SpeedLimiter:
 
 
 def _request(limit: float, *, in_action: bool) -> Message:
-    """Return the request that sets a limit.
-
-    Args:
-        limit: maximum speed, in m/s; infinite without a limit.
-        in_action: the robot navigates in the action MoveBase, not in a task.
-    """
+    """Return the request that sets a limit, for a navigation in MoveBase or in a task."""
     speed = limit if math.isfinite(limit) else 0.0
     if in_action:
         mode = NavigationMode(mode=NavigationMode.kAccurateAvoid, max_speed=speed)

@@ -245,12 +245,7 @@ class VelocityDriver:
             self._send_or_wait(now)
 
     def log_refusal(self, kind: str, reason: str) -> None:
-        """Log why a velocity is refused; repeated reasons of one kind are logged once.
-
-        Args:
-            kind: the kind of the reason.
-            reason: why, and what to do.
-        """
+        """Log why a velocity is refused, and what to do; reasons of one kind are logged once."""
         self._log.warn(kind, f"{self._name} is ignored: {reason}")
 
     @property

@@ -61,7 +61,7 @@ def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
     """
     from PIL import ImageOps
 
-    grey = ImageOps.flip(grey_image(image_file))
+    grey = ImageOps.flip(grey_image(image_file))  # a grid begins with the row at the bottom
     return grey.width, grey.height, array.array("b", grey.tobytes().translate(_CELLS))
 
 
@@ -105,11 +105,7 @@ def grey_image(image_file: bytes) -> Image.Image:
 
 
 def check_resolution_and_origin(resolution: float, *origin: float) -> None:
-    """Check the resolution and the origin of a map.
-
-    Args:
-        resolution: size of a pixel, in metres.
-        origin: coordinates of the bottom left corner, and its angle if there is one.
+    """Check the resolution of a map and the numbers of its origin.
 
     Raises:
         MapError: a value is not possible.
@@ -140,19 +136,14 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
 def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
     """Return the YAML file and the PNG of the mask for nav2's KeepoutFilter; {} without a mask.
 
-    Loaded by map_server, the mask equals the agent's topic `keepout_mask`.
-
-    Args:
-        area: the map.
-        stem: names of the files without their suffixes.
-
-    Raises:
-        MapError: the mask is not usable.
+    Loaded by map_server, the mask equals the agent's topic `keepout_mask`. The arguments and the
+    errors are those of `map_files`.
     """
     return _server_files(area, area.keepout_png, stem) if area.keepout_png else {}
 
 
 def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
+    """Return the YAML file and the PNG of an image that belongs to a map."""
     import numpy
     import yaml
 
@@ -160,12 +151,12 @@ def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, byt
     check_resolution_and_origin(area.resolution, origin.x, origin.y, origin.theta)
     numbers = (area.resolution, origin.x, origin.y, origin.theta)
     # the chassis sends numbers of 32 bits: 0.05, not 0.0500000007
-    resolution, *place = (float(str(numpy.float32(number))) for number in numbers)
+    resolution, *coordinates = (float(str(numpy.float32(number))) for number in numbers)
     description = {
         "image": f"{stem}.png",
         "mode": "trinary",
         "resolution": resolution,
-        "origin": place,
+        "origin": coordinates,
         "negate": 0,
         "occupied_thresh": OCCUPIED_THRESHOLD,
         "free_thresh": FREE_THRESHOLD,

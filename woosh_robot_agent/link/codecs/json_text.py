@@ -178,12 +178,7 @@ def parse_in_pieces(text: str | bytes) -> Any:
     """Return the value of a long JSON text, as `parse` does.
 
     A JSON parser keeps all other threads from running until it returns. Here it gets the text in
-    pieces, and other threads can run after each piece.
-
-    Raises:
-        UnicodeDecodeError: bytes are not UTF-8.
-        ValueError: the text is not JSON.
-        RecursionError: the text is nested too deeply.
+    pieces, and other threads can run after each piece. The errors are those of `parse`.
     """
     text = text if isinstance(text, str) else text.decode()
     value, end = _value(text, _after_space(text, 0))
