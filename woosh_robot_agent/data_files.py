@@ -150,6 +150,7 @@ class _Reader:
         self._known_only = known_only
 
     def read(self, kind: Any, value: Any, where: str) -> Any:
+        """Return plain data as an object of the type `kind`."""
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is Annotated:
             found = self.read(arguments[0], value, where)

@@ -419,6 +419,7 @@ class Connection:
         }
 
     def _fail(self, cause: LinkError) -> None:
+        """Note why the connection ends, unless it has ended already."""
         if self._cause is not None:
             return
         self._cause = cause
@@ -450,6 +451,7 @@ class Connection:
     # Sending
 
     def _check_in_flight(self, name: str) -> None:
+        """Raise TooManyRequestsError if `max_in_flight` requests are in flight."""
         in_flight = len(self._pending) - self._urgent_pending
         if in_flight >= self.config.max_in_flight:
             text = _TOO_MANY(name=name, count=in_flight)
@@ -469,6 +471,7 @@ class Connection:
         self._outbox_filled.set()
 
     async def _write(self) -> None:
+        """Send the frames in the outbox, until cancelled."""
         while True:
             while (key := self._next_to_send()) is not None:
                 frame = self._outbox.pop(key)
@@ -544,6 +547,7 @@ class Connection:
     # Receiving
 
     async def _read(self) -> None:
+        """Receive frames until the connection ends."""
         slice_started = self._loop.time()
         while True:
             try:
@@ -615,6 +619,7 @@ class Connection:
         return envelope
 
     def _answer(self, envelope: Envelope) -> None:
+        """Give an answer to the request that waits for it."""
         pending = self._pending.get(envelope.sn)
         if pending is None or pending.future.done():
             self._stats.late_answers += 1

@@ -209,6 +209,7 @@ class DropLog:
             self._end(kind)
 
     def _check(self, kind: str) -> None:
+        """End a series, or check again later if it goes on."""
         series = self._series[kind]
         loop = asyncio.get_running_loop()
         if loop.time() < series.last + self._quiet:

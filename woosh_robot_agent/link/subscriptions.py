@@ -325,6 +325,7 @@ class Subscriptions:
         self._lanes.pop(name, None)
 
     async def _deliver_large(self, value: Body | RobotInfo, consumers: list[Consumer]) -> None:
+        """Prepare a value in the thread for large messages, and call the consumers."""
         for consumer in tuple(consumers):
             try:
                 prepared = await aside(consumer.prepare, value)

@@ -139,6 +139,7 @@ class SpeedLimiter:
             self._sent = _UNKNOWN
 
     def _send(self) -> None:
+        """Send the limit if the robot navigates and may not have it yet."""
         if self._limit in (None, self._sent) or self.refusal or not self._navigation:
             return
         was_limited, self._sent = self.is_limited, self._limit

@@ -277,6 +277,7 @@ class VelocityDriver:
             self._wake.set()
 
     def _send_due(self) -> None:
+        """Send the velocity that waits; without one, the zero of the watchdog."""
         if self._waiting is not None:
             self._send(self._waiting, self._published)
         elif self._gate.driving:

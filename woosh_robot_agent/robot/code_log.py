@@ -64,6 +64,7 @@ class CodeLog:
             self._log(body.message())
 
     def _log(self, code: StatusCode) -> None:
+        """Log a code, unless it was logged and still lasts."""
         level = _LEVELS.get(code.level, logging.DEBUG)
         now = time.monotonic()
         last = self._logged.get(code.code)
@@ -120,6 +121,7 @@ class RefusalLog:
         return len(self._pending)
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """Start to explain a refusal; forget earlier refusals after a success."""
         if command.answer.ok and not self._logs:  # usually; saves finding the name
             return
         name, msg = command_name(command), command.answer.msg

@@ -131,6 +131,7 @@ class RefusalExplainer:
             self._refusals.remove(refusal)
 
     def _pushed(self, body: Body) -> None:
+        """Give a status code to the refusals that it explains."""
         if not self._refusals:  # nearly always; then the body need not be decoded
             return
         code: StatusCode = body.message()

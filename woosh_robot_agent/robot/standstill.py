@@ -258,6 +258,7 @@ class Standstill:
     # Reports of the robot
 
     def _pose_pushed(self, body: Body) -> None:
+        """End the observation, or start it anew for a stream, if the robot has moved."""
         demand = self._demand
         if demand is None:  # usually; then the body need not be decoded
             return
@@ -281,6 +282,7 @@ class Standstill:
             self._demand = None
 
     def _task_changed(self, report: TaskProc) -> None:
+        """Note whether the task that is observed drives the robot now, or has ended."""
         demand = self._demand
         if demand is None or demand.type not in _TASKS:
             return

@@ -111,6 +111,7 @@ class VelocitySources:
             self.report(f"a client of {service}", f"another client of {service}")
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """Note which source drives, and report it if another one does, too."""
         source = command.source
         # the agent itself, which has no name, only sends a zero when it closes
         if not isinstance(command.message, Twist) or not command.answer.ok or not source:
@@ -297,6 +298,7 @@ class WhoDrives:
         return self._unexplained(info)
 
     def _task_driver(self, task: TaskProc) -> Driver:
+        """Return the source that started a task."""
         number = task.robot_task_id
         task_set = number // TASKS_PER_SET
         detail = TASK(id=number)
@@ -331,6 +333,7 @@ class WhoDrives:
         return Driver(UNKNOWN, _UNEXPLAINED)
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """Remember which source started a task, a task set or a following."""
         message, source = command.message, command.source
         if not command.answer.ok:
             return

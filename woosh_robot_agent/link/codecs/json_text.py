@@ -220,6 +220,7 @@ def _scan(text: str, at: int) -> tuple[Any, int]:
 
 
 def _object(text: str, at: int) -> tuple[dict[str, Any], int]:
+    """Return the object that begins at a place of the text, and the place of its end."""
     found: dict[str, Any] = {}
     at = _after_space(text, at + 1)
     while text[at : at + 1] != "}":
@@ -235,6 +236,7 @@ def _object(text: str, at: int) -> tuple[dict[str, Any], int]:
 
 
 def _list(text: str, at: int) -> tuple[list[Any], int]:
+    """Return the list that begins at a place of the text, and the place of its end."""
     found: list[Any] = []
     at = _after_space(text, at + 1)
     while text[at : at + 1] != "]":
