@@ -186,7 +186,7 @@ class Liveness:
         sent, backlog = self._sent(), self._transport.backlog()
         previous_sent, previous_backlog = self._previous
         self._previous = sent, backlog
-        if sent == previous_sent and backlog < previous_backlog:
+        if sent == previous_sent and backlog < previous_backlog:  # a part was read over there
             self._alive_at = now
         if not backlog or sent != previous_sent or backlog < previous_backlog:
             self._accepted_at = now

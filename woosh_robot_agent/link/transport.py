@@ -292,7 +292,7 @@ class WebSocketTransport:
             data: str | bytes = await self._socket.recv(**RAW_TEXT)
         except ConnectionClosed as error:
             raise TransportClosedError(_reason(error)) from None
-        self.waited = self.received != before
+        self.waited = self.received != before  # otherwise the frame had arrived already
         return data
 
     async def ping(self) -> bool:

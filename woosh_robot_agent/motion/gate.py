@@ -343,6 +343,7 @@ class MotionGate:
         return self._reported_owner.name
 
     async def _request(self, message: Message, how: Sending, sender: Sender) -> Answer:
+        """Send a motion command; hold a velocity back while the chassis does not answer."""
         if not isinstance(message, Twist):
             return await self._send_if_allowed(message, how, sender)
 
@@ -380,7 +381,7 @@ class MotionGate:
         if takes_wheels(message):  # rule 6
             self._wheels_taken = time.monotonic()
             self._drives_until = -math.inf
-        elif message is self._last_velocity and not moves:
+        elif message is self._last_velocity and not moves:  # an accepted zero
             self._drives_until = -math.inf
         return answer
 

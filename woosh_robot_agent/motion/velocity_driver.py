@@ -286,6 +286,7 @@ class VelocityDriver:
             self._driving = False
 
     def _send(self, velocity: Twist, published: float | None = None) -> None:
+        """Send a velocity; `published` is None for a zero of the driver itself."""
         self._waiting = None
         self._pace.sent(asyncio.get_running_loop().time(), self._limits().rate)
         self._driving = may_move(velocity)

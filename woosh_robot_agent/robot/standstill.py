@@ -210,6 +210,7 @@ class Standstill:
             self._give_up()
 
     def _velocity_accepted(self, name: str) -> None:
+        """Expect the robot to move by a stream of velocities."""
         now = asyncio.get_running_loop().time()
         demand = self._demand
         if demand is None or not demand.is_velocity or now - demand.last > self.kept:
