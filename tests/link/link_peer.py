@@ -409,11 +409,13 @@ def ask(client: ChassisClient, message: Any, **options: Any) -> asyncio.Task[Ans
     return asyncio.ensure_future(client.request(message, **options))
 
 
-async def answered(client: ChassisClient, wire: Wire) -> bool:
-    """Send a request that the chassis answers; return True if the client gets the answer."""
-    task = ask(client, Speak())
-    await wire.answer(await wire.next("woosh.robot.Speak"))
-    return bool((await soon(task)).ok)
+async def answered(request: Awaitable[Any], wire: Wire, body: Any = None, **changes: Any) -> Any:
+    """Let the chassis answer the next request, which `request` sends; return its result."""
+    task = asyncio.ensure_future(request)
+    while "sn" not in (frame := await wire.next()):
+        pass  # a subscription, for example
+    await wire.answer(frame, body, **changes)
+    return await soon(task)
 
 
 class RawServer:

@@ -190,9 +190,7 @@ async def test_texts_of_the_chassis_are_logged_as_one_short_line(
         assert "reports" in logged
         assert logged.isprintable()
         assert len(logged) < 1000
-        task = ask(client, Speak())
-        await wire.answer(await wire.next("woosh.robot.Speak"), ok=False, msg="a\nb" * 1000)
-        answer = await soon(task)
+        answer = await answered(client.request(Speak()), wire, ok=False, msg="a\nb" * 1000)
         assert answer.msg == "a\nb" * 1000, "but callers get them as they are"
 
 
@@ -260,7 +258,7 @@ async def test_a_hostile_push_does_not_end_the_link(what: str) -> None:
         client.subscribe(PoseSpeed, lambda _push: None)
         wire = await peer.wire()
         await wire.raw(HOSTILE[what])
-        assert await answered(client, wire)
+        assert (await answered(client.request(Speak()), wire)).ok
         assert client.stats.connects == 1
 
 

@@ -20,7 +20,7 @@ from tests.link.link_peer import (
     Peer,
     Wire,
     aio,
-    ask,
+    answered,
     eventually,
     linked,
     soon,
@@ -265,9 +265,7 @@ async def test_a_slow_consumer_does_not_delay_answers() -> None:
         for number in range(40):
             await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
         await eventually(lambda: seen)
-        task = ask(client, Speak())
-        await wire.answer(await wire.next("woosh.robot.Speak"))
-        await soon(task)
+        await answered(client.request(Speak()), wire)
         assert len(seen) < 40  # the answer came before all of them were delivered
 
 

@@ -18,6 +18,7 @@ from tests.link.link_peer import (
     TcpWire,
     Wire,
     aio,
+    answered,
     ask,
     block,
     eventually,
@@ -135,9 +136,9 @@ async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
 async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> None:
     async with linked() as (_peer, client, wire):
         for type_name, body in (("woosh.robot.Battery", Battery(power=5)), ("woosh.New", None)):
-            task = ask(client, Speak())
-            await wire.answer(await wire.next(), {"power": 5}, type=type_name, msg="m")
-            answer = await soon(task)
+            answer = await answered(
+                client.request(Speak()), wire, {"power": 5}, type=type_name, msg="m"
+            )
             assert (answer.ok, answer.msg, answer.body) == (True, "m", body)
             assert bool(answer.defect) == (body is None)
 
@@ -146,9 +147,7 @@ async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> Non
 @aio
 async def test_a_refusal_is_an_answer_with_the_chassis_own_text(changes: Any) -> None:
     async with linked() as (_peer, client, wire):
-        task = ask(client, Speak())
-        await wire.answer(await wire.next(), ok=False, msg="未初始化", **changes)
-        answer = await soon(task)
+        answer = await answered(client.request(Speak()), wire, ok=False, msg="未初始化", **changes)
         assert (answer.ok, answer.msg) == (False, "未初始化")
 
 
@@ -370,9 +369,7 @@ async def test_two_clients_in_one_loop_are_independent() -> None:
             await wire.answer(await wire.next(), msg=wire.peer.kind)
         assert [answer.msg for answer in await soon(asyncio.gather(*tasks))] == ["json", "tcp"]
         await first.close()
-        task = ask(second, Speak())
-        await wires[1].answer(await wires[1].next())
-        assert (await soon(task)).ok
+        assert (await answered(second.request(Speak()), wires[1])).ok
 
 
 @aio

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, block, eventually, soon, turns
+from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, answered, block, eventually, soon, turns
 from tests.motion.gate_checks import (
     NEVER,
     ORDERS,
@@ -75,9 +75,7 @@ async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> Non
         with pytest.raises(NotConnectedError):
             await rig.gate.request(request_)  # a request without a link is not sent later either
         again = await rig.second_wire()
-        speaking = asyncio.ensure_future(rig.gate.request(Speak()))
-        await again.answer(await again.next("woosh.robot.Speak"))
-        await soon(speaking)
+        await answered(rig.gate.request(Speak()), again)
         assert types(again) == []
 
 
@@ -223,9 +221,7 @@ async def test_the_last_zero_replaces_a_held_velocity() -> None:
         frame = await rig.wire.next(TWIST)
         held = rig.drive(2)
         await turns()
-        closing = asyncio.ensure_future(rig.gate.close(TIMEOUT))
-        await rig.wire.answer(await rig.wire.next(TWIST))
-        await soon(closing)
+        await answered(rig.gate.close(TIMEOUT), rig.wire)
         await rig.wire.answer(frame)
         await soon(first)
         with pytest.raises(SupersededError):
