@@ -175,10 +175,10 @@ def _process_own_arguments(arguments: list[str]) -> int:
         return 0
     import shlex
 
-    right = shlex.join(["agent", "--ros-args", *_as_ros_args(arguments)])
+    correct = shlex.join(["agent", "--ros-args", *_as_ros_args(arguments)])
     print(
         f"agent: unknown argument: {shlex.quote(arguments[0])}; pass parameters as ROS arguments, "
-        f"e.g. {right}; see agent --help",
+        f"e.g. {correct}; see agent --help",
         file=sys.stderr,
     )
     return _FAILED

@@ -72,12 +72,14 @@ def _writer(ros_class: Any) -> _Write:
     """Format character and expression of the numbers that are packed together."""
 
     def flush() -> None:
+        """Write source for the numbers in `run`, and empty it."""
         if run:
             pack = source.bind(packer("".join(code for code, _ in run)))
             source.add(f"b += {pack}(len(b) & 7).pack({', '.join(value for _, value in run)})")
             run.clear()
 
     def add(cls: Any, path: str) -> None:
+        """Write source for all fields of the message that the expression `path` gives."""
         types = cls.get_fields_and_field_types()
         if not types:
             run.append(("B", "0"))  # a struct has at least one member

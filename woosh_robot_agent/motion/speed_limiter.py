@@ -143,17 +143,19 @@ class SpeedLimiter:
         if self._limit in (None, self._sent) or self.refusal or not self._navigation:
             return
         was_limited, self._sent = self.is_limited, self._limit
-        self._start(self._request(self._navigation, self._limit))
+        self._start(self._send_limit(self._navigation, self._limit))
         if self.is_limited != was_limited:
             self._on_change()
 
-    async def _request(self, navigation: int, limit: float) -> None:
-        """Send a limit for one navigation, given as `_navigation` tells it.
+    async def _send_limit(self, navigation: int, limit: float) -> None:
+        """Send a limit for the navigation that goes on now, which is `_navigation`.
 
         A refusal counts only if neither the navigation nor the limit has changed meanwhile.
         """
         try:
-            answer = await self._gate.request(_request(limit, in_action=navigation == _ACTION))
+            answer = await self._gate.request(
+                _limit_request(limit, in_action=navigation == _ACTION)
+            )
         except LinkError as error:
             if not isinstance(error, NotConnectedError):  # the link says so itself
                 _LOG.warning("the speed limit was not sent or not answered: %s", error)
@@ -169,7 +171,7 @@ class SpeedLimiter:
             self._on_refused(_LIMIT_REFUSED(limit=str(limit), reason=self.refusal))
 
 
-def _request(limit: float, *, in_action: bool) -> Message:
+def _limit_request(limit: float, *, in_action: bool) -> Message:
     """Return the request that sets a limit, for a navigation in MoveBase or in a task."""
     speed = limit if math.isfinite(limit) else 0.0
     if in_action:

@@ -290,7 +290,7 @@ class Standstill:
         if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
             return
         if not is_unfinished(report):
-            if demand.begun:
+            if demand.begun:  # otherwise an earlier task has ended
                 self._demand = None
             return
         demand.begun = True
