@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable, Callable
 
 import pytest
 from google.protobuf.message import Message
@@ -178,15 +179,23 @@ async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None
         assert len(types(rig.wire)) == ORDERS
 
 
+@pytest.mark.parametrize(
+    "end",
+    [lambda gate: gate.close(TIMEOUT), lambda gate: gate.stop_driving(REASON, TIMEOUT)],
+    ids=["the agent ends", "the link is about to be closed"],
+)
 @pytest.mark.parametrize("drove", [False, True])
 @aio
-async def test_the_last_zero_is_sent_only_if_the_robot_may_drive(drove: bool) -> None:
+async def test_the_last_zero_is_sent_once_and_only_if_the_robot_may_drive(
+    drove: bool, end: Callable[[MotionGate], Awaitable[None]]
+) -> None:
     async with gated() as rig:
         if drove:
             await ok(rig.drive(1))
-        await rig.gate.close(TIMEOUT)
-        await rig.gate.close(TIMEOUT)
+        await end(rig.gate)
+        await end(rig.gate)
         assert speeds(rig.wire) == [1, 0] * drove
+        assert not rig.gate.driving
 
 
 @aio
@@ -263,17 +272,6 @@ async def test_the_robot_counts_as_standing_some_time_after_the_last_velocity() 
 
 
 # The link is about to be closed, or the agent begins to observe only
-
-
-@pytest.mark.parametrize("drove", [False, True])
-@aio
-async def test_a_robot_gets_its_zero_if_it_may_drive(drove: bool) -> None:
-    async with gated() as rig:
-        if drove:
-            await ok(rig.drive(1))
-        await rig.gate.stop_driving(REASON, TIMEOUT)
-        assert speeds(rig.wire) == [1, 0] * drove
-        assert not rig.gate.driving
 
 
 @aio
