@@ -284,8 +284,8 @@ ACTIONS = (
     Action(
         "robot/ExecTask",
         "woosh_robot_msgs/ExecTask",
-        "woosh.robot.ExecTask",
-        "woosh.robot.TaskProc",
+        arg="woosh.robot.ExecTask",
+        feedback="woosh.robot.TaskProc",
     ),
     _robot_action("StepControl", "step_control"),
     _robot_action("LiftControl", "lift_control"),
@@ -294,8 +294,8 @@ ACTIONS = (
     Action(
         "robot/ExecPreTask",
         "woosh_robot_msgs/ExecPreTask",
-        "woosh.robot.ExecPreTask",
-        "woosh.robot.TaskProc",
+        arg="woosh.robot.ExecPreTask",
+        feedback="woosh.robot.TaskProc",
         extra=True,
     ),
     _robot_action("ChargeControl", "charge_control", extra=True),

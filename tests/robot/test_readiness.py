@@ -170,14 +170,14 @@ def test_a_pose_without_a_map_is_told_from_one_on_a_map_with_the_id_0():
     info = ready()
     assert pose_problem(info) is None
     info.pose_speed.map_id = 0
-    doubt = pose_problem(info)
-    assert doubt is not None
-    assert "it belongs to no map" in doubt.reason
+    problem = pose_problem(info)
+    assert problem is not None
+    assert "it belongs to no map" in problem.reason
     info.scene.map_id = 0
-    doubt = pose_problem(info)
-    assert doubt is not None
-    assert "it belongs to no map" not in doubt.reason
-    assert "map wooshmap has the id 0" in doubt.reason
+    problem = pose_problem(info)
+    assert problem is not None
+    assert "it belongs to no map" not in problem.reason
+    assert "map wooshmap has the id 0" in problem.reason
     assert pose_problem(RobotInfo()) is None
 
 

@@ -152,14 +152,14 @@ class Liveness:
             ConnectionLostError: the other end is no longer alive.
         """
         while True:
-            quiet = self._silence()
+            quiet = self._measure_silence()
             if quiet < self._timeout * _IDLE_SHARE:
                 await self._sleep(self._timeout * _IDLE_SHARE - quiet)
                 continue
             try:
                 await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._probe_once())
             except (TimeoutError, RequestTimeoutError):
-                if self._silence() >= self._usable_timeout:
+                if self._measure_silence() >= self._usable_timeout:
                     raise ConnectionLostError(_SILENT(seconds=f"{self._timeout:g}")) from None
 
     async def _sleep(self, seconds: float) -> None:
@@ -175,7 +175,7 @@ class Liveness:
         await self._probe()
         self.note_alive()
 
-    def _silence(self) -> float:
+    def _measure_silence(self) -> float:
         """Look for signs of life at the transport; return the time since the last, in seconds.
 
         Raises:
@@ -394,7 +394,7 @@ class Connection:
         if topics and self._cause is None:
             data = self._codec.encode(SUBSCRIPTION_TYPE, Subscription(topics=topics, sub=on))
             self._subscribe_frames += 1
-            self._put(-self._subscribe_frames, _Outgoing(data, math.inf, False))
+            self._put(-self._subscribe_frames, _Outgoing(data, math.inf, urgent=False))
 
     async def close(self, cause: LinkError) -> None:
         """End the connection within `close_timeout`; pending requests fail with the first cause."""

@@ -198,7 +198,7 @@ class DropLog:
         if series is None:
             self._logger.warning("%s", text)
             timer = loop.call_at(now + self._quiet, self._check, kind)
-            self._series[kind] = _Series(now, now, 1, timer)
+            self._series[kind] = _Series(first=now, last=now, count=1, timer=timer)
         else:
             series.last = now
             series.count += 1

@@ -396,7 +396,7 @@ class MotionGate:
             return NOT_SENT(reason=self._forbidden)
         if now < self._stop_called + self.timing.hold:  # rule 4, while the stop waits for its turn
             return NOT_SENT(reason=_STOPPED)
-        self._stalls.check()
+        self._stalls.check()  # a stall may have ended just now, before the next heartbeat
         if published is not None and self._stalls.is_from_before(published):  # rule 8
             return NOT_SENT(reason=_STALLED(seconds=f"{self._stalls.duration:.1f}"))
         return ""

@@ -223,7 +223,7 @@ class Standstill:
         """Expect the robot to move because of a command."""
         start = self._last_known.value(PoseSpeed) or PoseSpeed()
         now = asyncio.get_running_loop().time()
-        self._demand = _Demand(name, kind, task_id, start, None, now)
+        self._demand = _Demand(name, kind, task_id, start, since=None, last=now)
         self._start_timer(self._demand)
         return self._demand
 
