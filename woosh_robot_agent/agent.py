@@ -141,8 +141,8 @@ def _run(args: list[str], signals: StopSignals) -> int:
         fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=destroy)
         executor.shutdown()
         if not destroy:
-            signals.ignore()  # `main` would do so, but `exit_process` does not return
-            exit_process(0)
+            signals.ignore()  # `main` would do so, but `_exit_process` does not return
+            _exit_process()
     finally:
         rclpy.try_shutdown()
     return 0
@@ -162,11 +162,7 @@ def _outside_ros_args(args: list[str]) -> list[str]:
 
 
 def _process_own_arguments(arguments: list[str]) -> int:
-    """Print the help or the version, or refuse arguments; return the exit status.
-
-    Args:
-        arguments: arguments outside of `--ros-args`; at least one.
-    """
+    """Print the help or the version, or refuse arguments; return the exit status."""
     if not {"-h", "--help"}.isdisjoint(arguments):
         print(_HELP)
         return 0
@@ -298,7 +294,7 @@ class Heap:
         return 0 if self._libc is None else int(self._libc.mallinfo2().fordblks)
 
 
-def exit_process(status: int) -> NoReturn:
+def _exit_process() -> NoReturn:
     """Exit without finalizing the Python interpreter, which would destroy the endpoints one by one.
 
     Fast DDS compares each endpoint that is destroyed with all others of its process: with the
@@ -307,9 +303,6 @@ def exit_process(status: int) -> NoReturn:
 
     Functions of `atexit` do not run. No callback of the middleware may need Python any more: shut
     the executor down before.
-
-    Args:
-        status: exit status of the process.
     """
     import ctypes
     import logging
@@ -319,7 +312,7 @@ def exit_process(status: int) -> NoReturn:
     sys.stderr.flush()
     # Unlike os._exit, this runs the exit functions of libraries, such as the middleware. PyDLL
     # keeps the interpreter's lock, so that no thread uses endpoints while they vanish.
-    ctypes.PyDLL(None).exit(status)
+    ctypes.PyDLL(None).exit(0)
     raise AssertionError("the C library did not exit")
 
 

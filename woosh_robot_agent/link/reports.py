@@ -121,11 +121,7 @@ def log_to_stderr(level: int, record_format: str, *filters: logging.Filter) -> N
 
 
 class LogOnce:
-    """Logs each kind of problem once, until it is cleared.
-
-    Args:
-        logger: the logger to use.
-    """
+    """Logs each kind of problem once, until it is cleared."""
 
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
@@ -227,9 +223,6 @@ class DropLog:
 
 class LinkRecord:
     """Counters and logs of one link.
-
-    Args:
-        logger: gets all logs.
 
     Attributes:
         stats: counters.

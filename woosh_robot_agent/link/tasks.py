@@ -17,10 +17,6 @@ def start_task(work: Coroutine[Any, Any, T], name: str | None = None) -> asyncio
 
     The coroutine runs up to its first wait before this function returns, which saves a turn of the
     event loop. Before Python 3.12 it starts with the loop's next turn.
-
-    Args:
-        work: the coroutine.
-        name: name of the task, for debugging.
     """
     loop = asyncio.get_running_loop()
     if sys.version_info >= (3, 12):

@@ -178,10 +178,6 @@ async def scene_map(
 async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
     """Request a scene with all of its maps.
 
-    Args:
-        chassis: the link.
-        scene_name: name of the scene.
-
     Raises:
         LinkError: as in `ChassisClient.request`.
         MapError: the chassis refuses, or sends something else.
@@ -198,7 +194,7 @@ def find_map(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
     """Return a map of a scene.
 
     Args:
-        data: the scene.
+        data: the scene with all of its maps.
         map_id: id of the map, used if no map has the name.
         map_name: name of the map.
 
