@@ -72,10 +72,10 @@ class Collector:
         assert found, f"no such message among {self.messages}"
         return found[0]
 
-    def wait_count(self, count: int, timeout: float = TIMEOUT) -> list[Any]:
+    def wait_count(self, count: int) -> list[Any]:
         """Wait until this many messages have been received; return all."""
         with self._changed:
-            assert self._changed.wait_for(lambda: len(self.messages) >= count, timeout), (
+            assert self._changed.wait_for(lambda: len(self.messages) >= count, TIMEOUT), (
                 f"{len(self.messages)} of {count} messages received: {self.messages}"
             )
             return list(self.messages)

@@ -28,6 +28,7 @@ heap = Heap()
 real = time.monotonic
 """
 
+# prints the unused memory in MiB after 40 MiB were freed, before and after `trim`
 AT_ONCE = """
 def use_memory():
     for each in [block(4 * MIB) for _ in range(10)]:
@@ -57,15 +58,6 @@ print((resident() - before) // MIB)
 """
 
 
-def unused_memory(elapsed: float) -> list[int]:
-    """Return the unused memory of a program that freed 40 MiB, in MiB: at once, and later.
-
-    Args:
-        elapsed: time after which the program trims its heap, in seconds.
-    """
-    return run(AT_ONCE, str(elapsed))
-
-
 def run(program: str, *arguments: str) -> list[int]:
     """Run a program after the preamble; return the numbers that it prints."""
     command = [sys.executable, "-c", PREAMBLE + program, *arguments]
@@ -74,11 +66,11 @@ def run(program: str, *arguments: str) -> list[int]:
 
 
 def test_freed_blocks_are_kept_for_the_next_large_frame() -> None:
-    assert min(unused_memory(0.0)) > 30
+    assert min(run(AT_ONCE, "0.0")) > 30
 
 
 def test_freed_blocks_are_returned_after_a_while() -> None:
-    at_once, later = unused_memory(60.0)
+    at_once, later = run(AT_ONCE, "60.0")
     assert at_once > 30
     assert later < 5
 

@@ -7,7 +7,13 @@ import gc
 import sys
 import time
 
-from woosh_robot_agent.program import StopSignals, open_standard_streams, too_few_descriptors
+from woosh_robot_agent.program import (
+    StopSignals,
+    descriptor_problem,
+    import_problem,
+    open_standard_streams,
+    outdated_libraries,
+)
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -55,23 +61,6 @@ _ROS_OPTION = (
 """Pattern of the options that ROS takes after `--ros-args`."""
 
 
-_MIB = 1024 * 1024
-_LARGEST_BLOCK = 32 * _MIB
-"""Minimum size of a block with its own memory mapping, in bytes; glibc allows no larger minimum."""
-_MAX_UNUSED = 256 * _MIB
-"""Size of the unused end of the heap from which glibc returns it at once, in bytes."""
-_PERIOD = 5.0
-"""Time between two checks of the unused memory, in seconds."""
-_GROWTH = 8 * _MIB
-"""Growth of the unused memory after which `Heap.trim` returns it to the system, in bytes."""
-_M_TRIM_THRESHOLD = -1
-"""`M_TRIM_THRESHOLD` of <malloc.h>."""
-_M_MMAP_THRESHOLD = -3
-"""`M_MMAP_THRESHOLD` of <malloc.h>."""
-_M_ARENA_MAX = -8
-"""`M_ARENA_MAX` of <malloc.h>."""
-
-
 def main(args: list[str] | None = None) -> int:
     """Run the agents until SIGINT or SIGTERM; return the exit status.
 
@@ -81,15 +70,13 @@ def main(args: list[str] | None = None) -> int:
         args: arguments of the command line; None for the arguments of this process.
     """
     open_standard_streams()
-    if problem := too_few_descriptors():
+    if problem := descriptor_problem():
         print("agent:", problem, file=sys.stderr)
         return _FAILED
     signals = StopSignals()
     try:
         return _run(sys.argv[1:] if args is None else args, signals)
     except ImportError as error:
-        from woosh_robot_agent.program import import_problem
-
         if not (problem := import_problem(error)):
             raise
         print("agent:", problem, file=sys.stderr)
@@ -100,15 +87,13 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str], signals: StopSignals) -> int:
     """Run the agents until a signal arrives; return the exit status."""
-    if own := _outside_ros_args(args):
-        return _answer(own)
+    if own_arguments := _outside_ros_args(args):
+        return _process_own_arguments(own_arguments)
     # Objects created at the start are mostly permanent. Searching them for garbage would take an
     # eighth of the start-up time.
     gc.disable()
     heap = Heap()  # before imports that start threads, such as numpy
     import rclpy
-
-    from woosh_robot_agent.program import outdated_libraries
 
     if outdated := outdated_libraries():
         print("agent:", outdated, file=sys.stderr)
@@ -128,14 +113,14 @@ def _run(args: list[str], signals: StopSignals) -> int:
         try:
             # rclpy's handlers would shut the context down before goals and robot have been stopped
             rclpy.init(args=init_arguments(args), signal_handler_options=SignalHandlerOptions.NO)
-            fleet = Fleet(lambda: signals.received)
+            fleet = Fleet(stopping=lambda: signals.received)
         except (
             ValueError,
             ParameterException,
             NameValidationException,
             RCLError,
         ) as error:
-            print("agent:", *error_text(error).split(), file=sys.stderr)
+            print("agent:", *error_text(error).split(), file=sys.stderr)  # on one line
             return _FAILED
         except UnknownROSArgsError as error:  # its text is the list of the arguments
             print(f"agent: unknown arguments after --ros-args: {error}", file=sys.stderr)
@@ -154,8 +139,8 @@ def _run(args: list[str], signals: StopSignals) -> int:
         fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=destroy)
         executor.shutdown()
         if not destroy:
-            signals.ignore()  # `main` would do so, but `exit_process` does not return
-            exit_process(0)
+            signals.ignore()  # `main` would do so, but `_exit_process` does not return
+            _exit_process()
     finally:
         rclpy.try_shutdown()
     return 0
@@ -174,12 +159,8 @@ def _outside_ros_args(args: list[str]) -> list[str]:
     return outside
 
 
-def _answer(arguments: list[str]) -> int:
-    """Print the help or the version, or refuse arguments; return the exit status.
-
-    Args:
-        arguments: arguments outside of `--ros-args`; at least one.
-    """
+def _process_own_arguments(arguments: list[str]) -> int:
+    """Print the help or the version, or refuse arguments; return the exit status."""
     if not {"-h", "--help"}.isdisjoint(arguments):
         print(_HELP)
         return 0
@@ -188,10 +169,10 @@ def _answer(arguments: list[str]) -> int:
         return 0
     import shlex
 
-    right = shlex.join(["agent", "--ros-args", *_as_ros_args(arguments)])
+    correct = shlex.join(["agent", "--ros-args", *_as_ros_args(arguments)])
     print(
         f"agent: unknown argument: {shlex.quote(arguments[0])}; pass parameters as ROS arguments, "
-        f"e.g. {right}; see agent --help",
+        f"e.g. {correct}; see agent --help",
         file=sys.stderr,
     )
     return _FAILED
@@ -245,13 +226,26 @@ def _spin_once(executor: Any, timeout: float) -> None:
         logging.getLogger("woosh_robot_agent.agent").exception("a callback failed")
 
 
-class Heap:
-    """The C heap of this process. Create it before any thread.
+_MIB = 1024 * 1024
+_MMAP_THRESHOLD = 32 * _MIB
+"""Size from which glibc maps a block separately, in bytes; the largest that glibc allows."""
+_TRIM_THRESHOLD = 256 * _MIB
+"""Size of the unused end of the heap from which glibc returns it at once, in bytes."""
+_TRIM_PERIOD = 5.0
+"""Time between two checks of the unused memory, in seconds."""
+_TRIM_GROWTH = 8 * _MIB
+"""Growth of the unused memory after which `Heap.trim` returns it to the system, in bytes."""
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
+"""Options of `mallopt`, from <malloc.h>."""
 
-    A large frame is copied several times on its way. If each copy gets new memory from the system,
-    that takes several times as long as the copying. Therefore the heap keeps what is freed, and
-    `trim` returns it to the system shortly afterwards. All threads share one heap, because glibc
-    can only trim the first one.
+
+class Heap:
+    """Settings of the C heap of this process. Create it before any thread.
+
+    A large frame is copied several times on its way. Getting new memory from the system for each
+    copy would take several times as long as the copying. Therefore the heap keeps what is freed,
+    and `trim` returns it to the system shortly afterwards. All threads share one heap, because
+    glibc can only trim the first one.
 
     Does nothing with other C libraries than glibc 2.33 and later.
     """
@@ -272,33 +266,33 @@ class Heap:
         self._libc = libc if hasattr(libc, "mallinfo2") else None
         if self._libc is not None:
             libc.mallopt(_M_ARENA_MAX, 1)
-            libc.mallopt(_M_TRIM_THRESHOLD, _MAX_UNUSED)
-            libc.mallopt(_M_MMAP_THRESHOLD, _LARGEST_BLOCK)
+            libc.mallopt(_M_TRIM_THRESHOLD, _TRIM_THRESHOLD)
+            libc.mallopt(_M_MMAP_THRESHOLD, _MMAP_THRESHOLD)
             libc.mallinfo2.restype = MallInfo
-        self._due = time.monotonic() + _PERIOD
+        self._due = time.monotonic() + _TRIM_PERIOD
         """Monotonic time of the next check."""
-        self._usual = self._unused()
-        """Unused memory after the last trim, in bytes; not zero, because glibc still counts it."""
+        self._untrimmable = self._unused()
+        """Unused memory that the last trim left, in bytes; glibc keeps some between used blocks."""
 
     def trim(self) -> None:
         """Return unused memory to the system if it has grown. Call this often; it checks rarely."""
         now = time.monotonic()
         if now < self._due or self._libc is None:
             return
-        self._due = now + _PERIOD
+        self._due = now + _TRIM_PERIOD
         unused = self._unused()
-        if unused < self._usual + _GROWTH:
-            self._usual = min(self._usual, unused)
+        if unused < self._untrimmable + _TRIM_GROWTH:
+            self._untrimmable = min(self._untrimmable, unused)
             return
         self._libc.malloc_trim(0)
-        self._usual = self._unused()
+        self._untrimmable = self._unused()
 
     def _unused(self) -> int:
         """Return the memory that was freed, in bytes."""
         return 0 if self._libc is None else int(self._libc.mallinfo2().fordblks)
 
 
-def exit_process(status: int) -> NoReturn:
+def _exit_process() -> NoReturn:
     """Exit without finalizing the Python interpreter, which would destroy the endpoints one by one.
 
     Fast DDS compares each endpoint that is destroyed with all others of its process: with the
@@ -307,9 +301,6 @@ def exit_process(status: int) -> NoReturn:
 
     Functions of `atexit` do not run. No callback of the middleware may need Python any more: shut
     the executor down before.
-
-    Args:
-        status: exit status of the process.
     """
     import ctypes
     import logging
@@ -319,7 +310,7 @@ def exit_process(status: int) -> NoReturn:
     sys.stderr.flush()
     # Unlike os._exit, this runs the exit functions of libraries, such as the middleware. PyDLL
     # keeps the interpreter's lock, so that no thread uses endpoints while they vanish.
-    ctypes.PyDLL(None).exit(status)
+    ctypes.PyDLL(None).exit(0)
     raise AssertionError("the C library did not exit")
 
 

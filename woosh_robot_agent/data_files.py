@@ -13,7 +13,8 @@ import math
 import reprlib
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from enum import Enum
 from typing import Annotated, Any, Literal, TypeVar
@@ -83,16 +84,7 @@ def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
 
 
 def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
-    """Return the content of a JSON file.
-
-    Args:
-        name: name of the file, for errors.
-        data: content of the file.
-        max_bytes: maximum size of the file, in bytes.
-
-    Raises:
-        DataFileError: the file is not JSON, too large or too deeply nested.
-    """
+    """Return the content of a JSON file; arguments and errors are those of `load_yaml`."""
     _check_size(name, data, max_bytes)
     try:
         return json.loads(data)
@@ -100,12 +92,15 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
         raise DataFileError(f"{name}: not readable as JSON: {error}") from error
 
 
-def place() -> Any:
-    """Return a dataclass field that is no key: it gets the place of the object in its file."""
-    return field(default="", kw_only=True, compare=False, repr=False, metadata={_PLACE: True})
-
-
 _PLACE = "place"
+
+
+def place() -> Any:
+    """Return a dataclass field that gets the place of its object in the file, for errors.
+
+    The field is no key of the mapping.
+    """
+    return field(default="", kw_only=True, compare=False, repr=False, metadata={_PLACE: True})
 
 
 @dataclass(frozen=True)
@@ -117,15 +112,16 @@ class Between:
 
     def __call__(self, value: Any) -> None:
         if isinstance(value, tuple):
-            if not self.least <= len(value) <= self.most:
-                what = "less than" if len(value) < self.least else "more than"
-                limit = self.least if len(value) < self.least else self.most
-                raise ValueError(f"has {len(value)} entries, which is {what} {limit}")
+            if len(value) < self.least:
+                raise ValueError(f"has {len(value)} entries, which is less than {self.least}")
+            if len(value) > self.most:
+                raise ValueError(f"has {len(value)} entries, which is more than {self.most}")
         elif not self.least <= value <= self.most:
-            whole = "whole " if isinstance(value, int) else ""
-            to = f"from {self.least} to" if self.most < math.inf else "of at least"
-            limit = self.most if self.most < math.inf else self.least
-            raise ValueError(f"must be a {whole}number {to} {limit}, not {reprlib.repr(value)}")
+            number = "whole number" if isinstance(value, int) else "number"
+            limits = f"of at least {self.least}"
+            if self.most < math.inf:
+                limits = f"from {self.least} to {self.most}"
+            raise ValueError(f"must be a {number} {limits}, not {reprlib.repr(value)}")
 
 
 NotNegative = Annotated[float, Between(0)]
@@ -133,7 +129,7 @@ NotNegative = Annotated[float, Between(0)]
 
 
 def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True) -> T:
-    """Return plain data as an object of a type.
+    """Return plain data as an object of a type, like `cattrs.structure`.
 
     Args:
         kind: the type; the docstring of this module lists the possible types.
@@ -154,20 +150,25 @@ class _Reader:
         self._known_only = known_only
 
     def read(self, kind: Any, value: Any, where: str) -> Any:
+        """Return plain data as an object of the type `kind`."""
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is Annotated:
             found = self.read(arguments[0], value, where)
-            return _checked(lambda: [check(found) for check in arguments[1:]] and found, where)
+            with _errors_name(where):
+                for check in arguments[1:]:
+                    check(found)
+            return found
         if origin in (types.UnionType, typing.Union):
             if value is None:
                 return None
             kind = next(each for each in arguments if each is not types.NoneType)
             return self.read(kind, value, where)
         if origin is tuple:
-            values = enumerate(_of_type(value, list, "a list", where))
-            return tuple(self.read(arguments[0], each, f"{where}[{n}]") for n, each in values)
+            _check_type(value, list, "a list", where)
+            items = enumerate(value)
+            return tuple(self.read(arguments[0], each, f"{where}[{n}]") for n, each in items)
         if origin is Mapping:
-            _of_type(value, dict, "a mapping of keys to values", where)
+            _check_type(value, dict, "a mapping of keys to values", where)
             for key in value:
                 if not isinstance(key, str):
                     raise DataFileError(f"{where}: the key {reprlib.repr(key)} must be a text")
@@ -186,7 +187,7 @@ class _Reader:
 
     def _record(self, kind: Any, value: Any, where: str) -> Any:
         """Return a mapping as an object of a dataclass."""
-        _of_type(value, dict, "a mapping of keys to values", where)
+        _check_type(value, dict, "a mapping of keys to values", where)
         hints = typing.get_type_hints(kind, include_extras=True)
         keys = [each for each in fields(kind) if _PLACE not in each.metadata]
         names = [each.name for each in keys]
@@ -194,22 +195,24 @@ class _Reader:
         if unknown is not None and self._known_only:
             text = f"unknown key {reprlib.repr(unknown)}; use one of {', '.join(names)}"
             raise DataFileError(f"{where}: {text}")
-        given: dict[str, Any] = {
+        values: dict[str, Any] = {
             each.name: where for each in fields(kind) if _PLACE in each.metadata
         }
         for each in keys:
             hint, path = hints[each.name], _below(where, each.name)
             if value.get(each.name) is not None:
-                given[each.name] = self.read(hint, value[each.name], path)
+                values[each.name] = self.read(hint, value[each.name], path)
             elif each.default is not MISSING or each.default_factory is not MISSING:
-                continue
+                continue  # null stands for the default
             elif each.name in value and types.NoneType in typing.get_args(hint):
-                given[each.name] = None
+                values[each.name] = None
             else:
                 raise DataFileError(f"{where}: {each.name} is missing")
-        return _checked(lambda: kind(**given), where)
+        with _errors_name(where):
+            return kind(**values)
 
     def _named_tuple(self, kind: Any, value: Any, where: str) -> Any:
+        """Return a list as a named tuple."""
         names, hints = kind._fields, typing.get_type_hints(kind)
         if not isinstance(value, list) or len(value) != len(names):
             text = f"must be [{', '.join(names)}], not {reprlib.repr(value)}"
@@ -219,26 +222,28 @@ class _Reader:
 
 
 def _below(where: str, key: str) -> str:
+    """Return the place of the value of `key` in the mapping at `where`."""
     return f"{where}{'.' if ': ' in where else ': '}{key}"
 
 
-def _checked(make: Callable[[], T], where: str) -> T:
-    """Return what `make` returns; turn its ValueError into a DataFileError with the place."""
+@contextmanager
+def _errors_name(where: str) -> Iterator[None]:
+    """Turn a ValueError into a DataFileError that names the place."""
     try:
-        return make()
+        yield
     except DataFileError:
         raise
     except ValueError as error:
         raise DataFileError(f"{where}: {error}") from None
 
 
-def _of_type(value: Any, kind: type[T], name: str, where: str) -> T:
+def _check_type(value: Any, kind: type, name: str, where: str) -> None:
     if not isinstance(value, kind):
         raise DataFileError(f"{where}: must be {name}")
-    return value
 
 
 def _scalar(kind: type, value: Any, where: str) -> Any:
+    """Return a text, number or boolean as the type `kind`."""
     # In Python a bool is an int too. 1e400 is read as infinity.
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if kind is float and number and abs(value) < math.inf:

@@ -8,6 +8,7 @@ the agent's namespace. Types are given by name, so that the table can be read wi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 NAMESPACE = "/woosh_robot"
 """Usual namespace of the agent."""
@@ -70,7 +71,7 @@ class Topic:
     Attributes:
         name: name of the topic.
         msg: ROS type of the topic.
-        push: protobuf full name of the push.
+        push: protobuf full name of the push; empty if the agent publishes about itself.
         depth: number of messages that late subscribers receive.
         on_demand: True if the pushes are large: the agent asks the chassis for them only while the
             topic has subscribers.
@@ -83,19 +84,6 @@ class Topic:
     depth: int = 1
     on_demand: bool = False
     extra: bool = False
-
-
-@dataclass(frozen=True)
-class OwnTopic:
-    """A topic on which the agent publishes something about itself.
-
-    Attributes:
-        name: name of the topic.
-        msg: ROS type of the topic.
-    """
-
-    name: str
-    msg: str
 
 
 @dataclass(frozen=True)
@@ -129,57 +117,27 @@ _GROUPS = {
     "robot/count": ("woosh_robot_msgs/", "woosh.robot.count."),
     "task": ("woosh_task_msgs/", "woosh.task."),
 }
-"""Start of the ROS type and of the protobuf full name of an endpoint, by the group in its name."""
+"""Prefixes of ROS type and protobuf full name, by the part of an endpoint's name before the last
+slash."""
 
 
 def _types(name: str) -> tuple[str, str]:
-    """Return ROS type and protobuf full name that follow from an endpoint's name, by `_GROUPS`."""
+    """Return ROS type and protobuf full name that follow from an endpoint's name."""
     group, _, short = name.rpartition("/")
     ros_prefix, prefix = _GROUPS[group]
     return f"{ros_prefix}{short}", f"{prefix}{short}"
 
 
-def _query(
-    name: str,
-    *,
-    request: str = "",
-    field: str = "info",
-    takes_arg: bool = False,
-    timeout: float = 0.0,
-    extra: bool = False,
-) -> Query:
+def _query(name: str, *, request: str = "", **options: Any) -> Query:
+    """Return a query; `options` are fields of `Query`."""
     srv, usual_request = _types(name)
-    return Query(
-        name,
-        srv,
-        request or usual_request,
-        field=field,
-        takes_arg=takes_arg,
-        timeout=timeout,
-        extra=extra,
-    )
+    return Query(name, srv, request or usual_request, **options)
 
 
-def _command(
-    name: str,
-    answer: str = "",
-    *,
-    timeout: float = 0.0,
-    reads: bool = False,
-    two_types: bool = False,
-    extra: bool = False,
-) -> Command:
+def _command(name: str, answer: str = "", **options: Any) -> Command:
+    """Return a command; `options` are fields of `Command`."""
     srv, request = _types(name)
-    return Command(
-        name,
-        srv,
-        request,
-        answer,
-        timeout=timeout,
-        reads=reads,
-        two_types=two_types,
-        extra=extra,
-    )
+    return Command(name, srv, request, answer, **options)
 
 
 def _setting(short: str, name: str = "") -> Command:
@@ -189,6 +147,7 @@ def _setting(short: str, name: str = "") -> Command:
 
 
 def _topic(short: str, depth: int = 1, package: str = "woosh.robot") -> Topic:
+    """Return a topic that the manufacturer's agent has too; all of these begin with `robot/`."""
     return Topic(f"robot/{short}", f"woosh_robot_msgs/{short}", f"{package}.{short}", depth)
 
 
@@ -283,7 +242,7 @@ COMMANDS = (
         two_types=True,
         extra=True,
     ),
-    # may change the records: only its kGet reads
+    # not `reads`: all of its request types but kGet change the records
     _command("robot/CountData", "woosh.robot.CountDataResponse", extra=True),
     _command("robot/BuildMap", timeout=600.0, extra=True),
     _command("robot/Deployment", "woosh.robot.DeploymentResponse", extra=True),
@@ -318,15 +277,15 @@ TOPICS = (
     _extra_topic("device/RfRemoteController"),
 )
 
-AGENT_INFO = OwnTopic("robot/AgentInfo", "woosh_robot_msgs/AgentInfo")
+AGENT_INFO = Topic("robot/AgentInfo", "woosh_robot_msgs/AgentInfo", push="")
 """The topic that tells if the agent has a link to the chassis."""
 
 ACTIONS = (
     Action(
         "robot/ExecTask",
         "woosh_robot_msgs/ExecTask",
-        "woosh.robot.ExecTask",
-        "woosh.robot.TaskProc",
+        arg="woosh.robot.ExecTask",
+        feedback="woosh.robot.TaskProc",
     ),
     _robot_action("StepControl", "step_control"),
     _robot_action("LiftControl", "lift_control"),
@@ -335,8 +294,8 @@ ACTIONS = (
     Action(
         "robot/ExecPreTask",
         "woosh_robot_msgs/ExecPreTask",
-        "woosh.robot.ExecPreTask",
-        "woosh.robot.TaskProc",
+        arg="woosh.robot.ExecPreTask",
+        feedback="woosh.robot.TaskProc",
         extra=True,
     ),
     _robot_action("ChargeControl", "charge_control", extra=True),
@@ -345,21 +304,20 @@ ACTIONS = (
 )
 
 
+OWN_READS = ("woosh.ros.Feedbacks",)
+"""Protobuf full names of read-only requests that the agent itself sends; they have no endpoint."""
+
+
 def minimum_timeouts() -> dict[str, float]:
     """Return the minimum timeout of each slow request, in seconds, by its protobuf full name."""
     return {each.request: each.timeout for each in (*QUERIES, *COMMANDS) if each.timeout}
-
-
-OWN_READS = ("woosh.ros.Feedbacks",)
-"""Protobuf full names of read-only requests that the agent itself sends; they have no endpoint."""
 
 
 def markdown() -> str:
     """Return a Markdown table for each kind of endpoint."""
     reads: list[Query | Command] = [*QUERIES, *(each for each in COMMANDS if each.reads)]
     writes = [each for each in COMMANDS if not each.reads]
-    topics = [_row(each, each.msg, "msg", each.push) for each in TOPICS]
-    topics.append((AGENT_INFO.name, _full_type(AGENT_INFO.msg, "msg"), ""))
+    topics = [_row(each, each.msg, "msg", each.push) for each in (*TOPICS, AGENT_INFO)]
     service_columns = ("Name", "ROS type", "Chassis message", "Timeout")
     return "\n\n".join(
         (
@@ -390,11 +348,7 @@ def _row(
 ) -> tuple[str, ...]:
     """Return the cells of an endpoint. An asterisk: the manufacturer's agent lacks the endpoint."""
     name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
-    return (name, _full_type(ros_type, folder), message)
-
-
-def _full_type(ros_type: str, folder: str) -> str:
-    return ros_type.replace("/", f"/{folder}/")
+    return (name, ros_type.replace("/", f"/{folder}/"), message)
 
 
 if __name__ == "__main__":

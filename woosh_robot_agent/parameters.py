@@ -31,7 +31,8 @@ class Parameter:
         default: default, which also determines the type. A tuple of numbers is an array of that
             length, a tuple of strings an array of any number of names.
         description: meaning and unit, one sentence.
-        low, high: range of a number or of each number of an array, both ends included.
+        low, high: range of a number or of each number of an array, both ends included; without
+            meaning for texts and booleans.
         read_only: True if it can be set only at start-up.
     """
 
@@ -119,20 +120,14 @@ def parameter_field(
     default: Any, description: str, low: float = 0, high: float = 0, *, read_only: bool = False
 ) -> Any:
     """Return a dataclass field that declares a parameter of its name; see `Parameter`."""
-    metadata = {
-        "default": default,
-        "description": description,
-        "low": low,
-        "high": high,
-        "read_only": read_only,
-    }
-    return dataclasses.field(default=default, metadata=metadata)
+    parameter = Parameter("", default, description, low, high, read_only)
+    return dataclasses.field(default=default, metadata={"parameter": parameter})
 
 
 def parameters_of(settings_class: Any) -> tuple[Parameter, ...]:
     """Return the parameters that a dataclass declares with `parameter_field`, in order."""
     return tuple(
-        Parameter(name=each.name, **each.metadata)
+        dataclasses.replace(each.metadata["parameter"], name=each.name)
         for each in dataclasses.fields(settings_class)
         if each.metadata
     )
@@ -376,10 +371,12 @@ GONE = {
     **{f"enable_{part}": f'list it in disabled_parts: ["{part}"]' for part in PARTS},
     "handshake_timeout": "set connect_timeout, which holds for both steps",
     **dict.fromkeys(
-        ("close_timeout", "backoff_min", "backoff_max", "stable_after", "max_in_flight"),
+        (
+            *("close_timeout", "backoff_min", "backoff_max"),
+            *("stable_after", "max_in_flight", "push_queue"),
+        ),
         "its value is fixed",
     ),
-    "push_queue": "its value is fixed",
 }
 """Parameters that do not exist any more, and what to do instead."""
 _NO_EFFECT = {"executor": "the agent has one executor for all releases and middleware"}
@@ -396,23 +393,23 @@ def check_names(names: Iterable[str]) -> list[str]:
     Raises:
         ValueError: a parameter does not exist any more.
     """
-    unknown = [name for name in names if name not in _BY_NAME]
-    for name in unknown:
+    warnings = []
+    for name in names:
         if name in GONE:
             raise ValueError(f"there is no parameter {name}: {GONE[name]}")
-    guesses = ((name, difflib.get_close_matches(name, _BY_NAME, 1, 0.8)) for name in unknown)
-    return [
-        f"setting {name} has no effect: {_NO_EFFECT[name]}"
-        for name in unknown
-        if name in _NO_EFFECT
-    ] + [
-        f"there is no parameter {name}, and setting it has no effect; did you mean {guess[0]}?"
-        for name, guess in guesses
-        if guess
-    ]
+        if name in _NO_EFFECT:
+            warnings.append(f"setting {name} has no effect: {_NO_EFFECT[name]}")
+        elif name not in _BY_NAME and (
+            similar := difflib.get_close_matches(name, _BY_NAME, n=1, cutoff=0.8)
+        ):
+            warnings.append(
+                f"there is no parameter {name}, and setting it has no effect; did you mean "
+                f"{similar[0]}?"
+            )
+    return warnings
 
 
-def check(values: Mapping[str, Any]) -> Settings:
+def settings_from(values: Mapping[str, Any]) -> Settings:
     """Return the settings for parameter values, one value for each of `PARAMETERS`.
 
     Raises:

@@ -74,7 +74,7 @@ def open_standard_streams() -> None:
             setattr(sys, name, stream)
 
 
-def too_few_descriptors(robots: int = 1) -> str:
+def descriptor_problem(robots: int = 1) -> str:
     """Return the problem and the remedy if the limit of file descriptors is too low, else "".
 
     Beyond the limit, libraries fail with errors that do not tell why, or silently.
@@ -95,10 +95,10 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
 
 
-def exit_status(main: Callable[[], int]) -> int:
+def run_program(main: Callable[[], int]) -> int:
     """Run the `main` of a program, and return its exit status.
 
-    These end without a traceback: Ctrl-C, a missing library, and a closed pipe, as with `| head`.
+    Ctrl-C, a missing library and a closed pipe, as with `| head`, end it without a traceback.
     Import the program inside of `main`, so that this also holds while its modules are loaded.
     """
     try:
@@ -124,7 +124,7 @@ _ROS = r"_?rclpy\w*|rpyutils|rosidl\w*|ament_index_python|\w+_(msgs|interfaces)"
 _RECORDING = "mcap mcap-protobuf-support foxglove-schemas-protobuf"
 _RECORDING_OLD_PROTOBUF = "mcap 'mcap-protobuf-support<0.4' 'foxglove-schemas-protobuf<0.4'"
 _VDA5050 = "'aiomqtt>=2.3' 'jsonschema>=4.20'"
-_REQUIREMENTS = {
+_PIP_NAMES = {
     "websockets": "'websockets>=10.4'",
     "google": "'protobuf>=3.21'",
     "aiohttp": "'aiohttp>=3.9'",
@@ -151,7 +151,7 @@ def import_problem(error: ImportError) -> str:
         )
     if module == __package__ or not isinstance(error, ModuleNotFoundError):
         return ""
-    needed = _REQUIREMENTS.get(module, module)
+    needed = _PIP_NAMES.get(module, module)
     if needed is _RECORDING and _release(_installed()["protobuf"]) < [5, 29]:
         needed = _RECORDING_OLD_PROTOBUF
     return f"the module {module} is not installed here; run: python3 -m pip install {needed}"
@@ -163,16 +163,16 @@ def outdated_libraries() -> str:
     Raises:
         ModuleNotFoundError: a library is missing.
     """
-    least = {"websockets": [10, 4], "protobuf": [3, 21]}
+    oldest = {"websockets": [10, 4], "protobuf": [3, 21]}
     installed = _installed()
     old = [
         f"{name} {installed[name]}"
-        for name, release in least.items()
+        for name, release in oldest.items()
         if _release(installed[name]) < release
     ]
     if not old:
         return ""
-    needed = f"{_REQUIREMENTS['websockets']} {_REQUIREMENTS['google']}"
+    needed = f"{_PIP_NAMES['websockets']} {_PIP_NAMES['google']}"
     return f"too old: {' and '.join(old)}; run: python3 -m pip install {needed}"
 
 
@@ -188,4 +188,5 @@ def _installed() -> dict[str, str]:
 
 
 def _release(version: str) -> list[int]:
+    """Return the first two numbers of a version."""
     return [int(part) for part in version.split(".")[:2]]

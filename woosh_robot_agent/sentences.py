@@ -1,4 +1,4 @@
-"""Sentences for people: in English, with what a program needs to say them in another language."""
+"""Texts for people, in English, that the dashboard can show in another language."""
 
 from __future__ import annotations
 
@@ -8,32 +8,33 @@ from typing import Any
 
 SENTENCES: dict[str, str] = {}
 """The English patterns of all sentences of the modules that are imported, by key."""
-_NONE: Mapping[str, str | int] = {}  # can be copied and pickled, unlike a MappingProxyType
+_NO_VALUES: Mapping[str, str | int] = {}  # can be copied and pickled, unlike a MappingProxyType
 
 
 class Said(str):
-    """A sentence in English.
+    """An English text that also holds its translation key.
 
     Attributes:
-        key: key of its pattern.
-        values: what was put into it, by the names in braces; some are sentences too.
+        key: key of its pattern, under which translations of the pattern are stored.
+        values: what was put into the pattern, by the names in braces; some are `Said` too.
     """
 
     key: str
     values: Mapping[str, str | int]
 
-    def __new__(cls, english: str, key: str = "", values: Mapping[str, str | int] = _NONE) -> Said:
-        """Make a sentence."""
+    def __new__(
+        cls, english: str, key: str = "", values: Mapping[str, str | int] = _NO_VALUES
+    ) -> Said:
         said = super().__new__(cls, english)
         said.key, said.values = key, values
         return said
 
 
 class Sentence:
-    """A pattern of sentences. Call it with the values to get one.
+    """A pattern of texts. Call it with the values to get a text.
 
     Args:
-        key: key of the pattern, which no other one has.
+        key: unique key of the pattern.
         english: the pattern, with names in braces.
     """
 
@@ -43,7 +44,7 @@ class Sentence:
         SENTENCES[key] = english
 
     def __call__(self, **values: str | int) -> Said:
-        """Return the sentence with these values."""
+        """Return the text with these values."""
         return Said(self._english.format_map(values), self._key, values)
 
 
@@ -58,12 +59,12 @@ NOT_SENT = Sentence("said.notSent", "not sent: {reason}")
 
 
 def joined(pattern: Sentence, parts: Iterable[str]) -> str:
-    """Return several parts as one, with `AND` or `THEN`; empty without any."""
+    """Join texts into one, with the pattern `AND` or `THEN`; empty if there are none."""
     found = list(parts)
     return functools.reduce(lambda one, other: pattern(one=one, other=other), found or [""])
 
 
 def said_by(error: Exception) -> str:
-    """Return the text of an error; a `Said` if it was made from one."""
+    """Return the text of an error; a `Said` if the error was created with one."""
     said: Any = error.args[0] if len(error.args) == 1 else None
     return said if isinstance(said, Said) else str(error)

@@ -12,6 +12,7 @@ from google.protobuf.any_pb2 import Any as AnyMessage
 from google.protobuf.descriptor import FieldDescriptor as Kind
 from google.protobuf.message import Message
 
+from tests.link.test_link_json import FRAMES
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.protos import message_types
@@ -20,23 +21,12 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
 
 DOCUMENTED = (
-    '{"type":"woosh.robot.PoseSpeed","body":{},"sn":7,"timestamp":1700000000000}',
-    '{"type":"woosh.robot.PoseSpeed","body":{"robotId":30001,"twist":{"linear":0.2,"angular":0},'
-    '"pose":{"x":-8.881,"y":0.5187,"theta":2.8966},"mapId":0,"mileage":1204},"ok":true,"msg":"",'
-    '"sn":7,"timestamp":1700000000012}',
-    '{"type":"woosh.robot.SwitchControlMode","body":{"mode":1},"sn":8,"timestamp":1700000000100}',
-    '{"type":"woosh.robot.Mode","body":{"ctrl":1,"work":2},"ok":true,"msg":"Request succeed",'
-    '"sn":8,"timestamp":1700000000104}',
-    '{"type":"woosh.Subscription","body":{"topics":["woosh.robot.PoseSpeed",'
-    '"woosh.robot.TaskProc"],"sub":true}}',
-    '{"type":"woosh.robot.TaskProc","body":{"robotTaskId":"68241434201","type":1,"state":3,'
-    '"action":{"type":1,"state":1,"waitId":0},"dest":"K10","msg":"","time":1682416646}}',
-    '{"type":"error","body":{},"ok":false,"msg":"robot is not initialised","sn":9}',
+    *FRAMES,
     '{"type":"woosh.ros.CallAction","body":{"stepControl":{"action":1,"steps":[{"mode":1,'
     '"value":1,"speed":0.5}]},"moveBase":{"action":1}},"sn":3}',
     '{"type":"woosh.robot.RobotWiFi","body":{"order":"kAdd","content":"eyJzc2lkIjoiYSJ9"},"sn":4}',
 )
-"""Frames from the link's documentation, one with a oneof and one with base64."""
+"""Frames from the link's documentation, and one with a oneof and one with base64."""
 
 _ANY = "google.protobuf.Any"
 _FLOATS = (0.0, -0.0, 1.0, -1.0, 0.5, 4.23, 1e-300, 1e38, -1e38, 1e300, 5e-324)

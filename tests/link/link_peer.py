@@ -397,11 +397,10 @@ async def linked(
     kind: str = "json",
     *,
     script: Callable[[Wire, Frame], Awaitable[bool]] | None = None,
-    info: Any = None,
     **changes: Any,
 ) -> AsyncIterator[tuple[Peer, ChassisClient, Wire]]:
     """Connect a client to a peer; the arguments are those of `Peer` and `Peer.client`."""
-    async with Peer(kind, script=script, info=info) as peer, peer.client(**changes) as client:
+    async with Peer(kind, script=script) as peer, peer.client(**changes) as client:
         yield peer, client, await peer.wire()
 
 
@@ -410,11 +409,13 @@ def ask(client: ChassisClient, message: Any, **options: Any) -> asyncio.Task[Ans
     return asyncio.ensure_future(client.request(message, **options))
 
 
-async def answered(client: ChassisClient, wire: Wire) -> bool:
-    """Send a request that the chassis answers; return True if the client gets the answer."""
-    task = ask(client, Speak())
-    await wire.answer(await wire.next("woosh.robot.Speak"))
-    return bool((await soon(task)).ok)
+async def answered(request: Awaitable[Any], wire: Wire, body: Any = None, **changes: Any) -> Any:
+    """Let the chassis answer the next request, which `request` sends; return its result."""
+    task = asyncio.ensure_future(request)
+    while "sn" not in (frame := await wire.next()):
+        pass  # a subscription, for example
+    await wire.answer(frame, body, **changes)
+    return await soon(task)
 
 
 class RawServer:

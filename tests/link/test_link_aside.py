@@ -97,7 +97,7 @@ async def test_other_pushes_and_answers_do_not_wait_for_a_large_push(gate: threa
         wire = await peer.wire()
         await wire.push(full_name(PoseSpeed))
         await eventually(lambda: poses)
-        assert await answered(client, wire)
+        assert (await answered(client.request(Speak()), wire)).ok
 
 
 @aio
@@ -191,7 +191,7 @@ async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays()
         with pytest.raises(ValueError, match="cannot be encoded"):
             await soon(client.request(Speak(text="z" * LARGE)))
         connection._codec = codec
-        assert await answered(client, wire)
+        assert (await answered(client.request(Speak()), wire)).ok
 
 
 @aio
@@ -215,9 +215,7 @@ async def test_a_large_robot_info_is_converted_aside_and_later_pushes_wait_for_i
             await eventually(began.is_set)
             await wire.push(full_name(PoseSpeed))
             await eventually(lambda: client.debug()["pushes"] == 1)
-            asked = ask(client, Speak())
-            await wire.answer(await wire.next(SPEAK))
-            await soon(asked)
+            await answered(client.request(Speak()), wire)
             assert not seen
             gate.set()
             await eventually(lambda: len(seen) == 2)
@@ -229,4 +227,4 @@ async def test_a_large_bad_frame_is_counted_and_skipped() -> None:
     async with linked() as (_peer, client, wire):
         await wire.raw('{"type": "woosh.robot.NavPath", "body": [' + "1," * LARGE + "}")
         await eventually(lambda: client.stats.bad_frames["json"] == 1)
-        assert await answered(client, wire)
+        assert (await answered(client.request(Speak()), wire)).ok

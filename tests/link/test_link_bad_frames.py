@@ -44,7 +44,7 @@ async def test_a_bad_frame_is_counted_logged_once_and_skipped(
     async with linked(kind) as (peer, client, wire):
         for _ in range(3):
             await wire.raw(frame)
-        assert await answered(client, wire)
+        assert (await answered(client.request(Speak()), wire)).ok
         # a large frame is decoded aside
         await eventually(lambda: client.stats.bad_frames == {counted: 3})
         assert client.stats.rx == 2
@@ -69,7 +69,7 @@ async def test_text_that_is_not_utf8_is_a_bad_frame() -> None:
             await client.wait_ready(TIMEOUT)
             assert client.stats.connects == 2
         else:
-            assert await answered(client, wire)
+            assert (await answered(client.request(Speak()), wire)).ok
             assert client.stats.bad_frames == {"utf-8": 1}
             assert client.stats.connects == 1
 
@@ -79,7 +79,7 @@ async def test_a_frame_over_the_limit_on_tcp_is_skipped() -> None:
     async with linked("tcp", max_frame_size=100_000) as (_peer, client, wire):
         for size in (100_001, 5_000_000):
             await wire.raw(Packed.varint(size) + b"\x0a" * size)
-        assert await answered(client, wire)
+        assert (await answered(client.request(Speak()), wire)).ok
         assert client.stats.bad_frames == {"oversize": 2}
         assert client.stats.connects == 1
 
@@ -94,13 +94,22 @@ async def test_the_error_names_the_limit_that_a_websocket_frame_exceeded() -> No
         await client.wait_ready(TIMEOUT)
 
 
+@pytest.mark.parametrize(
+    ("code", "reason", "told"),
+    [
+        (4001, "out of order", "4001 out of order"),
+        (1009, "too big", r"1009 too big .*a frame from this side"),
+    ],
+)
 @aio
-async def test_the_error_says_when_the_chassis_refused_a_large_frame() -> None:
+async def test_the_error_says_why_the_chassis_closed_the_connection(
+    code: int, reason: str, told: str
+) -> None:
     async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
         await wire.next()
-        await wire.socket.close(1009, "too big")
-        with pytest.raises(ConnectionLostError, match=r"1009 too big .*a frame from this side"):
+        await wire.socket.close(code, reason)
+        with pytest.raises(ConnectionLostError, match=told):
             await soon(task)
 
 
@@ -121,4 +130,4 @@ async def test_an_internal_error_ends_the_connection_but_not_the_client(
             await soon(task)
         again = await peer.wire(2)
         await client.wait_ready(TIMEOUT)
-        assert await answered(client, again)
+        assert (await answered(client.request(Speak()), again)).ok

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -65,6 +66,21 @@ def test_an_ip_that_is_not_a_host_is_refused(ip: str) -> None:
 def test_the_error_names_the_invalid_value(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=name):
         LinkConfig(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "keeps"),
+    [
+        ({"request_timeout": 1.0, "max_in_flight": 5}, True),
+        ({"encoding": "protobuf"}, False),
+        ({"ip": "10.0.0.2"}, False),
+        ({"port": 5479}, False),
+        ({"robot_id": 2}, False),
+    ],
+)
+def test_which_changes_keep_the_connection(change: Any, keeps: bool) -> None:
+    config = LinkConfig(ip="10.0.0.1")
+    assert replace(config, **change).keeps_connection(config) is keeps
 
 
 def test_the_clients_ip_overrides_the_configurations() -> None:

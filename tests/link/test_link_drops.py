@@ -7,8 +7,8 @@ import logging
 
 import pytest
 
-from tests.link.link_peer import Packed, Peer, aio, ask, eventually, linked
-from woosh_robot_agent.link import RequestTimeoutError, TooManyRequestsError
+from tests.link.link_peer import Packed, aio, ask, eventually, linked
+from woosh_robot_agent.link import TooManyRequestsError
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
@@ -66,14 +66,6 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
     levels, texts = zip(*about(caplog, CODE), strict=True)
     assert levels == (logging.WARNING, logging.INFO)
     assert texts[1].startswith(f"{dropped} pushes of {CODE} were dropped")
-
-
-@aio
-async def test_unanswered_requests_are_counted() -> None:
-    async with Peer() as peer, peer.client() as client:
-        with pytest.raises(RequestTimeoutError):
-            await client.request(Speak(), 0.01)
-        assert client.stats.timeouts == {"woosh.robot.Speak": 1}
 
 
 @aio

@@ -54,6 +54,10 @@ TASK_PUSH = (
     '"action":{"type":1,"state":1,"waitId":0},"dest":"K10","msg":"","time":1682416646}}'
 )
 FAILED = '{"type":"error","body":{},"ok":false,"msg":"robot is not initialised","sn":9}'
+FRAMES = (
+    *(POSE_REQUEST, POSE_ANSWER, SWITCH_REQUEST, SWITCH_ANSWER),
+    *(SUBSCRIBE, TASK_PUSH, FAILED),
+)
 
 
 def body(data: Any, message: Any) -> Any:
@@ -246,14 +250,12 @@ def test_numbers_as_text_are_accepted() -> None:
     assert body({"pose": {"x": "1.5"}, "mapId": "7"}, PoseSpeed()).pose.x == 1.5
 
 
-@pytest.mark.parametrize("value", [True, "true", 1, 1.0])
-def test_true_is_accepted_in_every_form(value: Any) -> None:
-    assert body({"occupy": value}, SetOccupancy()).occupy is True
-
-
-@pytest.mark.parametrize("value", [False, "false", 0])
-def test_false_is_accepted_in_every_form(value: Any) -> None:
-    assert body({"occupy": value}, SetOccupancy()).occupy is False
+@pytest.mark.parametrize(
+    ("value", "occupy"), [*((each, True) for each in (True, "true", 1, 1.0)),
+                          *((each, False) for each in (False, "false", 0))]
+)  # fmt: skip
+def test_booleans_are_accepted_in_every_form(value: Any, occupy: bool) -> None:
+    assert body({"occupy": value}, SetOccupancy()).occupy is occupy
 
 
 @pytest.mark.parametrize("text", ["/wA=", "/wA", "_wA=", "_wA"])

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import KINDS, aio, ask, eventually, linked, soon
+from tests.link.link_peer import KINDS, aio, answered, ask, eventually, linked, soon
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchMap
 
 
@@ -41,9 +41,8 @@ async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
 @aio
 async def test_the_limit_of_a_frame_can_be_raised_and_maps_fit_by_default() -> None:
     async with linked(max_frame_size=100_000) as (peer, client, wire):
-        task = ask(client, SwitchMap())
-        await wire.answer(await wire.next(), msg="x" * 99_000)
-        assert len((await soon(task)).msg) == 99_000
+        answer = await answered(client.request(SwitchMap()), wire, msg="x" * 99_000)
+        assert len(answer.msg) == 99_000
     assert peer.client().config.max_frame_size == 64 * 1024 * 1024
 
 
@@ -55,9 +54,7 @@ async def test_traffic_shows_what_arrives_and_what_waits(kind: str) -> None:
         assert received > 0
         text = "x" * 100_000
         body = {"text": text} if kind == "json" else Speak(text=text).SerializeToString()
-        answer = ask(client, Speak())
-        await wire.answer(await wire.next(), body)
-        await soon(answer)
+        await answered(client.request(Speak()), wire, body)
         assert len(text) < client.traffic()[0] - received < 2 * len(text)
         big = ask(client, Speak(text="x" * 20_000_000))
         await eventually(lambda: client.traffic()[1] > 1_000_000)

@@ -12,6 +12,7 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
+    KINDS,
     TIMEOUT,
     Frame,
     Peer,
@@ -39,7 +40,6 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
-KINDS = ["json", "protobuf", "tcp"]
 WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
 
 
@@ -67,9 +67,7 @@ async def test_the_link_is_ready_with_the_first_robot_info_and_not_before() -> N
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 @aio
-async def test_an_attempt_ends_after_the_handshake_timeout(
-    kind: str,
-) -> None:
+async def test_an_attempt_ends_after_the_handshake_timeout(kind: str) -> None:
     async with Peer(kind, auto=False) as peer:
         error = await error_of(peer.client(handshake_timeout=0.05))
         assert isinstance(error, RequestTimeoutError)

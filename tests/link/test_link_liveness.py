@@ -182,21 +182,28 @@ async def test_a_chassis_that_pushes_but_reads_nothing_is_lost(kind: str) -> Non
                 await soon(task)
 
 
+class Quiet:
+    """A transport that receives nothing."""
+
+    progress_at = 0.0
+    left = 0
+    """Bytes that wait to be sent."""
+
+    def backlog(self) -> int:
+        return self.left
+
+
+def liveness_of(
+    quiet: Any, timeout: float, probe: Callable[[], Awaitable[None]] = asyncio.Future
+) -> Liveness:
+    """Return the liveness of a transport; by default its probes are never answered."""
+    return Liveness(quiet, timeout, probe, lambda: 0)
+
+
 @aio
 async def test_a_chassis_that_reads_a_large_frame_slowly_is_alive() -> None:
-    class Slow:
-        progress_at = 0.0
-        left = 0
-
-        def backlog(self) -> int:
-            return self.left
-
-    async def never() -> None:
-        await asyncio.get_running_loop().create_future()
-
-    slow: Any = Slow()
-    liveness = Liveness(slow, 0.8, never, lambda: 0)
-    watching = asyncio.ensure_future(liveness.watch())
+    slow = Quiet()
+    watching = asyncio.ensure_future(liveness_of(slow, 0.8).watch())
     slow.left = 12
     while slow.left:
         await asyncio.sleep(0.12)  # the whole frame takes longer than the timeout
@@ -221,18 +228,8 @@ class LateTimers(asyncio.SelectorEventLoop):
 
 
 def test_a_loss_is_noticed_within_the_timeout_though_timers_fire_late() -> None:
-    class Dead:
-        progress_at = 0.0
-
-        def backlog(self) -> int:
-            return 0
-
-    async def never() -> None:
-        await asyncio.get_running_loop().create_future()
-
     async def watch() -> None:
-        dead: Any = Dead()
-        await Liveness(dead, 10.0, never, lambda: 0).watch()
+        await liveness_of(Quiet(), 10.0).watch()
 
     loop = LateTimers()
     with pytest.raises(ConnectionLostError, match="nothing was heard for 10 s"):
@@ -251,7 +248,7 @@ async def test_time_in_which_this_program_was_busy_does_not_count_as_silence() -
         asked += 1
         await asyncio.sleep(0.05)  # longer than the rest of the timeout
 
-    watching = asyncio.ensure_future(Liveness(Quiet(), 0.4, probe, lambda: 0).watch())
+    watching = asyncio.ensure_future(liveness_of(Quiet(), 0.4, probe).watch())
     await asyncio.sleep(0)
     for _ in range(3):
         time.sleep(0.8)  # the program is busy for longer than the timeout
@@ -260,12 +257,3 @@ async def test_time_in_which_this_program_was_busy_does_not_count_as_silence() -
         await asyncio.sleep(0.1)  # longer than the probe takes; it must not end `watch`
         assert not watching.done()
     watching.cancel()
-
-
-class Quiet:
-    """A transport that receives nothing."""
-
-    progress_at = 0.0
-
-    def backlog(self) -> int:
-        return 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,11 +10,9 @@ from tests.link.link_peer import INFO, TIMEOUT, Frame, Peer, Wire, aio, ask, eve
 from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,
-    LinkConfig,
     LinkState,
     NotConnectedError,
     OtherRobotError,
-    Sending,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -42,21 +38,6 @@ async def push_first(wire: Wire, frame: Frame) -> bool:
     if frame["type"] == INFO:
         await wire.push(POSE, {"mapId": 10 + len(wire.peer.wires)})
     return False
-
-
-@pytest.mark.parametrize(
-    ("change", "keeps"),
-    [
-        ({"request_timeout": 1.0, "max_in_flight": 5}, True),
-        ({"encoding": "protobuf"}, False),
-        ({"ip": "10.0.0.2"}, False),
-        ({"port": 5479}, False),
-        ({"robot_id": 2}, False),
-    ],
-)
-def test_which_changes_keep_the_connection(change: Any, keeps: bool) -> None:
-    config = LinkConfig(ip="10.0.0.1")
-    assert replace(config, **change).keeps_connection(config) is keeps
 
 
 @pytest.mark.parametrize(
@@ -157,21 +138,3 @@ async def test_pushes_of_a_failed_handshake_are_discarded() -> None:
         async with client:
             await eventually(lambda: told)
             assert told == ["robot 0"]
-
-
-@pytest.mark.parametrize("always", [False, True])
-@aio
-async def test_what_is_not_permitted_is_sent_only_by_the_reservation_and_on_demand(
-    always: bool,
-) -> None:
-    async with Peer() as peer, peer.client() as client:
-        send = client.reserve(lambda _message: True)
-        client.permit_only(lambda _message: False, "it only observes")
-        wire = await peer.wire()
-        request = asyncio.ensure_future(send(Speak(), Sending(TIMEOUT, always=always)))
-        if not always:
-            with pytest.raises(Exception, match="it only observes"):
-                await soon(request)
-            return
-        await wire.answer(await wire.next(SPEAK))
-        assert (await soon(request)).ok

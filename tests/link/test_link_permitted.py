@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Peer, aio, ask, block, linked, soon, turns
+from tests.link.link_peer import TIMEOUT, Peer, aio, answered, ask, block, linked, soon, turns
 from woosh_robot_agent.link import NotPermittedError, Sending, SupersededError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
@@ -31,13 +29,9 @@ async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
                 await way(Speak(), Sending())
         assert client.refusal(Speak()) == "it may not speak"
         assert client.refusal(Battery()) == ""
-        request = asyncio.ensure_future(send(Battery(), Sending()))
-        await wire.answer(await wire.next(BATTERY))
-        assert (await soon(request)).ok
+        assert (await answered(send(Battery(), Sending()), wire)).ok
         client.permit_only(None)
-        request = ask(client, Speak())
-        await wire.answer(await wire.next(SPEAK))
-        assert (await soon(request)).ok
+        assert (await answered(client.request(Speak()), wire)).ok
         assert [f["type"] for f in wire.seen if f["type"] in (SPEAK, BATTERY)] == [BATTERY, SPEAK]
 
 
@@ -54,6 +48,13 @@ async def test_requests_that_wait_are_withdrawn() -> None:
         await wire.answer(await wire.next(SPEAK))
         await soon(load)
         assert len([frame for frame in wire.seen if frame["type"] == SPEAK]) == 1
+
+
+@aio
+async def test_what_is_not_permitted_can_be_sent_on_demand() -> None:
+    async with linked() as (_peer, client, wire):
+        client.permit_only(lambda _message: False, "nothing")
+        assert (await answered(client.send(Speak(), Sending(always=True)), wire)).ok
 
 
 @aio

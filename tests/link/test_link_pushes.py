@@ -20,7 +20,7 @@ from tests.link.link_peer import (
     Peer,
     Wire,
     aio,
-    ask,
+    answered,
     eventually,
     linked,
     soon,
@@ -265,9 +265,7 @@ async def test_a_slow_consumer_does_not_delay_answers() -> None:
         for number in range(40):
             await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
         await eventually(lambda: seen)
-        task = ask(client, Speak())
-        await wire.answer(await wire.next("woosh.robot.Speak"))
-        await soon(task)
+        await answered(client.request(Speak()), wire)
         assert len(seen) < 40  # the answer came before all of them were delivered
 
 
@@ -331,17 +329,10 @@ async def test_an_empty_queue_waits() -> None:
 
 @aio
 async def test_pushes_tell_the_difference_of_the_clocks_too() -> None:
-    async with Peer("json") as peer:
-        client = peer.client()
-        async with client:
-            wire = await peer.wire()
-            for ahead in (-3600.0, 7200.0):
-                stamp = round((time.time() + ahead) * 1000)
-                await wire.send({"type": POSE, "body": {}, "timestamp": stamp})
-                offset = await eventually(
-                    lambda ahead=ahead: (
-                        (known := client.stats.clock_offset) is not None
-                        and abs(known - ahead) < 600
-                    )
-                )
-                assert offset
+    async with linked() as (_peer, client, wire):
+        for ahead in (-3600.0, 7200.0):
+            stamp = round((time.time() + ahead) * 1000)
+            await wire.send({"type": POSE, "body": {}, "timestamp": stamp})
+            await eventually(
+                lambda ahead=ahead: abs((client.stats.clock_offset or 0.0) - ahead) < 600  # type: ignore[misc]
+            )

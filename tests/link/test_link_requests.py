@@ -18,11 +18,11 @@ from tests.link.link_peer import (
     TcpWire,
     Wire,
     aio,
+    answered,
     ask,
     block,
     eventually,
     linked,
-    others,
     soon,
     turns,
 )
@@ -136,9 +136,9 @@ async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
 async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> None:
     async with linked() as (_peer, client, wire):
         for type_name, body in (("woosh.robot.Battery", Battery(power=5)), ("woosh.New", None)):
-            task = ask(client, Speak())
-            await wire.answer(await wire.next(), {"power": 5}, type=type_name, msg="m")
-            answer = await soon(task)
+            answer = await answered(
+                client.request(Speak()), wire, {"power": 5}, type=type_name, msg="m"
+            )
             assert (answer.ok, answer.msg, answer.body) == (True, "m", body)
             assert bool(answer.defect) == (body is None)
 
@@ -147,9 +147,7 @@ async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> Non
 @aio
 async def test_a_refusal_is_an_answer_with_the_chassis_own_text(changes: Any) -> None:
     async with linked() as (_peer, client, wire):
-        task = ask(client, Speak())
-        await wire.answer(await wire.next(), ok=False, msg="未初始化", **changes)
-        answer = await soon(task)
+        answer = await answered(client.request(Speak()), wire, ok=False, msg="未初始化", **changes)
         assert (answer.ok, answer.msg) == (False, "未初始化")
 
 
@@ -185,6 +183,7 @@ async def test_a_timeout_names_the_message_and_the_time(kind: str) -> None:
         with pytest.raises(RequestTimeoutError, match=r"woosh\.robot\.Speak within 0\.05 s"):
             await client.request(Speak(), timeout=0.05)
         assert pending(client) == 0
+        assert client.stats.timeouts == {"woosh.robot.Speak": 1}
         await wire.next("woosh.robot.Speak")
 
 
@@ -290,16 +289,6 @@ async def test_an_unsent_request_is_not_sent_after_a_reconnect() -> None:
 
 
 @aio
-async def test_the_first_cause_is_reported() -> None:
-    async with linked() as (_peer, client, wire):
-        task = ask(client, Speak())
-        await wire.next()
-        await wire.socket.close(4001, "out of order")  # type: ignore[attr-defined]
-        with pytest.raises(ConnectionLostError, match="4001 out of order"):
-            await soon(task)
-
-
-@aio
 async def test_a_request_without_a_link_says_why() -> None:
     async with Peer() as peer:
         client = peer.client(backoff_min=5, backoff_max=5)
@@ -380,9 +369,7 @@ async def test_two_clients_in_one_loop_are_independent() -> None:
             await wire.answer(await wire.next(), msg=wire.peer.kind)
         assert [answer.msg for answer in await soon(asyncio.gather(*tasks))] == ["json", "tcp"]
         await first.close()
-        task = ask(second, Speak())
-        await wires[1].answer(await wires[1].next())
-        assert (await soon(task)).ok
+        assert (await answered(second.request(Speak()), wires[1])).ok
 
 
 @aio
@@ -422,17 +409,3 @@ async def test_the_round_trip_is_measured() -> None:
         assert client.stats.round_trip is not None
         assert 0 < client.stats.round_trip < 2
         assert (client.stats.connects, client.stats.rx, client.stats.tx) == (1, 1, 1)
-
-
-@aio
-async def test_a_closed_client_leaves_no_task_behind() -> None:
-    async with Peer() as peer:
-        before = set(others())
-        client = peer.client()
-        async with client:
-            task = ask(client, RobotInfo())
-            await soon(task)
-        wire = await peer.wire()
-        await wire.gone.wait()
-        left = [one for one in others() if one not in before and one.get_coro() is not None]
-        assert not [one for one in left if "woosh" in repr(one) or "link" in one.get_name()]

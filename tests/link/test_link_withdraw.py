@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import aio, ask, block, linked, soon, turns
+from tests.link.link_peer import aio, answered, ask, block, linked, soon, turns
 from woosh_robot_agent.link import Sending, SupersededError, TooManyRequestsError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
 
@@ -50,9 +50,7 @@ async def test_an_urgent_request_is_sent_even_when_too_many_are_in_flight() -> N
         first = await wire.next("woosh.robot.Speak")
         with pytest.raises(TooManyRequestsError):
             await client.request(SetMuteCall())
-        urgent = asyncio.ensure_future(client.send(SetMuteCall(), Sending(urgent=True)))
-        await wire.answer(await wire.next("woosh.robot.SetMuteCall"))
-        assert (await soon(urgent)).ok
+        assert (await answered(client.send(SetMuteCall(), Sending(urgent=True)), wire)).ok
         await wire.answer(first)
         await soon(waiting)
 
@@ -65,6 +63,4 @@ async def test_reserved_requests_are_sent_by_their_owner_only() -> None:
             await client.request(SetMuteCall())
         with pytest.raises(RuntimeError, match="reserved already"):
             client.reserve(lambda _message: True)
-        own = asyncio.ensure_future(send(SetMuteCall(), Sending()))
-        await wire.answer(await wire.next("woosh.robot.SetMuteCall"))
-        assert (await soon(own)).ok
+        assert (await answered(send(SetMuteCall(), Sending()), wire)).ok

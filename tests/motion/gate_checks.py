@@ -23,9 +23,17 @@ ORDERS = len(cancel_orders()) + 1
 NEVER = 3600.0
 """A time that does not pass during a test, however slow the machine is, in seconds."""
 
+RUNNING = {"robotTaskId": "7", "state": "kExecuting"}
+"""Body of a report on a task that drives the robot."""
+
 BACKOFF = {"backoff_min": 0.05, "backoff_max": 0.05}
 
 every_moving_request = pytest.mark.parametrize("request_", MOVING, ids=name_of)
+
+
+def feedback(action: str, state: str) -> Frame:
+    """Return the body of a report on an action."""
+    return {"fbs": [{"action": f"woosh.ros.action.{action}", "state": state}]}
 
 
 async def answer_all(wire: Wire, frame: Frame) -> bool:

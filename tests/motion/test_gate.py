@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable, Callable
 
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, block, eventually, soon, turns
+from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, answered, block, eventually, soon, turns
 from tests.motion.gate_checks import (
     NEVER,
     ORDERS,
@@ -75,9 +76,7 @@ async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> Non
         with pytest.raises(NotConnectedError):
             await rig.gate.request(request_)  # a request without a link is not sent later either
         again = await rig.second_wire()
-        speaking = asyncio.ensure_future(rig.gate.request(Speak()))
-        await again.answer(await again.next("woosh.robot.Speak"))
-        await soon(speaking)
+        await answered(rig.gate.request(Speak()), again)
         assert types(again) == []
 
 
@@ -180,15 +179,23 @@ async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None
         assert len(types(rig.wire)) == ORDERS
 
 
+@pytest.mark.parametrize(
+    "end",
+    [lambda gate: gate.close(TIMEOUT), lambda gate: gate.stop_driving(REASON, TIMEOUT)],
+    ids=["the agent ends", "the link is about to be closed"],
+)
 @pytest.mark.parametrize("drove", [False, True])
 @aio
-async def test_the_last_zero_is_sent_only_if_the_robot_may_drive(drove: bool) -> None:
+async def test_the_last_zero_is_sent_once_and_only_if_the_robot_may_drive(
+    drove: bool, end: Callable[[MotionGate], Awaitable[None]]
+) -> None:
     async with gated() as rig:
         if drove:
             await ok(rig.drive(1))
-        await rig.gate.close(TIMEOUT)
-        await rig.gate.close(TIMEOUT)
+        await end(rig.gate)
+        await end(rig.gate)
         assert speeds(rig.wire) == [1, 0] * drove
+        assert not rig.gate.driving
 
 
 @aio
@@ -223,9 +230,7 @@ async def test_the_last_zero_replaces_a_held_velocity() -> None:
         frame = await rig.wire.next(TWIST)
         held = rig.drive(2)
         await turns()
-        closing = asyncio.ensure_future(rig.gate.close(TIMEOUT))
-        await rig.wire.answer(await rig.wire.next(TWIST))
-        await soon(closing)
+        await answered(rig.gate.close(TIMEOUT), rig.wire)
         await rig.wire.answer(frame)
         await soon(first)
         with pytest.raises(SupersededError):
@@ -269,17 +274,6 @@ async def test_the_robot_counts_as_standing_some_time_after_the_last_velocity() 
 # The link is about to be closed, or the agent begins to observe only
 
 
-@pytest.mark.parametrize("drove", [False, True])
-@aio
-async def test_a_robot_gets_its_zero_if_it_may_drive(drove: bool) -> None:
-    async with gated() as rig:
-        if drove:
-            await ok(rig.drive(1))
-        await rig.gate.leave(REASON, TIMEOUT)
-        assert speeds(rig.wire) == [1, 0] * drove
-        assert not rig.gate.driving
-
-
 @aio
 async def test_no_velocity_follows_the_zero() -> None:
     async def answer_velocities(wire: Wire, frame: Frame) -> bool:
@@ -288,7 +282,7 @@ async def test_no_velocity_follows_the_zero() -> None:
 
     async with gated(answer_velocities) as rig:
         await ok(rig.drive(1))
-        leaving = asyncio.ensure_future(rig.gate.leave(REASON, TIMEOUT))
+        leaving = asyncio.ensure_future(rig.gate.stop_driving(REASON, TIMEOUT))
         await turns()
         with pytest.raises(SupersededError, match=REASON):
             await rig.drive(3)
@@ -309,7 +303,7 @@ async def test_a_robot_that_cannot_be_stopped_is_an_error(
         if not refused:
             rig.wire.abort()
             await eventually(lambda: rig.client.state is not LinkState.READY)
-        await rig.gate.leave(REASON, TIMEOUT)
+        await rig.gate.stop_driving(REASON, TIMEOUT)
         (record,) = [each for each in caplog.records if each.levelname == "ERROR"]
         assert "the robot was not stopped" in record.getMessage()
         assert ("no remote control" if refused else "not connected") in record.getMessage()
@@ -322,7 +316,7 @@ async def test_a_robot_that_is_only_observed_from_now_on_gets_its_zero_and_no_ot
     async with gated() as rig:
         await ok(rig.drive(1))
         rig.client.permit_only(only_reads, "it only observes")
-        await rig.gate.leave("it only observes", TIMEOUT)
+        await rig.gate.stop_driving("it only observes", TIMEOUT)
         for request in (*MOVING, Twist()):
             with pytest.raises(NotPermittedError, match="it only observes"):
                 await rig.gate.request(request)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.link.link_peer import TIMEOUT, Frame, aio, eventually, soon, turns
-from tests.motion.gate_checks import NEVER, Rig, gated, ok, speeds
+from tests.motion.gate_checks import NEVER, RUNNING, Rig, feedback, gated, ok, speeds
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion import (
@@ -26,12 +26,6 @@ from woosh_robot_agent.motion.velocity_driver import Pace
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Follow, Speak, Twist
 
 LIMITS = VelocityLimits(max_linear=1.0, max_angular=1.0, rate=100.0, timeout=NEVER)
-RUNNING = {"robotTaskId": "7", "state": "kExecuting"}
-
-
-def feedback(state: str) -> Frame:
-    """Return the body of a report on a navigation."""
-    return {"fbs": [{"action": "woosh.ros.action.MoveBase", "state": state}]}
 
 
 class Stream:
@@ -166,7 +160,11 @@ async def test_silence_stops_the_robot() -> None:
     ("type_", "runs", "ended"),
     [
         ("woosh.robot.TaskProc", RUNNING, {**RUNNING, "state": "kCompleted"}),
-        ("woosh.ros.Feedbacks", feedback("kRosExecuting"), feedback("kRosSuccess")),
+        (
+            "woosh.ros.Feedbacks",
+            feedback("MoveBase", "kRosExecuting"),
+            feedback("MoveBase", "kRosSuccess"),
+        ),
     ],
     ids=["task", "action"],
 )

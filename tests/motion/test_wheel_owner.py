@@ -6,10 +6,12 @@ import pytest
 
 from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, eventually, soon
 from tests.motion.gate_checks import (
+    RUNNING,
     TWIST,
     Rig,
     answer_all,
     answer_nothing,
+    feedback,
     gated,
     ok,
     speeds,
@@ -23,17 +25,12 @@ from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 
 TASK_PROC, FEEDBACKS = "woosh.robot.TaskProc", "woosh.ros.Feedbacks"
 EXEC_TASK = next(each for each in MOVING if each.DESCRIPTOR.name == "ExecTask")
-RUNS = {"robotTaskId": "7", "state": "kExecuting"}
-
-
-def feedback(action: str, state: str) -> Frame:
-    return {"fbs": [{"action": f"woosh.ros.action.{action}", "state": state}]}
 
 
 each_start = pytest.mark.parametrize(
     ("type_", "runs", "rests", "owner"),
     [
-        (TASK_PROC, RUNS, {**RUNS, "state": "kPaused"}, "task 7"),
+        (TASK_PROC, RUNNING, {**RUNNING, "state": "kPaused"}, "task 7"),
         (
             FEEDBACKS,
             feedback("MoveBase", "kRosExecuting"),
@@ -51,7 +48,7 @@ each_start = pytest.mark.parametrize(
 )
 
 
-async def owned(rig: Rig, type_: str = TASK_PROC, body: Frame = RUNS) -> None:
+async def owned(rig: Rig, type_: str = TASK_PROC, body: Frame = RUNNING) -> None:
     """Let the chassis report that a task or an action runs."""
     await rig.wire.push(type_, body)
     await eventually(lambda: rig.gate.owner)
@@ -99,7 +96,7 @@ async def test_no_zero_follows_a_task_or_action_of_another_client(
 async def test_no_zero_follows_a_task_that_another_client_started_without_a_link() -> None:
     async with gated() as rig:
         await ok(rig.drive(1))
-        rig.peer.info = {"taskProc": RUNS}
+        rig.peer.info = {"taskProc": RUNNING}
         rig.wire.abort()
         again = await rig.second_wire()
         await eventually(lambda: rig.gate.owner)
@@ -207,7 +204,7 @@ async def test_a_task_that_goes_on_after_an_obstacle_takes_no_velocity_over() ->
         await owned(rig)
         await rig.wire.push(TASK_PROC, held)
         await ok(rig.drive(1))
-        await rig.wire.push(TASK_PROC, RUNS)
+        await rig.wire.push(TASK_PROC, RUNNING)
         await ok(rig.gate.request(Speak()))  # answered after the push
         assert rig.gate.driving
 

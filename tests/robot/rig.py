@@ -48,8 +48,10 @@ class Rig:
             client = self.peer.client()
             self.last_known = LastKnown(client)
             self.gate = MotionGate(client, lambda: len(self.goals))
-            explainer = RefusalExplainer(client, self.last_known)
-            self.watch = Watch(client, self.gate, self.last_known, explainer, lambda: self.goals)
+            self.explainer = RefusalExplainer(client, self.last_known)
+            self.watch = Watch(
+                client, self.gate, self.last_known, self.explainer, lambda: self.goals
+            )
             self.watch.standstill.limit = self._limit
             self.watch.velocities.overlap = self._overlap
             async with client:

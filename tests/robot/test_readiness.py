@@ -24,11 +24,11 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import (
     accepts_task,
+    all_objections,
     is_located,
     is_taskable,
     objections,
-    pose_doubt,
-    rejections,
+    pose_problem,
 )
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
@@ -121,7 +121,7 @@ def test_a_busy_robot_rejects_a_new_task(text: str, change: Callable[[RobotInfo]
     """Whether or not it clears its taskable bit meanwhile."""
     for info in (ready(), not_taskable()):
         change(info)
-        (only,) = rejections(info)
+        (only,) = all_objections(info)
         assert text in only.reason
         assert accepts_task(info) is False
 
@@ -150,7 +150,7 @@ def test_the_chassis_refuses_a_task_while_it_is_judged_to_do_so():
 def test_a_robot_accepts_a_task_after_the_end_of_the_last_one(state: task.State) -> None:
     info = ready()
     info.task_proc.MergeFrom(running(7, state))
-    assert rejections(info) == []
+    assert all_objections(info) == []
     assert accepts_task(info) is True
 
 
@@ -158,27 +158,27 @@ def test_what_a_robot_does_is_told_beside_other_reasons():
     info = ready()
     info.device_state.MergeFrom(DeviceState(hardware=DeviceState.kEmgBtn))
     info.task_proc.MergeFrom(running(7, task.kPaused))
-    assert [each.name for each in rejections(info)] == ["emergency_stop", "busy"]
+    assert [each.name for each in all_objections(info)] == ["emergency_stop", "busy"]
 
 
 def test_it_is_unknown_whether_a_silent_robot_accepts_a_task():
-    assert rejections(RobotInfo()) == []
+    assert all_objections(RobotInfo()) == []
     assert accepts_task(RobotInfo()) is None
 
 
 def test_a_pose_without_a_map_is_told_from_one_on_a_map_with_the_id_0():
     info = ready()
-    assert pose_doubt(info) is None
+    assert pose_problem(info) is None
     info.pose_speed.map_id = 0
-    doubt = pose_doubt(info)
-    assert doubt is not None
-    assert "it belongs to no map" in doubt.reason
+    problem = pose_problem(info)
+    assert problem is not None
+    assert "it belongs to no map" in problem.reason
     info.scene.map_id = 0
-    doubt = pose_doubt(info)
-    assert doubt is not None
-    assert "it belongs to no map" not in doubt.reason
-    assert "map wooshmap has the id 0" in doubt.reason
-    assert pose_doubt(RobotInfo()) is None
+    problem = pose_problem(info)
+    assert problem is not None
+    assert "it belongs to no map" not in problem.reason
+    assert "map wooshmap has the id 0" in problem.reason
+    assert pose_problem(RobotInfo()) is None
 
 
 def test_a_robot_that_builds_a_map_is_not_lost_and_has_a_map():
@@ -188,10 +188,10 @@ def test_a_robot_that_builds_a_map_is_not_lost_and_has_a_map():
     info.pose_speed.map_id = 0
     assert names(info) == []
     assert is_located(info) is None
-    assert pose_doubt(info) is None
+    assert pose_problem(info) is None
     info.state = robot.kIdle
     assert names(info) == ["lost"]
-    assert pose_doubt(info) is not None
+    assert pose_problem(info) is not None
 
 
 def test_all_reasons_are_given_at_once():

@@ -9,9 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, aio, eventually
-from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.motion import MotionGate
+from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, eventually
+from tests.robot.rig import Rig
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
@@ -28,7 +27,6 @@ from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util.action_pb2 import kPause
-from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.readiness import (
     DEPLOYMENT,
     EMERGENCY_STOP,
@@ -38,7 +36,7 @@ from woosh_robot_agent.robot.readiness import (
     NOT_DEPLOYMENT,
     NOT_INITIALISED,
 )
-from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
+from woosh_robot_agent.robot.refusals import type_of
 
 READY = {"mode": {"ctrl": 1, "work": 2}, "state": 2}
 NAVIGATING = {**READY, "state": 4, "taskProc": {"robotTaskId": "17", "state": 3}}
@@ -53,8 +51,8 @@ BY_KEY = "set by its key switch or by software"
 UNRELATED = 130104000000
 
 
-class Chassis:
-    """A chassis that refuses every request.
+class RefusingRig(Rig):
+    """A rig whose chassis refuses every request.
 
     Args:
         info: its RobotInfo.
@@ -70,43 +68,37 @@ class Chassis:
         after: tuple[Any, ...] = (),
         patient: bool = False,
     ) -> None:
-        self.before, self.after, self.patient = before, after, patient
-        self.peer = Peer(info=info, script=self.handle)
+        super().__init__(info)
+        self.refusal = "Request failed"
+        self._before, self._after, self._patient = before, after, patient
 
     @contextlib.asynccontextmanager
-    async def connected(self) -> AsyncIterator[tuple[ChassisClient, RefusalExplainer, LastKnown]]:
-        """Connect to it, and wait until its RobotInfo is known."""
-        async with self.peer:
-            client = self.peer.client()
-            last_known = LastKnown(client)
-            explainer = RefusalExplainer(client, last_known)
-            if self.patient:
-                explainer.code_delay = TIMEOUT
-            async with client:
-                await eventually(lambda: last_known.get("woosh.robot.RobotInfo"))
-                yield client, explainer, last_known
+    async def running(self) -> AsyncIterator[RefusingRig]:
+        async with super().running():
+            if self._patient:
+                self.explainer.code_delay = TIMEOUT
+            yield self
 
-    async def handle(self, wire: Wire, frame: Frame) -> bool:
-        if "sn" not in frame or frame["type"] == "woosh.robot.RobotInfo":
-            return False
-        for code in self.before:
+    async def reason(self, request: Any) -> str:
+        """Send a request; return the reason of its refusal."""
+        answer = await self.send(request)
+        assert (answer.ok, answer.msg) == (False, "Request failed")
+        return await self.explainer.reason(type_of(request))
+
+    async def _handle(self, wire: Wire, frame: Frame) -> bool:
+        refused = "sn" in frame and frame["type"] != "woosh.robot.RobotInfo"
+        for code in self._before if refused else ():
             await wire.push(STATUS_CODE, code)
-        await wire.answer(frame, ok=False, msg="Request failed")
-        for code in self.after:
+        handled = await super()._handle(wire, frame)
+        for code in self._after if refused else ():
             await wire.push(STATUS_CODE, code)
-        return True
+        return handled
 
 
-async def reason_of(chassis: Chassis, request: Any) -> str:
-    """Send a request; return the reason of its refusal."""
-    async with chassis.connected() as (client, explainer, _):
-        return await ask(client, explainer, request)
-
-
-async def ask(client: ChassisClient, explainer: RefusalExplainer, request: Any) -> str:
-    answer = await MotionGate(client).request(request)
-    assert (answer.ok, answer.msg) == (False, "Request failed")
-    return await explainer.reason(type_of(request))
+async def reason_of(rig: RefusingRig, request: Any) -> str:
+    """Run a rig, and return the reason for which its chassis refuses a request."""
+    async with rig.running():
+        return await rig.reason(request)
 
 
 @pytest.mark.parametrize(
@@ -123,55 +115,55 @@ async def ask(client: ChassisClient, explainer: RefusalExplainer, request: Any) 
 async def test_the_status_code_after_the_answer_gives_the_reason(
     request_: Any, number: int, meaning: str
 ) -> None:
-    chassis = Chassis(
+    rig = RefusingRig(
         NAVIGATING, (), ({"code": str(UNRELATED)}, {"code": str(number)}), patient=True
     )
-    reason = await reason_of(chassis, request_)
+    reason = await reason_of(rig, request_)
     assert reason.endswith(f"status code {number}: {meaning}")
 
 
 @aio
 async def test_the_meaning_stands_beside_a_text_in_another_language():
-    chassis = Chassis(READY, (), ({"code": str(NOT_AUTOMATIC), "msg": "非自动模式"},), patient=True)
-    assert await reason_of(chassis, ExecTask(task_id=1)) == (
+    rig = RefusingRig(READY, (), ({"code": str(NOT_AUTOMATIC), "msg": "非自动模式"},), patient=True)
+    assert await reason_of(rig, ExecTask(task_id=1)) == (
         f"status code {NOT_AUTOMATIC}: 非自动模式 (action refused: not in automatic mode)"
     )
 
 
 @aio
 async def test_an_earlier_status_code_gives_no_reason():
-    chassis = Chassis(READY, before=({"code": str(NOT_AUTOMATIC)},))
-    assert await reason_of(chassis, ExecTask(task_id=1)) == ""
+    rig = RefusingRig(READY, before=({"code": str(NOT_AUTOMATIC)},))
+    assert await reason_of(rig, ExecTask(task_id=1)) == ""
 
 
 @aio
 async def test_an_unrelated_status_code_gives_no_reason():
     codes = (UNRELATED, NO_SPEED_CONTROL, NOT_NAVIGATING, STEP_OCCUPIED)
-    chassis = Chassis(READY, after=tuple({"code": str(code)} for code in codes))
-    assert await reason_of(chassis, ExecTask(task_id=1)) == ""
+    rig = RefusingRig(READY, after=tuple({"code": str(code)} for code in codes))
+    assert await reason_of(rig, ExecTask(task_id=1)) == ""
 
 
 @aio
 async def test_a_late_status_code_gives_no_reason():
-    chassis = Chassis(READY)
-    async with chassis.connected() as (client, explainer, _):
-        assert await ask(client, explainer, ExecTask(task_id=1)) == ""
+    rig = RefusingRig(READY)
+    async with rig.running():
+        assert await rig.reason(ExecTask(task_id=1)) == ""
         codes: list[StatusCode] = []
-        client.subscribe(StatusCode, codes.append)
-        await (await chassis.peer.wire()).push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
+        rig.client.subscribe(StatusCode, codes.append)
+        await rig.wire.push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
         await eventually(lambda: codes)
-        assert await explainer.reason("woosh.robot.ExecTask") == ""
+        assert await rig.explainer.reason("woosh.robot.ExecTask") == ""
 
 
 @aio
 async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code():
-    chassis = Chassis(READY, after=({"code": str(NOT_AUTOMATIC)},), patient=True)
-    async with chassis.connected() as (client, explainer, _):
+    rig = RefusingRig(READY, after=({"code": str(NOT_AUTOMATIC)},), patient=True)
+    async with rig.running():
         codes: list[StatusCode] = []
-        client.subscribe(StatusCode, codes.append)
-        await client.request(ExecTask(task_id=1))
+        rig.client.subscribe(StatusCode, codes.append)
+        await rig.send(ExecTask(task_id=1))
         await eventually(lambda: codes)
-        assert "action refused" in await explainer.reason("woosh.robot.ExecTask")
+        assert "action refused" in await rig.explainer.reason("woosh.robot.ExecTask")
 
 
 @pytest.mark.parametrize(
@@ -215,14 +207,14 @@ async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code()
 )
 @aio
 async def test_the_state_gives_the_reason(request_: Any, info: Any, reason: str) -> None:
-    assert await reason_of(Chassis(info), request_) == reason
+    assert await reason_of(RefusingRig(info), request_) == reason
 
 
 @aio
 async def test_state_and_status_code_are_both_given():
     info = {**READY, "deviceState": {"hardware": 1024, "software": 1}}
-    chassis = Chassis(info, after=({"code": str(NO_SPEED_CONTROL)},), patient=True)
-    assert await reason_of(chassis, Twist(linear=0.1)) == (
+    rig = RefusingRig(info, after=({"code": str(NO_SPEED_CONTROL)},), patient=True)
+    assert await reason_of(rig, Twist(linear=0.1)) == (
         f"{EMERGENCY_STOP.reason}; status code {NO_SPEED_CONTROL}: "
         "speed control refused in the present state"
     )
@@ -230,13 +222,13 @@ async def test_state_and_status_code_are_both_given():
 
 @aio
 async def test_the_state_at_the_time_of_the_refusal_counts():
-    chassis = Chassis(NAVIGATING, patient=True)
-    async with chassis.connected() as (client, explainer, last_known):
+    rig = RefusingRig(NAVIGATING, patient=True)
+    async with rig.running():
         refused: list[Any] = []
-        client.on_refused(refused.append)
-        await client.request(ExecTask(task_id=1))
-        reason = asyncio.ensure_future(explainer.reason("woosh.robot.ExecTask"))
+        rig.client.on_refused(refused.append)
+        await rig.send(ExecTask(task_id=1))
+        reason = asyncio.ensure_future(rig.explainer.reason("woosh.robot.ExecTask"))
         await eventually(lambda: refused)
-        last_known.remember(TaskProc())
-        await (await chassis.peer.wire()).push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
+        rig.last_known.remember(TaskProc())
+        await rig.wire.push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
         assert (await reason).startswith("the robot is executing task 17; ")

@@ -74,23 +74,21 @@ def test_a_source_that_falls_silent_may_be_followed_by_another(
     run()
 
 
-class TestInterleaving:
-    def noticed(self, *numbers: int | None, step: float = 0.1) -> bool:
-        interleaving = Interleaving()
-        noticed = [interleaving.notice(n, 9.0 + i * step) for i, n in enumerate(numbers)]
-        return any(noticed)
-
-    def test_two_publishers_are_noticed(self):
-        assert self.noticed(100, 5, 101, 6, 102)
-        assert self.noticed(1, 1, 2, 2)
-        assert self.noticed(7, 100, 8, 101, 9, 10)
-
-    def test_one_publisher_is_not(self):
-        assert not self.noticed(1, 2, 3, 7, 20)
-
-    def test_a_restarted_publisher_is_not(self):
-        assert not self.noticed(100, 101, 1, 2, 3)
-        assert not self.noticed(100, 1, 2, 1, 2, step=WINDOW)
-
-    def test_messages_without_a_number_say_nothing(self):
-        assert not self.noticed(0, 0, 0, None, None, 2**64 - 1, 2**64 - 1)
+@pytest.mark.parametrize(
+    ("numbers", "period", "noticed"),
+    [
+        ([100, 5, 101, 6, 102], 0.1, True),
+        ([1, 1, 2, 2], 0.1, True),
+        ([7, 100, 8, 101, 9, 10], 0.1, True),
+        ([1, 2, 3, 7, 20], 0.1, False),  # one publisher
+        ([100, 101, 1, 2, 3], 0.1, False),  # a restarted one
+        ([100, 1, 2, 1, 2], WINDOW, False),  # one that is restarted twice
+        ([0, 0, 0, None, None, 2**64 - 1, 2**64 - 1], 0.1, False),  # no numbers
+    ],
+)
+def test_two_publishers_are_noticed(
+    numbers: list[int | None], period: float, noticed: bool
+) -> None:
+    interleaving = Interleaving()
+    found = [interleaving.observe(each, 9.0 + i * period) for i, each in enumerate(numbers)]
+    assert any(found) is noticed

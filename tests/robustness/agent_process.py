@@ -47,14 +47,10 @@ class DebugAgentProcess(AgentProcess):
         """Return the resources that the process holds."""
         return resources(self.process.pid)
 
-    def debug(self, *, objects: bool = False) -> dict[str, Any]:
-        """Return the result of the agent's `Agent.debug`.
-
-        Args:
-            objects: also count Python objects by type, which keeps the agent busy for a moment.
-        """
+    def debug(self) -> dict[str, Any]:
+        """Return the result of the agent's `Agent.debug`."""
         assert self.process.stdin is not None
-        self.process.stdin.write("objects\n" if objects else "state\n")
+        self.process.stdin.write("state\n")
         self.process.stdin.flush()
         try:
             state: dict[str, Any] = json.loads(self._answers.get(timeout=_ANSWER_TIMEOUT))

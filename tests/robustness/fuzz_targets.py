@@ -150,12 +150,10 @@ class _Loop(Target):
             lambda _, context: self.errors.append(str(context.get("exception") or context))
         )
         self._handler = logging.Handler(logging.ERROR)
-        self._handler.emit = self._record_error  # type: ignore[method-assign]
+        self._handler.emit = lambda record: self.errors.append(  # type: ignore[method-assign]
+            logging.Formatter().format(record)
+        )
         logging.getLogger("woosh_robot_agent").addHandler(self._handler)
-
-    def _record_error(self, record: logging.LogRecord) -> None:
-        if record.levelno >= logging.ERROR:
-            self.errors.append(logging.Formatter().format(record))
 
     def feed(self, batch: Sequence[Any]) -> Counter[str]:
         found = self.loop.run_until_complete(self.take(batch))

@@ -390,14 +390,14 @@ def main(arguments: Sequence[str]) -> int:
     return print_and_judge(figures)
 
 
-def _samples_table(samples: Sequence[Sample], rows: int = 30) -> str:
-    """Return a table of about `rows` evenly spread samples."""
+def _samples_table(samples: Sequence[Sample]) -> str:
+    """Return a table of about 30 evenly spread samples."""
     names = tuple(samples[0].held)
     return markdown(
         ("s", "MiB", *names),
         (
             (f"{each.time:.0f}", f"{each.rss / MIB:.1f}", *(each.held[name] for name in names))
-            for each in samples[:: max(1, len(samples) // rows)]
+            for each in samples[:: max(1, len(samples) // 30)]
         ),
         align="r" * (2 + len(names)),
     )

@@ -10,7 +10,7 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.robot.readiness import pose_doubt
+from woosh_robot_agent.robot.readiness import pose_problem
 from woosh_robot_agent.simulator import faults, load_scenario
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.command_line import make_parser
@@ -56,7 +56,7 @@ def test_the_documented_scene_matches_the_simulator(tmp_path: Path) -> None:
     chassis = Chassis(quick_config(scenes=(tmp_path,)))
     assert chassis.scene.name == "lab"
     assert set(chassis.map.marks) == {"A1", "P1"}
-    assert pose_doubt(robot_info(chassis)) is None
+    assert pose_problem(robot_info(chassis)) is None
 
 
 def test_the_documented_limits_match_the_code() -> None:

@@ -126,7 +126,7 @@ def check_agent(node: dict[str, Any]) -> dict[str, Any]:
     for file in node["files"]:
         values |= yaml.safe_load(Path(file).read_text())["/**"]["ros__parameters"]
     values |= node["values"]
-    parameters.check(values)
+    parameters.settings_from(values)
     return values
 
 

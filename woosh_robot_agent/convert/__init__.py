@@ -18,6 +18,6 @@ between would take several times as long.
 
 from woosh_robot_agent.convert.converter import Converter, converter
 from woosh_robot_agent.convert.mapping import BadFieldError
-from woosh_robot_agent.convert.to_ros import filled
+from woosh_robot_agent.convert.to_ros import new_message
 
-__all__ = ["BadFieldError", "Converter", "converter", "filled"]
+__all__ = ["BadFieldError", "Converter", "converter", "new_message"]

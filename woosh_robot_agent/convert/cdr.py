@@ -43,15 +43,16 @@ def serialize(message: Any) -> bytes:
 
 
 def packer(codes: str) -> Callable[[int], struct.Struct]:
-    """Return a function that maps the number of bytes before some numbers to their Struct.
+    """Return a function that gives the Struct of some numbers, with the padding that they need.
 
-    The Struct differs because the padding depends on these bytes. Only their lowest 3 bits count.
+    Each number is aligned to its size, counted from the end of the encapsulation header. So the
+    padding depends on the length of the buffer to which the numbers are appended, modulo 8: that
+    is the argument of the returned function.
 
     Args:
-        codes: format characters of `struct`, one for each number. Each number is aligned to its
-            size, counted from the end of the encapsulation header.
+        codes: format characters of `struct`, one for each number.
     """
-    packers = []
+    structs = []
     for start in range(8):
         at, padded = start, ""
         for code in codes:
@@ -59,8 +60,8 @@ def packer(codes: str) -> Callable[[int], struct.Struct]:
             padding = -at % size
             padded += f"{padding}x{code}"
             at += padding + size
-        packers.append(struct.Struct("=" + padded))
-    return [packers[(before - HEADER_SIZE) % 8] for before in range(8)].__getitem__
+        structs.append(struct.Struct("=" + padded))
+    return [structs[(length - HEADER_SIZE) % 8] for length in range(8)].__getitem__
 
 
 @cache
@@ -71,12 +72,14 @@ def _writer(ros_class: Any) -> _Write:
     """Format character and expression of the numbers that are packed together."""
 
     def flush() -> None:
+        """Write source for the numbers in `run`, and empty it."""
         if run:
             pack = source.bind(packer("".join(code for code, _ in run)))
             source.add(f"b += {pack}(len(b) & 7).pack({', '.join(value for _, value in run)})")
             run.clear()
 
     def add(cls: Any, path: str) -> None:
+        """Write source for all fields of the message that the expression `path` gives."""
         types = cls.get_fields_and_field_types()
         if not types:
             run.append(("B", "0"))  # a struct has at least one member
@@ -120,6 +123,7 @@ def _field_writer(ros_type: str) -> _Write:
 
 
 def _numbers_writer(code: str) -> _Write:
+    """Return the function that appends numbers, without their count, to a buffer."""
     size = struct.calcsize("=" + code)
     typecode = "B" if code == "?" else code
 

@@ -9,7 +9,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert import to_proto, to_ros
-from woosh_robot_agent.convert.mapping import pairs
+from woosh_robot_agent.convert.mapping import mirrored_fields
 from woosh_robot_agent.link.codecs.json_codec import from_json
 from woosh_robot_agent.link.frames import Body
 
@@ -30,7 +30,7 @@ class Converter:
     def __init__(self, ros_class: Any, proto_class: Any) -> None:
         self.ros_class = ros_class
         self.proto_class = proto_class
-        pairs(ros_class, proto_class)  # raises TypeError
+        mirrored_fields(ros_class, proto_class)  # raises TypeError
 
     @cached_property
     def _from_proto(self) -> to_ros.Make:
@@ -94,7 +94,7 @@ def _converter(ros_class: Any, proto_class: Any) -> Converter:
 
 
 class RequestMaker:
-    """Creator of requests that carry the robot's id, if their type has a field for it.
+    """Creates requests with the robot's id, if their type has a field for it.
 
     Attributes:
         robot_id: id of the addressed robot, for gateways that serve several; 0 sends no id.

@@ -98,8 +98,8 @@ ARRAY_CODES = {
 """Typecodes of `array.array` by ROS type. ROS takes an array without checking each number."""
 
 
-def pairs(ros_class: Any, proto_class: Any) -> list[tuple[str, str, Any]]:
-    """Return name, ROS type and protobuf field of each field outside of oneofs.
+def mirrored_fields(ros_class: Any, proto_class: Any) -> list[tuple[str, str, Any]]:
+    """Return name, ROS type and protobuf descriptor of each ROS field, except for oneofs.
 
     Raises:
         TypeError: the classes do not mirror each other.
@@ -117,7 +117,7 @@ def pairs(ros_class: Any, proto_class: Any) -> list[tuple[str, str, Any]]:
 
 
 def presence_bits(ros_class: Any, proto_class: Any) -> dict[str, int] | None:
-    """Return the bit of each field in `has_field`; None if the class has no `has_field`."""
+    """Return the bit in `has_field` by name of the field; None if the class has no `has_field`."""
     types = ros_class.get_fields_and_field_types()
     if "has_field" not in types:
         return None

@@ -18,8 +18,8 @@ from woosh_robot_agent.convert.mapping import (
     class_of,
     item_type,
     message_class,
+    mirrored_fields,
     oneofs,
-    pairs,
     presence_bits,
 )
 
@@ -36,10 +36,10 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
     bits = presence_bits(ros_class, proto_class)
     if bits is not None:
         source.add("has = r.has_field")
-    for name, ros_type, field in pairs(ros_class, proto_class):
+    for name, ros_type, field in mirrored_fields(ros_class, proto_class):
         if bits is not None and name in bits:
             source.add(f"if has & {bits[name]}:")
-            _set_proto(source, "r", name, ros_type, field, "    ")
+            _set_proto(source, "r", name, ros_type, field, indent="    ")
         else:
             _set_proto(source, "r", name, ros_type, field)
     for group in oneofs(proto_class):
@@ -49,7 +49,7 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
         for number, field in enumerate(group.fields, 1):
             source.add(f"{'el' if number > 1 else ''}if which == {number}:")
             inner = f"{group.name}.{field.name}"
-            _set_proto(source, "o", field.name, types[field.name], field, "    ", path=inner)
+            _set_proto(source, "o", field.name, types[field.name], field, indent="    ", path=inner)
         source.add("elif which:")
         source.add(
             f"    raise BadField('{group.name}.which', f'it is {{which}}, which is not a member')"
@@ -66,6 +66,12 @@ def _set_proto(
     indent: str = "",
     path: str = "",
 ) -> None:
+    """Write source that copies a field from the ROS message in `origin` to the one in `p`.
+
+    Args:
+        indent: indentation inside of the function.
+        path: path of the field for errors; by default its name.
+    """
     path = path or name
 
     def add(line: str) -> None:
@@ -88,6 +94,7 @@ def _set_proto(
         elif "/" in ros_type:
             add(f"p.{name} = {origin}.{name}.value")
         else:
+            # an unsigned field: values from 2^31 stand for negative enum values
             add(f"p.{name} = ({origin}.{name} ^ 0x80000000) - 0x80000000")
     elif field.type == FieldDescriptor.TYPE_BYTES:
         add(f"p.{name} = bytes({origin}.{name})")

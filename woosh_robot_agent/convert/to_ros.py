@@ -24,8 +24,8 @@ from woosh_robot_agent.convert.mapping import (
     extra_slots,
     item_type,
     message_class,
+    mirrored_fields,
     oneofs,
-    pairs,
     presence_bits,
 )
 from woosh_robot_agent.link.codecs.json_codec import (
@@ -48,19 +48,20 @@ _INTEGERS = {
 """Smallest and largest value of each integer type."""
 
 
-def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
-    """Return a condition for values that need no conversion, and a converter for all others.
+def scalar_conversion(field: Any) -> tuple[str, Callable[[Any], Any]]:
+    """Return how the JSON value of a field becomes the value of a ROS field.
 
     Returns:
-        The source of a condition that is true if `v` can be used unchanged, and a function that
-        converts all other values. The function raises ValueError, TypeError or OverflowError.
+        The source of a condition that is true if the value `v` can be used unchanged, and a
+        function that converts all other values. The function raises ValueError, TypeError or
+        OverflowError.
     """
     kind, read = field.cpp_type, scalar_reader(field)
     if field.type == FieldDescriptor.TYPE_BYTES:
         return "False", lambda value: array("B", read(value))
     if kind == FieldDescriptor.CPPTYPE_FLOAT:
-        usual = f"type(v) is float and -{_MAX_FLOAT32} <= v <= {_MAX_FLOAT32}"
-        return usual, lambda value: c_float(read(value)).value
+        fits = f"type(v) is float and -{_MAX_FLOAT32} <= v <= {_MAX_FLOAT32}"
+        return fits, lambda value: c_float(read(value)).value
     if kind == FieldDescriptor.CPPTYPE_DOUBLE:
         return "type(v) is float", read
     if kind == FieldDescriptor.CPPTYPE_BOOL:
@@ -80,25 +81,28 @@ def scalar(field: Any) -> tuple[str, Callable[[Any], Any]]:
     return f"type(v) is int and {least} <= v <= {most}", read_integer
 
 
-def list_of(blank: Any) -> Callable[[Any], list[Any]]:
-    """Return a function that checks that a value is a list, and replaces each null by `blank`."""
+def list_reader(blank: Any) -> Callable[[Any], list[Any]]:
+    """Return a function that reads a JSON list, and replaces each null by `blank`.
 
-    def checked(values: Any) -> list[Any]:
+    The function raises a TypeError if the value is no list.
+    """
+
+    def read_list(values: Any) -> list[Any]:
         if type(values) is not list:
             raise TypeError("not a list")
         return [blank if value is None else value for value in values] if None in values else values
 
-    return checked
+    return read_list
 
 
 def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
     """Return a function that reads a list of numbers, or bytes, as an array of typecode `code`."""
     if field.type == FieldDescriptor.TYPE_BYTES:
-        return scalar(field)[1]
-    checked, (_, read) = list_of(blank_of(field)), scalar(field)
+        return scalar_conversion(field)[1]
+    read_list, (_, read) = list_reader(blank_of(field)), scalar_conversion(field)
 
     def read_each(values: Any) -> Any:
-        return array(code, [read(value) for value in checked(values)])
+        return array(code, [read(value) for value in read_list(values)])
 
     def read_floats(values: Any) -> Any:
         try:
@@ -106,14 +110,14 @@ def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
                 return array(code, values)  # the usual case: only numbers
         except (TypeError, OverflowError):
             pass  # null, or a number as text, e.g. "Infinity" in a scan
-        numbers = [value if type(value) is float else read(value) for value in checked(values)]
+        numbers = [value if type(value) is float else read(value) for value in read_list(values)]
         return array(code, numbers)
 
     return read_floats if code in "fd" else read_each
 
 
-def filled(ros_class: Any, **fields: Any) -> Any:
-    """Return a new message. `fields` must name all fields of its class."""
+def new_message(ros_class: Any, **fields: Any) -> Any:
+    """Return a new message; `fields` must give the values of all fields of its class."""
     extra = extra_slots(ros_class)
     if extra is None:
         return ros_class(**fields)
@@ -125,8 +129,8 @@ def filled(ros_class: Any, **fields: Any) -> Any:
     return message
 
 
-class NewMessage:
-    """Generator of source that creates a message and sets its fields.
+class MessageSource:
+    """Writes source that creates a message and sets its fields.
 
     Args:
         source: function that the source is added to.
@@ -223,17 +227,18 @@ class _Json(Origin):
         return True
 
     def scalar(self, source: FunctionSource, field: Any) -> str:
-        usual, read = scalar(field)
-        return f"v if {usual} else {source.bind(read)}(v)"
+        fits, read = scalar_conversion(field)
+        return f"v if {fits} else {source.bind(read)}(v)"
 
     def scalars(self, source: FunctionSource, field: Any) -> str:
-        return f"[{self.scalar(source, field)} for v in {source.bind(list_of(blank_of(field)))}(v)]"
+        read_list = source.bind(list_reader(blank_of(field)))
+        return f"[{self.scalar(source, field)} for v in {read_list}(v)]"
 
     def numbers(self, source: FunctionSource, field: Any, code: str) -> str:
         return f"{source.bind(array_reader(field, code))}(v)"
 
     def messages(self, source: FunctionSource) -> str:
-        return f"{source.bind(list_of({}))}(v)"
+        return f"{source.bind(list_reader({}))}(v)"
 
 
 PROTO = _Proto()
@@ -249,11 +254,11 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
     """
     source = FunctionSource("make(d)")
     origin.begin(source)
-    made = NewMessage(source, "r", ros_class)
+    made = MessageSource(source, "r", ros_class)
     bits = presence_bits(ros_class, proto_class)
     if bits is not None:
         source.add("has = 0")
-    for name, ros_type, field in pairs(ros_class, proto_class):
+    for name, ros_type, field in mirrored_fields(ros_class, proto_class):
         optional = origin.fetch(source, field)
         if bits is not None and name in bits:
             source.add(f"if v is not None: has |= {bits[name]}")
@@ -263,7 +268,7 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
     for group in oneofs(proto_class):
         inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
         types = inner_class.get_fields_and_field_types()
-        inner = NewMessage(source, "o", inner_class)
+        inner = MessageSource(source, "o", inner_class)
         source.add("which = 0")
         for number, field in enumerate(group.fields, 1):
             origin.fetch(source, field)
@@ -279,7 +284,7 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
 
 
 def _set(
-    made: NewMessage, name: str, ros_type: str, field: Any, origin: Origin, *, optional: bool
+    made: MessageSource, name: str, ros_type: str, field: Any, origin: Origin, *, optional: bool
 ) -> None:
     """Write source that sets the field `name` from `v`, or to its blank value if `v` is None."""
     source, items = made.source, item_type(ros_type)
@@ -293,7 +298,7 @@ def _set(
         blank, value = _BLANKS.get(ros_type, "0"), origin.scalar(source, field)
         if field.enum_type is not None and "/" in ros_type:
             source.add(f"v = {f'{blank} if v is None else ' if optional else ''}{value}")
-            enum = NewMessage(source, "e", class_of(ros_type))
+            enum = MessageSource(source, "e", class_of(ros_type))
             enum.set("value", "v")
             made.set(name, "e")
             return
@@ -322,8 +327,9 @@ def _list(source: FunctionSource, items: str, field: Any, origin: Origin) -> tup
 
 @cache
 def _enum_maker(ros_class: Any) -> Make:
+    """Return a function that creates an enum message from its number."""
     source = FunctionSource("make(v)")
-    made = NewMessage(source, "e", ros_class)
+    made = MessageSource(source, "e", ros_class)
     made.set("value", "v")
     source.add("return e")
     return source.compile()

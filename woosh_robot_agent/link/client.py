@@ -36,12 +36,7 @@ def _unchanged(value: T) -> T:
 class ChassisClient:
     """A link to one chassis that reconnects by itself.
 
-    Use it in one asyncio event loop::
-
-        async with ChassisClient("172.20.8.74") as chassis:
-            chassis.subscribe(PoseSpeed, lambda pose_speed: print(pose_speed.pose))
-            answer = await chassis.request(Speak(text="hello"))
-            print(answer.ok, answer.msg)
+    Use it in one asyncio event loop; `woosh_robot_agent.link` has an example.
 
     After a reconnect, subscriptions are renewed, and no request is sent again. The client belongs
     to the first robot that answers. If a robot with another id or serial number answers later, it
@@ -75,8 +70,8 @@ class ChassisClient:
         """Callbacks of `on_accepted`, by protobuf full name of the request."""
         self._minimum_timeouts = minimum_timeouts or {}
         self._refused_callbacks: list[Callable[[Message], None]] = []
-        self._reserved: Callable[[Message], bool] = _reserve_nothing
-        """Selects the requests that only the caller of `reserve` may send."""
+        self._reserved: Callable[[Message], bool] | None = None
+        """Selects the requests that only the caller of `reserve` may send; None for no request."""
         self._permitted: Callable[[Message], bool] | None = None
         """Selects the requests that may be sent; None for all of them."""
         self._refusal_reason = ""
@@ -209,8 +204,9 @@ class ChassisClient:
                 `request_timeout`, or the minimum timeout of the request if that is longer.
             first: send it ahead of all other waiting requests, and even if `max_in_flight` requests
                 are in flight.
-            tap: called with the answer, in order with the pushes: after those that arrived before
-                it, and before those that arrived after it.
+            tap: callback that gets the answer in order with the pushes: after those that arrived
+                before it, and before those that arrived after it. `request` itself may return
+                before earlier pushes are delivered.
 
         Raises:
             NotConnectedError: there is no link; nothing was sent.
@@ -229,7 +225,7 @@ class ChassisClient:
         Raises:
             LinkError, RuntimeError: as `request`.
         """
-        if self._reserved(message):
+        if self._reserved is not None and self._reserved(message):
             raise RuntimeError(
                 f"{full_name(message)} is reserved; send it through the object that reserved it"
             )
@@ -249,7 +245,7 @@ class ChassisClient:
         Raises:
             RuntimeError: requests of this client are reserved already.
         """
-        if self._reserved is not _reserve_nothing:
+        if self._reserved is not None:
             raise RuntimeError("requests of this client are reserved already")
         self._reserved = which
         return self._send
@@ -409,17 +405,21 @@ class ChassisClient:
         if connection is None or self._status.state is not LinkState.READY:
             raise self._status.not_connected()
         timeout = self.timeout_of(full_name(message)) if how.timeout is None else how.timeout
-        tap = self._queued_tap(message, how.tap)
+        tap = self._queueing_tap(message, how.tap)
         try:
             return await connection.request(message, how._replace(timeout=timeout, tap=tap))
         except NotConnectedError as error:  # the connection has just ended
             self._status.lost(error.__cause__)
             raise self._status.not_connected() from None
 
-    def _queued_tap(
+    def _queueing_tap(
         self, message: Message, tap: Callable[[Answer], None] | None
     ) -> Callable[[Answer], None] | None:
-        """Return a function that queues an answer for its callbacks; None if it can have none."""
+        """Return a callback that queues the answer to `message`, among the pushes.
+
+        From the queue, the answer goes to `tap` and to the callbacks of `on_accepted` and
+        `on_refused`. None if there are no such callbacks.
+        """
         on_accepted = self._accepted_callbacks.get(full_name(message), ())
         if tap is None and not on_accepted and not self._refused_callbacks:
             return None
@@ -439,8 +439,3 @@ class ChassisClient:
                 self._subscriptions.put_answer(call_all, answer)
 
         return put
-
-
-def _reserve_nothing(_message: Message) -> bool:
-    """Reserve nothing."""
-    return False

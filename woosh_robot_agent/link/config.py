@@ -175,6 +175,7 @@ def url_host(host: str) -> str:
 
 
 def _is_host(text: str) -> bool:
+    """Return True for an IP address, or for a text that may be a host name."""
     if ":" not in text:
         return bool(re.fullmatch(r"[\w.-]+", text)) and all(
             0 < len(label) < 64 for label in text.removesuffix(".").split(".")

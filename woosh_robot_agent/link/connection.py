@@ -64,10 +64,9 @@ _NO_ANSWER = Sentence(
 
 
 class Expiry:
-    """Calls a function when the earliest of many deadlines has passed.
+    """Timer that many requests share: calls a function when the earliest deadline has passed.
 
-    All deadlines share one timer, which is set again only for an earlier deadline. This is cheaper
-    than a timer per request.
+    The timer is set again only for an earlier deadline. This is cheaper than a timer per request.
 
     Args:
         loop: the event loop.
@@ -135,13 +134,16 @@ class Liveness:
         self._probe = probe
         self._sent = sent
         self._now = asyncio.get_running_loop().time
-        self._heard_at = self._taken_at = self._now()
+        self._alive_at = self._now()
+        """Loop time of the last sign of life."""
+        self._accepted_at = self._now()
+        """Loop time at which the other end last accepted bytes, or none were waiting."""
         self._previous = (sent(), 0)
         """Frames sent, and bytes waiting to be sent, at the last check."""
 
-    def heard(self) -> None:
+    def note_alive(self) -> None:
         """Note a sign of life."""
-        self._heard_at = self._now()
+        self._alive_at = self._now()
 
     async def watch(self) -> None:
         """Watch the connection for as long as the other end is alive.
@@ -150,14 +152,14 @@ class Liveness:
             ConnectionLostError: the other end is no longer alive.
         """
         while True:
-            quiet = self._check()
+            quiet = self._measure_silence()
             if quiet < self._timeout * _IDLE_SHARE:
                 await self._sleep(self._timeout * _IDLE_SHARE - quiet)
                 continue
             try:
-                await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._ask())
+                await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._probe_once())
             except (TimeoutError, RequestTimeoutError):
-                if self._check() >= self._usable_timeout:
+                if self._measure_silence() >= self._usable_timeout:
                     raise ConnectionLostError(_SILENT(seconds=f"{self._timeout:g}")) from None
 
     async def _sleep(self, seconds: float) -> None:
@@ -166,32 +168,32 @@ class Liveness:
         await asyncio.sleep(seconds)
         late = self._now() - due
         if late > self._timeout * _BUSY_SHARE:
-            self._heard_at += late
-            self._taken_at += late
+            self._alive_at += late
+            self._accepted_at += late
 
-    async def _ask(self) -> None:
+    async def _probe_once(self) -> None:
         await self._probe()
-        self.heard()
+        self.note_alive()
 
-    def _check(self) -> float:
-        """Return the time since the last sign of life, in seconds.
+    def _measure_silence(self) -> float:
+        """Look for signs of life at the transport; return the time since the last, in seconds.
 
         Raises:
             ConnectionLostError: the other end has stopped reading.
         """
         now = self._now()
-        self._heard_at = max(self._heard_at, self._transport.progress_at)
+        self._alive_at = max(self._alive_at, self._transport.progress_at)
         sent, backlog = self._sent(), self._transport.backlog()
         previous_sent, previous_backlog = self._previous
         self._previous = sent, backlog
-        if sent == previous_sent and backlog < previous_backlog:
-            self._heard_at = now
+        if sent == previous_sent and backlog < previous_backlog:  # a part was read over there
+            self._alive_at = now
         if not backlog or sent != previous_sent or backlog < previous_backlog:
-            self._taken_at = now
-        elif now - self._taken_at >= self._timeout:
+            self._accepted_at = now
+        elif now - self._accepted_at >= self._timeout:
             seconds = f"{self._timeout:g}"
             raise ConnectionLostError(_READS_NOTHING(seconds=seconds, bytes=backlog))
-        return now - self._heard_at
+        return now - self._alive_at
 
 
 _LOG = logging.getLogger(__name__)
@@ -217,7 +219,7 @@ class Sending(NamedTuple):
             of them.
         within: maximum time that the request may wait to be sent, in seconds.
         always: send it even if `ChassisClient.permit_only` excludes it.
-        tap: called with the answer as soon as it is read, in order with the pushes.
+        tap: callback that gets the answer in order with the pushes; see `ChassisClient.request`.
     """
 
     timeout: float | None = None
@@ -338,10 +340,7 @@ class Connection:
 
         Raises:
             NotConnectedError: the connection has ended; nothing was sent.
-            TooManyRequestsError: nothing was sent.
-            SupersededError: the request was withdrawn or waited too long; it was not sent.
-            RequestTimeoutError: no answer arrived in time.
-            ConnectionLostError: the connection ended before the answer arrived.
+            LinkError: as in `ChassisClient.request`.
         """
         name = full_name(message)
         if self._cause is not None:
@@ -363,7 +362,7 @@ class Connection:
                 self._codec.encode, name, message, sn=sn, timestamp=time.time_ns() // 1_000_000
             )
             data = encode() if message.ByteSize() < LARGE else None
-            # the outbox keeps requests with `first` in the order that their sender expects
+            # in the outbox, a request with `first` goes ahead even of an earlier one with `first`
             if data is not None and self._is_free_for(data) and not how.first:
                 await self._guard(partial(self._send, data))
             else:
@@ -381,14 +380,7 @@ class Connection:
             self._urgent_pending -= urgent
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
-        """Withdraw requests that wait to be sent; those that were sent are not affected.
-
-        The caller of a withdrawn request gets a SupersededError.
-
-        Args:
-            which: selects the requests.
-            reason: the text of the error, after "not sent: ".
-        """
+        """Withdraw requests that wait to be sent; see `ChassisClient.withdraw`."""
         for sn, pending in self._pending.items():
             if sn in self._outbox and which(pending.message):
                 del self._outbox[sn]
@@ -400,7 +392,7 @@ class Connection:
         if topics and self._cause is None:
             data = self._codec.encode(SUBSCRIPTION_TYPE, Subscription(topics=topics, sub=on))
             self._subscribe_frames += 1
-            self._put(-self._subscribe_frames, _Outgoing(data, math.inf, False))
+            self._put(-self._subscribe_frames, _Outgoing(data, math.inf, urgent=False))
 
     async def close(self, cause: LinkError) -> None:
         """End the connection within `close_timeout`; pending requests fail with the first cause."""
@@ -425,6 +417,7 @@ class Connection:
         }
 
     def _fail(self, cause: LinkError) -> None:
+        """Note why the connection ends, unless it has ended already."""
         if self._cause is not None:
             return
         self._cause = cause
@@ -457,6 +450,7 @@ class Connection:
     # Sending
 
     def _check_in_flight(self, name: str) -> None:
+        """Raise TooManyRequestsError if `max_in_flight` requests are in flight."""
         in_flight = len(self._pending) - self._urgent_pending
         if in_flight >= self.config.max_in_flight:
             text = _TOO_MANY(name=name, count=in_flight)
@@ -476,6 +470,7 @@ class Connection:
         self._outbox_filled.set()
 
     async def _write(self) -> None:
+        """Send the frames in the outbox, until cancelled."""
         while True:
             while (key := self._next_to_send()) is not None:
                 frame = self._outbox.pop(key)
@@ -551,6 +546,7 @@ class Connection:
     # Receiving
 
     async def _read(self) -> None:
+        """Receive frames until the connection ends."""
         slice_started = self._loop.time()
         while True:
             try:
@@ -579,7 +575,7 @@ class Connection:
 
     def _receive(self, envelope: Envelope, alone: bool) -> None:
         self._stats.rx += 1
-        self._liveness.heard()
+        self._liveness.note_alive()
         if envelope.defect:
             self._count_bad(FrameError("timestamp", envelope.defect))
         if envelope.timestamp is not None:
@@ -624,13 +620,14 @@ class Connection:
         if (cls := message_types().get(envelope.type)) is not None:
             try:
                 envelope.message = self._codec.body(envelope, cls)
-            except FrameError:  # found again, and counted, by whoever reads the body
+            except FrameError:  # raised again, and counted, when a consumer reads the body
                 return envelope
-            if not envelope.sn:  # the body of an answer may be read as another type
+            if not envelope.sn:  # an answer keeps its body, which may be read as another type
                 envelope.body = None
         return envelope
 
     def _answer(self, envelope: Envelope) -> None:
+        """Give an answer to the request that waits for it."""
         pending = self._pending.get(envelope.sn)
         if pending is None or pending.future.done():
             self._stats.late_answers += 1

@@ -52,6 +52,7 @@ def full_name(message: Message | type[Message]) -> str:
     return str(message.DESCRIPTOR.full_name)
 
 
+# Parts of the names of enum values that a reader does not need
 _PREFIXES = ("k", "Ros")
 _SUFFIXES = ("Mode",)
 

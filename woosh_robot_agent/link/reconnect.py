@@ -28,7 +28,7 @@ from woosh_robot_agent.link.connection import Connection, Sending
 from woosh_robot_agent.link.frames import Answer
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LinkRecord, LogOnce, one_line
-from woosh_robot_agent.link.subscriptions import Subscriptions, call
+from woosh_robot_agent.link.subscriptions import Subscriptions, call_logged
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -127,7 +127,7 @@ class LinkStatus:
             elif state is LinkState.STOPPED and not waiter.done():
                 waiter.set_exception(self.not_connected())
         for callback in tuple(self._callbacks):
-            call(callback, state)
+            call_logged(callback, state)
 
     def lost(self, cause: BaseException | None) -> None:
         """Enter WAITING if the link is ready, with `cause` as the last error."""
@@ -251,7 +251,7 @@ async def handshake(
     try:
         connection.subscribe(subscriptions.wanted, on=True)
         answer = await _request_info(connection, put_snapshot, config)
-        _check(answer, log)
+        _check_info(answer, log)
         robot = _sender(answer)
         if _is_other(robot, expected):
             raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
@@ -268,10 +268,12 @@ def _sender(answer: Answer) -> RobotIdentity | None:
 
 
 def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bool:
+    """Return True if two robots differ; False if one of them is not known."""
     return robot is not None and expected is not None and robot.differs_from(expected)
 
 
-def _check(answer: Answer, log: LogOnce) -> None:
+def _check_info(answer: Answer, log: LogOnce) -> None:
+    """Raise a HandshakeError if an answer is not a RobotInfo; warn if it cannot be read."""
     if not answer.ok or answer.type != full_name(RobotInfo):
         reason = one_line(answer.defect if answer.ok else answer.msg)
         raise HandshakeError(_NO_INFO(reason=reason or (_OTHER_TYPE if answer.ok else "")))
@@ -389,12 +391,13 @@ class ReconnectLoop:
         return task
 
     async def _run(self) -> None:
-        me = asyncio.current_task()
-        if earlier := self._tasks - {me}:
+        """Connect, and reconnect until another task replaces this one."""
+        this_task = asyncio.current_task()
+        if earlier := self._tasks - {this_task}:  # they are closing their connection
             await asyncio.wait(earlier)
         self._status.last_error = None
         backoff = Backoff(self.config.backoff_min, self.config.backoff_max)
-        while self._current is me:
+        while self._current is this_task:
             config = self.config
             self._status.enter(LinkState.CONNECTING)
             try:
@@ -411,6 +414,11 @@ class ReconnectLoop:
             await asyncio.sleep(backoff.next())
 
     async def _connect(self, config: LinkConfig) -> Connection:
+        """Return a connection after its handshake.
+
+        Raises:
+            LinkError: as `open_link` and `handshake`.
+        """
         transport = await open_link(config)
         codec = client_codec(config)
         connection = Connection(

@@ -111,27 +111,17 @@ class PrintableFormatter(logging.Formatter):
         return "\n".join(map(printable, super().formatException(ei).split("\n")))
 
 
-def log_to_stderr(level: int, form: str, *filters: logging.Filter) -> None:
-    """Make a program log to stderr.
-
-    Args:
-        level: lowest level that is logged.
-        form: format of a record.
-        filters: filters that each record passes.
-    """
+def log_to_stderr(level: int, record_format: str, *filters: logging.Filter) -> None:
+    """Make a program log to stderr, from a level on; each record passes the filters."""
     handler = logging.StreamHandler()
-    handler.setFormatter(PrintableFormatter(form))
+    handler.setFormatter(PrintableFormatter(record_format))
     for each in filters:
         handler.addFilter(each)
     logging.basicConfig(level=level, handlers=[handler])
 
 
 class LogOnce:
-    """Logs each kind of problem once, until it is cleared.
-
-    Args:
-        logger: the logger to use.
-    """
+    """Logs each kind of problem once, until it is cleared."""
 
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
@@ -204,7 +194,7 @@ class DropLog:
         if series is None:
             self._logger.warning("%s", text)
             timer = loop.call_at(now + self._quiet, self._check, kind)
-            self._series[kind] = _Series(now, now, 1, timer)
+            self._series[kind] = _Series(first=now, last=now, count=1, timer=timer)
         else:
             series.last = now
             series.count += 1
@@ -215,6 +205,7 @@ class DropLog:
             self._end(kind)
 
     def _check(self, kind: str) -> None:
+        """End a series, or check again later if it goes on."""
         series = self._series[kind]
         loop = asyncio.get_running_loop()
         if loop.time() < series.last + self._quiet:
@@ -232,9 +223,6 @@ class DropLog:
 
 class LinkRecord:
     """Counters and logs of one link.
-
-    Args:
-        logger: gets all logs.
 
     Attributes:
         stats: counters.

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from woosh_robot_agent.link.frames import Codec
-from woosh_robot_agent.link.tasks import run_with_timeout, wait_then_cancel
+from woosh_robot_agent.link.tasks import close_or_abort, run_with_timeout
 from woosh_robot_agent.link.transport import (
     CHUNK,
     FrameConnection,
@@ -130,7 +130,7 @@ class ConnectedClient:
 
     @property
     def backlog(self) -> int:
-        """Number of frames that wait to be written."""
+        """Number of queued frames."""
         return len(self._outbox)
 
     @property
@@ -140,7 +140,7 @@ class ConnectedClient:
 
     def send(self, frame: Encoded) -> None:
         """Queue a frame without waiting."""
-        if self._has_room():
+        if self._ensure_room():
             self._outbox.append(frame)
             self._outbox_bytes += _size(frame)
             self._filled.set()
@@ -178,8 +178,8 @@ class ConnectedClient:
         """Return the number of frames that count towards `max_outbox`."""
         return len(self._outbox)
 
-    def _has_room(self) -> bool:
-        """Return True if another frame may be queued. Otherwise drop the client."""
+    def _ensure_room(self) -> bool:
+        """Drop the client if its queue is full; return True if a frame may be queued."""
         is_full = self._waiting_frames() >= self._max_outbox or self._outbox_bytes > _MAX_BYTES
         if self._open and is_full:
             self.drop()
@@ -200,26 +200,17 @@ class TcpServerTransport(TcpTransport):
     async def send_raw(self, data: bytes) -> None:
         await self._write(data)
 
+    # the transport of the writer serves both directions
+
     def pause(self) -> None:
-        self._read_side.pause_reading()
+        self._writer.transport.pause_reading()  # type: ignore[attr-defined]
 
     def resume(self) -> None:
-        self._read_side.resume_reading()
-
-    @property
-    def _read_side(self) -> Any:
-        return self._writer.transport  # one object for both directions
+        self._writer.transport.resume_reading()  # type: ignore[attr-defined]
 
 
 async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) -> Listener:
-    """Listen for TCP clients.
-
-    Args:
-        handler: serves one connection.
-        host: the address to listen on.
-        port: the port to listen on; 0 takes a free port.
-        max_size: largest frame that is read, in bytes.
-    """
+    """Listen for TCP clients; the arguments are those of `serve_websocket`."""
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await handler(TcpServerTransport(reader, writer, max_size))
@@ -272,7 +263,7 @@ class HttpConnection(asyncio.Protocol):
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
         self._unread = 0
         """Number of bytes since the last message or ping of the WebSocket."""
-        self._opening = loop.call_later(open_timeout, self._give_up)
+        self._opening = loop.call_later(open_timeout, lambda: self.transport.abort())
 
     def opened(self, max_message: int | None = None) -> None:
         """Note that the first request has arrived, or that the handshake is complete.
@@ -317,9 +308,6 @@ class HttpConnection(asyncio.Protocol):
 
     def resume_writing(self) -> None:
         self._inner.resume_writing()
-
-    def _give_up(self) -> None:
-        self.transport.abort()
 
     # For server transports over HTTP
 
@@ -396,12 +384,7 @@ class WebSocketServerTransport:
         return True
 
     async def close(self, timeout: float = 1.0) -> None:
-        closing = asyncio.ensure_future(self._socket.close())
-        try:
-            await asyncio.wait({closing}, timeout=timeout)
-        finally:
-            self.abort()
-            await wait_then_cancel(closing)
+        await close_or_abort(self._socket.close(), self.abort, timeout)
 
     def abort(self) -> None:
         self._connection.transport.abort()
@@ -430,6 +413,7 @@ class WebSocketServerTransport:
             raise TransportClosedError(str(error)) from None
 
     def _ended(self, message: WSMessage) -> TransportClosedError:
+        """Return the error for a message with which aiohttp reports the end of the WebSocket."""
         if message.type is WSMsgType.CLOSE:
             return TransportClosedError(f"closed with code {message.data} {message.extra}".rstrip())
         if message.type is WSMsgType.ERROR:

@@ -21,8 +21,8 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 _LOG = logging.getLogger(__name__)
 
 
-def call(callback: Callable[[Any], None], argument: object) -> None:
-    """Call a consumer's callback and log its exceptions.
+def call_logged(callback: Callable[[Any], None], argument: object) -> None:
+    """Call a callback; log its exceptions, so that they do not end the caller's task.
 
     Raises:
         FrameError: the callback tried to read an invalid body.
@@ -207,7 +207,7 @@ class Subscriptions:
         self._held = PushQueue(self._depths, self._stats.dropped_pushes)
 
     def release(self) -> None:
-        """Deliver what was held back, and what arrives from now on; idempotent."""
+        """Stop holding back, and queue what was held back; idempotent."""
         held, self._held = self._held, None
         for name, deliver in () if held is None else held.take_all():
             self._queue.put(name, deliver)
@@ -224,7 +224,7 @@ class Subscriptions:
 
     # Called by the reader of the connection; these methods never wait
 
-    def put_push(self, codec: Codec, envelope: Envelope, alone: bool = False) -> None:
+    def put_push(self, codec: Codec, envelope: Envelope, alone: bool) -> None:
         """Deliver or queue a push if it has a consumer.
 
         Args:
@@ -257,10 +257,11 @@ class Subscriptions:
 
     def put_answer(self, tap: Callable[[Answer], None], answer: Answer) -> None:
         """Queue an answer for `tap`, in order with the pushes."""
-        self._target.put(_ANSWER, partial(call, tap, answer))
+        self._target.put(_ANSWER, partial(call_logged, tap, answer))
 
     @property
     def _target(self) -> PushQueue:
+        """The queue of what arrives now."""
         return self._queue if self._held is None else self._held
 
     # Delivery
@@ -273,8 +274,10 @@ class Subscriptions:
         slice_started = now()
         try:
             while True:
-                if (further := (await queue.get())()) is not None:
-                    await further
+                deliver = await queue.get()
+                rest = deliver()
+                if rest is not None:  # a large value is prepared; later ones must wait
+                    await rest
                 if now() - slice_started > _TIME_SLICE:
                     await asyncio.sleep(0)
                     slice_started = now()
@@ -285,8 +288,12 @@ class Subscriptions:
             self._lanes.clear()
 
     def _deliver(self, body: Body) -> None:
+        """Deliver a push, or let it wait in the lane of its type if it or an earlier one is large.
+
+        A lane keeps pushes of one type in order while large ones are prepared in another thread.
+        """
         lane = self._lanes.get(body.type)
-        if lane is not None:  # behind a large one of the same type
+        if lane is not None:
             if len(lane) == lane.maxlen:
                 self._stats.dropped_pushes[body.type] += 1
             lane.append(body)
@@ -303,7 +310,7 @@ class Subscriptions:
     def _deliver_now(self, body: Body) -> None:
         for consumer in tuple(self._consumers[body.type]):
             try:
-                call(consumer.take, body)
+                call_logged(consumer.take, body)
             except FrameError:  # `_count_bad` has logged it
                 return
 
@@ -318,6 +325,7 @@ class Subscriptions:
         self._lanes.pop(name, None)
 
     async def _deliver_large(self, value: Body | RobotInfo, consumers: list[Consumer]) -> None:
+        """Prepare a value in the thread for large messages, and call the consumers."""
         for consumer in tuple(consumers):
             try:
                 prepared = await aside(consumer.prepare, value)
@@ -326,7 +334,7 @@ class Subscriptions:
             except Exception:
                 _LOG.exception("a callback failed")
                 continue
-            call(consumer.callback, prepared)
+            call_logged(consumer.callback, prepared)
 
     def _count_bad(self, name: str, error: FrameError) -> None:
         self._stats.bad_frames[error.kind] += 1
@@ -336,7 +344,7 @@ class Subscriptions:
         if answer.raw.is_large:
             return self._deliver_large_snapshot(answer.raw.message())
         for consumer in tuple(self._snapshot_consumers):
-            call(consumer.take, answer.body)
+            call_logged(consumer.take, answer.body)
         return None
 
     async def _deliver_large_snapshot(self, info: RobotInfo) -> None:

@@ -17,10 +17,6 @@ def start_task(work: Coroutine[Any, Any, T], name: str | None = None) -> asyncio
 
     The coroutine runs up to its first wait before this function returns, which saves a turn of the
     event loop. Before Python 3.12 it starts with the loop's next turn.
-
-    Args:
-        work: the coroutine.
-        name: name of the task, for debugging.
     """
     loop = asyncio.get_running_loop()
     if sys.version_info >= (3, 12):
@@ -63,12 +59,19 @@ async def cancel_and_wait(*tasks: asyncio.Future[Any]) -> None:
         await asyncio.wait(tasks, timeout=_GRACE)
 
 
-async def wait_then_cancel(task: asyncio.Future[Any]) -> None:
-    """Wait at most one second for a task that is about to end by itself, then cancel it."""
+async def close_or_abort(
+    closing: Coroutine[Any, Any, object], abort: Callable[[], None], timeout: float
+) -> None:
+    """Close a connection in an orderly way within `timeout` seconds, then call `abort`."""
+    task = asyncio.ensure_future(closing)
     try:
-        await asyncio.wait({task}, timeout=_GRACE)
+        await asyncio.wait({task}, timeout=timeout)
     finally:
-        await cancel_and_wait(task)
+        abort()
+        try:
+            await asyncio.wait({task}, timeout=_GRACE)  # the abort lets it end by itself
+        finally:
+            await cancel_and_wait(task)
 
 
 def _retrieve_exception(task: asyncio.Future[Any]) -> None:
@@ -102,6 +105,7 @@ async def aside(function: Callable[..., T], *args: Any) -> T:
 
 
 def _run(function: Callable[..., T], *args: Any) -> T:
+    """Return the result of a function during which the GIL changes hands often."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_INTERVAL)
     try:

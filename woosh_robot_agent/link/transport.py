@@ -15,8 +15,8 @@ from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.tasks import (
     LARGE,
     cancel_and_wait,
+    close_or_abort,
     run_with_timeout,
-    wait_then_cancel,
 )
 from woosh_robot_agent.sentences import Sentence
 
@@ -115,8 +115,6 @@ def peer_address(transport: Any) -> str:
     name = transport.get_extra_info("peername")
     return f"{name[0]}:{name[1]}" if isinstance(name, tuple) else "unknown"
 
-
-__all__ = ["RAW_TEXT", "ClientSocket", "Connect"]
 
 ClientSocket: Any
 _connect: Any
@@ -261,16 +259,7 @@ class TcpTransport:
 
 
 async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
-    """Connect to a chassis by TCP.
-
-    Args:
-        config: address and limits.
-        made: list to which the stream writer is added as soon as it exists, so that the caller can
-            abort the connection.
-
-    Raises:
-        OSError: nothing answers at the address.
-    """
+    """Connect to a chassis by TCP; as `open_websocket`, with the stream writer in `made`."""
     reader, writer = await asyncio.open_connection(config.ip, config.effective_port)
     made.append(writer)
     return TcpTransport(reader, writer, config.max_frame_size)
@@ -334,7 +323,7 @@ class WebSocketTransport:
         finally:
             self._socket.reader_waits = False
         self._socket.queued -= 1
-        self.waited = self.received != before
+        self.waited = self.received != before  # otherwise the frame had arrived already
         return data
 
     def take_at_once(self, take: Callable[[bytes, bool], None]) -> None:
@@ -348,12 +337,7 @@ class WebSocketTransport:
         return True
 
     async def close(self, timeout: float = 1.0) -> None:
-        closing = asyncio.ensure_future(self._socket.close())
-        try:
-            await asyncio.wait({closing}, timeout=timeout)
-        finally:
-            self.abort()
-            await wait_then_cancel(closing)
+        await close_or_abort(self._socket.close(), self.abort, timeout)
 
     def abort(self) -> None:
         self._socket.transport.abort()
@@ -444,6 +428,7 @@ class _ClientSocket(ClientSocket):
 
 
 def _reason(error: ConnectionClosed) -> str:
+    """Return how a WebSocket ended."""
     close = error.rcvd or error.sent
     if close is None:
         return _NO_CLOSE

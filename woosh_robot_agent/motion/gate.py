@@ -43,7 +43,7 @@ from woosh_robot_agent.link import (
     SupersededError,
 )
 from woosh_robot_agent.link.reports import DropLog
-from woosh_robot_agent.link.subscriptions import call
+from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
@@ -87,7 +87,7 @@ class StopReport:
 
         The chassis refuses to cancel something that is not running, which is no failure.
         """
-        return _is_ok(self.zero) and not self._lost
+        return _is_ok(self.zero) and not self._unanswered_cancels
 
     @property
     def message(self) -> str:
@@ -97,12 +97,14 @@ class StopReport:
         cancelled = [name for name, answer in self.cancels.items() if _is_ok(answer)]
         parts += [_CANCELLED(what=_name(each)) for each in cancelled]
         if not self.success:
-            lost = self._lost[:1] if stopped else []  # otherwise it repeats why the zero is lost
-            parts += [*lost, _ADVICE()]
+            if stopped:  # otherwise it would repeat why the zero has no answer
+                parts += self._unanswered_cancels[:1]
+            parts.append(_ADVICE())
         return joined(THEN, parts)
 
     @property
-    def _lost(self) -> list[Said]:
+    def _unanswered_cancels(self) -> list[Said]:
+        """Texts about the cancel requests without an answer."""
         return [
             _CANCEL_LOST(what=_name(name), reason=said_by(answer))
             for name, answer in self.cancels.items()
@@ -119,6 +121,7 @@ def _reason(answer: Answer | LinkError) -> str:
 
 
 def _name(what: str) -> str:
+    """Return what was cancelled, for the text of a report: a task, or the name of an action."""
     return _TASK() if what == "task" else what
 
 
@@ -198,9 +201,9 @@ class MotionGate:
         self._velocities = LatestWins[Answer](lambda: self.timing)
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
-        self._doubtful: Twist | None = None
-        """The last velocity, if it was unanswered when a task or an action was reported to start:
-        if it is refused, the wheels were taken before it."""
+        self._unanswered_at_start: Twist | None = None
+        """The last velocity, if it was unanswered when a task or an action was reported to start.
+        If the chassis refuses it, it came after the start, and does not drive the robot."""
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
@@ -246,7 +249,7 @@ class MotionGate:
         else:
             answer = await self._chassis.send(message, how)
         for callback in self._answered_callbacks:
-            call(callback, AnsweredCommand(message, sender.name, answer))
+            call_logged(callback, AnsweredCommand(message, sender.name, answer))
         return answer
 
     def announce_stop(self) -> None:
@@ -287,7 +290,7 @@ class MotionGate:
         if self.driving:
             await self._send_zero(timeout)
 
-    async def leave(self, reason: str, timeout: float) -> None:
+    async def stop_driving(self, reason: str, timeout: float) -> None:
         """Stop the robot if it may be driving at a velocity, and refuse motion meanwhile.
 
         Call it before the link is closed, or when commands have just been forbidden. If the robot
@@ -308,11 +311,7 @@ class MotionGate:
                 )
 
     def count_superseded(self, reason: str) -> None:
-        """Count a velocity that was not sent; log the first one of a series.
-
-        Args:
-            reason: why it was not sent, and what to do.
-        """
+        """Count a velocity that was not sent; log the first one of a series, with the reason."""
         if self._forbidden_until < math.inf:  # after closing, refusals are expected
             self.superseded += 1
             self._drops.count("velocity commands were out of date and not sent", reason)
@@ -344,6 +343,7 @@ class MotionGate:
         return self._reported_owner.name
 
     async def _request(self, message: Message, how: Sending, sender: Sender) -> Answer:
+        """Send a motion command; hold a velocity back while the chassis does not answer."""
         if not isinstance(message, Twist):
             return await self._send_if_allowed(message, how, sender)
 
@@ -351,36 +351,41 @@ class MotionGate:
             return self._send_if_allowed(message, how._replace(urgent=True, within=within), sender)
 
         now = asyncio.get_running_loop().time()
-        born = now if sender.published is None else sender.published
-        try:
-            return await self._velocities.request(message, send, born, sender.max_age)  # rule 2
+        published = now if sender.published is None else sender.published
+        try:  # rule 2
+            return await self._velocities.request(message, send, published, sender.max_age)
         except SupersededError as error:
             self.count_superseded(str(error))
             raise
 
     async def _send_if_allowed(self, message: Message, how: Sending, sender: Sender) -> Answer:
-        """Send a motion command at once if the rules allow it now."""
+        """Send a motion command at once, and note whether it drives the robot.
+
+        Raises:
+            SupersededError: the rules forbid it now.
+            LinkError: as in `ChassisClient.request`.
+        """
         self._chassis.check_permitted(message)  # first: a refused velocity does not drive
         moves = may_move(message)
-        if moves and (objection := self.objection(sender.published)):
-            raise SupersededError(objection)
+        if moves and (reason := self.refusal(sender.published)):
+            raise SupersededError(reason)
         if isinstance(message, Twist):
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
         answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
-            if message is self._doubtful and message is self._last_velocity:  # rule 6
+            if message is self._unanswered_at_start and message is self._last_velocity:  # rule 6
                 self._drives_until = -math.inf
             return answer
         if takes_wheels(message):  # rule 6
             self._wheels_taken = time.monotonic()
             self._drives_until = -math.inf
-        elif message is self._last_velocity and not moves:
+        elif message is self._last_velocity and not moves:  # an accepted zero
             self._drives_until = -math.inf
         return answer
 
-    def objection(self, published: float | None) -> str:
+    def refusal(self, published: float | None) -> str:
         """Return why a command may not move the robot now; empty if it may. Thread-safe.
 
         Args:
@@ -391,7 +396,7 @@ class MotionGate:
             return NOT_SENT(reason=self._forbidden)
         if now < self._stop_called + self.timing.hold:  # rule 4, while the stop waits for its turn
             return NOT_SENT(reason=_STOPPED)
-        self._stalls.check()
+        self._stalls.check()  # a stall may have ended just now, before the next heartbeat
         if published is not None and self._stalls.is_from_before(published):  # rule 8
             return NOT_SENT(reason=_STALLED(seconds=f"{self._stalls.duration:.1f}"))
         return ""
@@ -424,14 +429,13 @@ class MotionGate:
         self._chassis.withdraw(may_move, reason)
 
     def _start_reported(self) -> None:
-        """Forget the last velocity, because a task or an action has taken the wheels after it."""
-        # the velocity may have been sent after the start if it is unanswered, or if this gate
-        # commanded the start, which is reported some time after it was accepted
-        own_start = time.monotonic() < self._wheels_taken + self.timing.driving
-        if own_start:
+        """Note that a task or an action drives the robot, and no longer an earlier velocity."""
+        if time.monotonic() < self._wheels_taken + self.timing.driving:
+            # This gate sent the start, and has noted it when the chassis accepted it. A velocity
+            # that was sent between the acceptance and this report drives the robot.
             return
-        if self._velocities.in_flight:
-            self._doubtful = self._last_velocity
+        if self._velocities.in_flight:  # it may have come before or after the start
+            self._unanswered_at_start = self._last_velocity
         else:  # rule 6
             self._drives_until = -math.inf
 

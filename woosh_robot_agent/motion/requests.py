@@ -65,7 +65,7 @@ def may_move(request: Message) -> bool:
     if isinstance(request, ActionOrder):
         return request.order not in _RESTING_ORDERS
     if isinstance(request, Follow):
-        return request.type
+        return request.type  # False ends the following
     if isinstance(request, RepeatTask):
         return request.order not in _EDITING_ORDERS
     return isinstance(request, TASK_REQUESTS)
@@ -80,8 +80,4 @@ def takes_wheels(request: Message) -> bool:
         )
     if isinstance(request, ActionOrder):
         return request.order in _DRIVING_ORDERS
-    if isinstance(request, Follow):
-        return request.type
-    if isinstance(request, RepeatTask):
-        return request.order not in _EDITING_ORDERS
-    return isinstance(request, TASK_REQUESTS)
+    return may_move(request) and not isinstance(request, Twist)

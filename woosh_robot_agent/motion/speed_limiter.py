@@ -32,10 +32,6 @@ _ACTION = -1
 """Stands for the action MoveBase in place of the id of a task."""
 
 
-def _nothing() -> None:
-    """Do nothing."""
-
-
 class SpeedLimiter:
     """Limits the speed of the robot's navigation. Used in the event loop of the link.
 
@@ -60,7 +56,7 @@ class SpeedLimiter:
         gate: MotionGate,
         start: Callable[[Coroutine[Any, Any, None]], object],
         on_refused: Callable[[str], None],
-        on_change: Callable[[], None] = _nothing,
+        on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self._gate = gate
         self._start = start
@@ -86,11 +82,7 @@ class SpeedLimiter:
         return self._sent != math.inf
 
     def restore(self, is_limited: bool) -> None:
-        """Restore the state of an earlier process.
-
-        Args:
-            is_limited: the last value of `is_limited` in that process.
-        """
+        """Restore the last value of the property `is_limited` of an earlier process."""
         self._sent = _UNKNOWN if is_limited else math.inf
 
     def limit(self, limit: float | None) -> None:
@@ -147,20 +139,23 @@ class SpeedLimiter:
             self._sent = _UNKNOWN
 
     def _send(self) -> None:
+        """Send the limit if the robot navigates and may not have it yet."""
         if self._limit in (None, self._sent) or self.refusal or not self._navigation:
             return
         was_limited, self._sent = self.is_limited, self._limit
-        self._start(self._request(self._navigation, self._limit))
+        self._start(self._send_limit(self._navigation, self._limit))
         if self.is_limited != was_limited:
             self._on_change()
 
-    async def _request(self, navigation: int, limit: float) -> None:
-        """Send a limit for one navigation, given as `_navigation` tells it.
+    async def _send_limit(self, navigation: int, limit: float) -> None:
+        """Send a limit for the navigation that goes on now, which is `_navigation`.
 
         A refusal counts only if neither the navigation nor the limit has changed meanwhile.
         """
         try:
-            answer = await self._gate.request(_request(limit, in_action=navigation == _ACTION))
+            answer = await self._gate.request(
+                _limit_request(limit, in_action=navigation == _ACTION)
+            )
         except LinkError as error:
             if not isinstance(error, NotConnectedError):  # the link says so itself
                 _LOG.warning("the speed limit was not sent or not answered: %s", error)
@@ -176,13 +171,8 @@ class SpeedLimiter:
             self._on_refused(_LIMIT_REFUSED(limit=str(limit), reason=self.refusal))
 
 
-def _request(limit: float, *, in_action: bool) -> Message:
-    """Return the request that sets a limit.
-
-    Args:
-        limit: maximum speed, in m/s; infinite without a limit.
-        in_action: the robot navigates in the action MoveBase, not in a task.
-    """
+def _limit_request(limit: float, *, in_action: bool) -> Message:
+    """Return the request that sets a limit, for a navigation in MoveBase or in a task."""
     speed = limit if math.isfinite(limit) else 0.0
     if in_action:
         mode = NavigationMode(mode=NavigationMode.kAccurateAvoid, max_speed=speed)

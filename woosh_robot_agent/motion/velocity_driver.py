@@ -163,11 +163,9 @@ class VelocityDriver:
         """True if the last velocity that was sent was not zero."""
         self._waiting: Twist | None = None
         """The velocity to send next."""
-        self._published = -math.inf
-        """Loop time at which the velocity in `_waiting` was published."""
-        self._heard = -math.inf
+        self._received = -math.inf
         """Loop time of the last velocity that was received."""
-        self._accepted = -math.inf
+        self._published = -math.inf
         """Loop time at which the sender published the last accepted velocity."""
         self._pace = Pace()
         """Loop times at which velocities may be sent."""
@@ -215,25 +213,25 @@ class VelocityDriver:
         try:
             limited = limits.apply(Twist(linear=linear, linear_y=sideways, angular=angular))
         except UnusableVelocityError as error:  # rule 1
-            self.refuse("value", said_by(error))
+            self.log_refusal("value", said_by(error))
             return
         now = asyncio.get_running_loop().time()
-        paused, self._heard = now - self._heard > self._gate.timing.pause, now
+        has_paused, self._received = now - self._received > self._gate.timing.pause, now
         published = min(published, now)
         moves = any(values)
-        if not moves or paused:
+        if not moves or has_paused:
             self._silenced = ""
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
                 self._silence(_NOT_PERMITTED)
-            self.refuse("not permitted", reason)
+            self.log_refusal("not permitted", reason)
         elif moves and self._silenced:  # rule 3
             pause = f"{self._gate.timing.pause:g}"
-            self.refuse("silenced", _SILENCED(reason=self._silenced, seconds=pause))
+            self.log_refusal("silenced", _SILENCED(reason=self._silenced, seconds=pause))
         elif moves and not limits.override and (owner := self._gate.owner):  # rule 2
-            self.refuse("owner", _OWNED(owner=owner))
+            self.log_refusal("owner", _OWNED(owner=owner))
         elif self._chassis.state is not LinkState.READY:  # rule 5
-            self.refuse("link", _NO_LINK)
+            self.log_refusal("link", _NO_LINK)
         elif moves and now - published > self._max_age:  # rule 5
             self._gate.count_superseded(
                 f"{self._name}: a velocity was not sent: it was {now - published:.2f} s old, and "
@@ -242,17 +240,12 @@ class VelocityDriver:
             )
         elif moves or self._has_to_stop():  # rule 8
             self._log.clear()
-            self._accepted = self._published = published
+            self._published = published
             self._waiting = limited
             self._send_or_wait(now)
 
-    def refuse(self, kind: str, reason: str) -> None:
-        """Log why a velocity is refused; repeated reasons of one kind are logged once.
-
-        Args:
-            kind: the kind of the reason.
-            reason: why, and what to do.
-        """
+    def log_refusal(self, kind: str, reason: str) -> None:
+        """Log why a velocity is refused, and what to do; reasons of one kind are logged once."""
         self._log.warn(kind, f"{self._name} is ignored: {reason}")
 
     @property
@@ -273,7 +266,7 @@ class VelocityDriver:
             first_zero = self._driving and not may_move(self._waiting)
             return 0.0 if first_zero else self._pace.due(limits.rate)
         if self._driving and self._chassis.state is LinkState.READY:  # rule 6
-            return self._accepted + limits.timeout
+            return self._published + limits.timeout
         return math.inf
 
     def _send_or_wait(self, now: float) -> None:
@@ -284,6 +277,7 @@ class VelocityDriver:
             self._wake.set()
 
     def _send_due(self) -> None:
+        """Send the velocity that waits; without one, the zero of the watchdog."""
         if self._waiting is not None:
             self._send(self._waiting, self._published)
         elif self._gate.driving:
@@ -292,6 +286,7 @@ class VelocityDriver:
             self._driving = False
 
     def _send(self, velocity: Twist, published: float | None = None) -> None:
+        """Send a velocity; `published` is None for a zero of the driver itself."""
         self._waiting = None
         self._pace.sent(asyncio.get_running_loop().time(), self._limits().rate)
         self._driving = may_move(velocity)
@@ -312,6 +307,7 @@ class VelocityDriver:
                 self._log.warn("refused", f"the chassis refused {self._name}: {answer.msg}")
 
     def _silence(self, reason: str) -> None:
+        """Refuse velocities until their sender pauses or sends a zero."""
         self._silenced = reason
         self._waiting = None
         self._driving = False

@@ -15,13 +15,14 @@ from woosh_robot_agent.sentences import Sentence
 TASK = Sentence("task.named", "task {id}")
 """Name of a task."""
 
-_HELD = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
+_HELD_UP = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action held up by an obstacle or by traffic control; the robot goes on by itself."""
 _DRIVING_ACTIONS = {
     full_name(cls): cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)
 }
+"""Short names of the actions that drive the robot, by protobuf full name."""
 
-_RUNNING = (
+_UNFINISHED = (
     task_pb2.kInit,
     task_pb2.kReady,
     task_pb2.kExecuting,
@@ -32,9 +33,9 @@ _RUNNING = (
 """States of a task that has not ended."""
 
 
-def is_running(task_proc: TaskProc) -> bool:
-    """Return True if a task has begun and not ended; it may be paused or waiting."""
-    return task_proc.state in _RUNNING
+def is_unfinished(task_proc: TaskProc) -> bool:
+    """Return True if a report is about a task that has not ended; it may be paused or waiting."""
+    return task_proc.state in _UNFINISHED
 
 
 class WheelOwner:
@@ -57,36 +58,36 @@ class WheelOwner:
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
         chassis.subscribe(TaskProc, self._task_changed)
-        chassis.subscribe(Feedbacks, self._reported)
+        chassis.subscribe(Feedbacks, self._actions_reported)
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._task_changed(info.task_proc)
 
     def _task_changed(self, report: TaskProc) -> None:
         before, self._task = self._task, report
-        self._rename()
+        self._update_name()
         same_task = before.robot_task_id == report.robot_task_id
         if _may_drive(report) and not (_may_drive(before) and same_task):
             self._on_start()
 
-    def _reported(self, reports: Feedbacks) -> None:
+    def _actions_reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
             if report.action not in _DRIVING_ACTIONS:
                 continue
             if report.state != kRosExecuting:
                 self._actions.discard(report.action)
-                self._rename()
+                self._update_name()
             elif report.action not in self._actions:
                 self._actions.add(report.action)
-                self._rename()
+                self._update_name()
                 self._on_start()
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:  # the reports of their end may be missed
             self._actions.clear()
-            self._rename()
+            self._update_name()
 
-    def _rename(self) -> None:
+    def _update_name(self) -> None:
         if _may_drive(self._task):
             self.name = TASK(id=self._task.robot_task_id)
         else:
@@ -95,5 +96,5 @@ class WheelOwner:
 
 def _may_drive(task: TaskProc) -> bool:
     """Return True if a task drives, or may drive on without an order; a paused task may not."""
-    paused = task.state == task_pb2.kPaused and task.action.state not in _HELD
-    return is_running(task) and not paused
+    paused = task.state == task_pb2.kPaused and task.action.state not in _HELD_UP
+    return is_unfinished(task) and not paused

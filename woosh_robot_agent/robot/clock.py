@@ -8,7 +8,7 @@ _UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
 """Units of long times, with their lengths in seconds."""
 
 
-def difference(offset: float) -> str:
+def describe_offset(offset: float) -> str:
     """Return the deviation of the robot's clock in words, e.g. `9.0 hours behind this computer's`.
 
     Args:

@@ -42,7 +42,7 @@ class CodeLog:
 
     def __init__(self, chassis: ChassisClient) -> None:
         self._logged: RecentDict[int, float] = RecentDict(_MAX_CODES)
-        """Monotonic times at which the logged codes were last sent."""
+        """Monotonic time at which a logged code was last sent, by number of the code."""
         self._abnormal: frozenset[int] = frozenset()
         """The codes in the last AbnormalCodes."""
         chassis.on_snapshot(self._snapshot)
@@ -54,7 +54,7 @@ class CodeLog:
 
     def _abnormal_changed(self, codes: AbnormalCodes) -> None:
         before, self._abnormal = self._abnormal, frozenset(code.code for code in codes.scs)
-        for number in before - self._abnormal:
+        for number in before - self._abnormal:  # if it comes again, it is logged again
             self._logged.pop(number, None)
         for code in codes.scs:
             self._log(code)
@@ -64,6 +64,7 @@ class CodeLog:
             self._log(body.message())
 
     def _log(self, code: StatusCode) -> None:
+        """Log a code, unless it was logged and still lasts."""
         level = _LEVELS.get(code.level, logging.DEBUG)
         now = time.monotonic()
         last = self._logged.get(code.code)
@@ -96,7 +97,7 @@ class RefusalLog:
         chassis: the link.
         gate: sender of the commands.
         explainer: finds the reasons.
-        silent: sources that log their refusals themselves.
+        silent: sources whose refusals are not logged here, because they log them themselves.
     """
 
     def __init__(
@@ -120,7 +121,8 @@ class RefusalLog:
         return len(self._pending)
 
     def _answered(self, command: AnsweredCommand) -> None:
-        if command.answer.ok and not self._logs:
+        """Start to explain a refusal; forget earlier refusals after a success."""
+        if command.answer.ok and not self._logs:  # usually; saves finding the name
             return
         name, msg = command_name(command), command.answer.msg
         if command.answer.ok:
@@ -139,10 +141,7 @@ class RefusalLog:
     async def _explain(
         name: str, msg: str, reasons: Coroutine[Any, Any, list[Objection]], log: LogOnce
     ) -> None:
-        why = "; ".join(
-            f"{each.reason}: {each.remedy}" if each.remedy else each.reason
-            for each in await reasons
-        )
+        why = "; ".join(map(str, await reasons))
         log.warn(
             f"{msg}: {why}", f"the chassis refused {name}: {msg}" + (f" ({why})" if why else "")
         )

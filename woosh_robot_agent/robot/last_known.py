@@ -61,7 +61,7 @@ class LastKnown:
 
     def get(self, name: str) -> Message | None:
         """Return the last value of a type, given by its protobuf full name, or None."""
-        self._read()
+        self._apply_unread()
         return self._robot_info() if name == _INFO else self._values.get(name)
 
     def value(self, cls: type[M]) -> M | None:
@@ -73,11 +73,11 @@ class LastKnown:
         """Store an answer or push of the chassis, which is decoded lazily, in `get`."""
         name = value.type if isinstance(value, Body) else full_name(value)
         if name == _INFO:  # first apply the unread values: a RobotInfo may lack these parts
-            self._read()
+            self._apply_unread()
         self._unread.pop(name, None)
         self._unread[name] = value
 
-    def _read(self) -> None:
+    def _apply_unread(self) -> None:
         unread, self._unread = self._unread, {}
         for value in unread.values():
             try:
@@ -86,6 +86,7 @@ class LastKnown:
                 continue
 
     def _apply(self, message: Message) -> None:
+        """Store a decoded value, and what it means for RobotInfo and its parts."""
         name = full_name(message)
         self._values[name] = message
         if isinstance(message, RobotInfo):

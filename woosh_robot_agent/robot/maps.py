@@ -61,7 +61,7 @@ def cells_of(image_file: bytes) -> tuple[int, int, array.array[int]]:
     """
     from PIL import ImageOps
 
-    grey = ImageOps.flip(grey_image(image_file))
+    grey = ImageOps.flip(grey_image(image_file))  # a grid begins with the row at the bottom
     return grey.width, grey.height, array.array("b", grey.tobytes().translate(_CELLS))
 
 
@@ -104,12 +104,8 @@ def grey_image(image_file: bytes) -> Image.Image:
         raise MapError(_DAMAGED(error=str(error))) from None
 
 
-def check_place(resolution: float, *origin: float) -> None:
-    """Check the resolution and the origin of a map.
-
-    Args:
-        resolution: size of a pixel, in metres.
-        origin: coordinates of the bottom left corner, and its angle if there is one.
+def check_resolution_and_origin(resolution: float, *origin: float) -> None:
+    """Check the resolution of a map and the numbers of its origin.
 
     Raises:
         MapError: a value is not possible.
@@ -140,32 +136,27 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
 def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
     """Return the YAML file and the PNG of the mask for nav2's KeepoutFilter; {} without a mask.
 
-    Loaded by map_server, the mask equals the agent's topic `keepout_mask`.
-
-    Args:
-        area: the map.
-        stem: names of the files without their suffixes.
-
-    Raises:
-        MapError: the mask is not usable.
+    Loaded by map_server, the mask equals the agent's topic `keepout_mask`. The arguments and the
+    errors are those of `map_files`.
     """
     return _server_files(area, area.keepout_png, stem) if area.keepout_png else {}
 
 
 def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
+    """Return the YAML file and the PNG of an image that belongs to a map."""
     import numpy
     import yaml
 
     png, origin = grey_png(image), area.origin
-    check_place(area.resolution, origin.x, origin.y, origin.theta)
+    check_resolution_and_origin(area.resolution, origin.x, origin.y, origin.theta)
     numbers = (area.resolution, origin.x, origin.y, origin.theta)
     # the chassis sends numbers of 32 bits: 0.05, not 0.0500000007
-    resolution, *place = (float(str(numpy.float32(number))) for number in numbers)
+    resolution, *coordinates = (float(str(numpy.float32(number))) for number in numbers)
     description = {
         "image": f"{stem}.png",
         "mode": "trinary",
         "resolution": resolution,
-        "origin": place,
+        "origin": coordinates,
         "negate": 0,
         "occupied_thresh": OCCUPIED_THRESHOLD,
         "free_thresh": FREE_THRESHOLD,
@@ -187,10 +178,6 @@ async def scene_map(
 async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
     """Request a scene with all of its maps.
 
-    Args:
-        chassis: the link.
-        scene_name: name of the scene.
-
     Raises:
         LinkError: as in `ChassisClient.request`.
         MapError: the chassis refuses, or sends something else.
@@ -207,7 +194,7 @@ def find_map(data: SceneData, map_id: int, map_name: str) -> SceneData.Map:
     """Return a map of a scene.
 
     Args:
-        data: the scene.
+        data: the scene with all of its maps.
         map_id: id of the map, used if no map has the name.
         map_name: name of the map.
 

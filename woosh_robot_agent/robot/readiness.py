@@ -1,7 +1,7 @@
 """Reasons for which a robot rejects tasks, for tools and diagnostics. Independent of ROS.
 
-`rejections` gives the reasons against a new task now, and `accepts_task` predicts whether the robot
-would accept one.
+`objections` gives the reasons in the state of the robot, and `busy_objections` what it is doing.
+`all_objections` gives both. `accepts_task` predicts whether the robot would accept a new task.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -29,7 +29,7 @@ class Objection(NamedTuple):
     Attributes:
         name: identifier for programs, e.g. `emergency_stop`; unlike the texts, it never changes.
         reason: what is wrong.
-        remedy: what to do about it.
+        remedy: what to do about it; may be empty.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Objection(NamedTuple):
         return Said(self.reason, f"objection.{self.name}.reason")
 
     def __str__(self) -> str:
-        return f"{self.reason}: {self.remedy}"
+        return f"{self.reason}: {self.remedy}" if self.remedy else self.reason
 
 
 EMERGENCY_STOP = Objection(
@@ -131,6 +131,7 @@ _STATES = {
     ),
     robot.kCharging: Objection("charging", "the robot is charging", "wait, or stop charging"),
 }
+"""Objections by state of a robot that is not taskable."""
 _EXECUTING = "the robot is executing a task"
 _BUSY_STATES = {
     robot.kTask: Objection("busy", _EXECUTING, "wait for its end, or cancel it"),
@@ -142,33 +143,30 @@ _BUSY_STATES = {
     robot.kMapping: MAPPING,
     robot.kFollowing: _STATES[robot.kFollowing],
 }
-_NO_MAP = Objection(
+"""Objections of `busy_objections`, by state of the robot."""
+_POSE_WITHOUT_MAP = Objection(
     "no_map",
     "the pose may mean nothing, because it belongs to no map (map_id 0)",
     "load a map with robot/SwitchMap, then call robot/InitRobot",
 )
 
 
-def rejections(info: RobotInfo) -> list[Objection]:
-    """Return every reason for which the robot rejects a new task now, e.g. its present task.
-
-    Args:
-        info: state of the robot.
-    """
-    doing = busy(info)
-    found = [each for each in objections(info) if not (doing and each == NOT_TASKABLE)]
-    return list(dict.fromkeys([*found, *doing]))
+def all_objections(info: RobotInfo) -> list[Objection]:
+    """Return every reason for which the robot rejects a new task now, e.g. its present task."""
+    busy = busy_objections(info)
+    found = [each for each in objections(info) if not (busy and each == NOT_TASKABLE)]
+    return list(dict.fromkeys([*found, *busy]))
 
 
-def preventions(info: RobotInfo) -> list[Objection]:
-    """Return every reason for which the robot rejects tasks, except for its present task."""
-    doing = busy(info)
-    return [each for each in rejections(info) if each not in doing]
+def objections_except_busy(info: RobotInfo) -> list[Objection]:
+    """Return the reasons that remain when the robot has finished what it is doing."""
+    busy = busy_objections(info)
+    return [each for each in all_objections(info) if each not in busy]
 
 
 def accepts_task(info: RobotInfo) -> bool | None:
     """Return True if the robot would accept a new task; None if its reports do not tell."""
-    return False if rejections(info) else is_taskable(info)
+    return False if all_objections(info) else is_taskable(info)
 
 
 def objections(info: RobotInfo) -> list[Objection]:
@@ -176,9 +174,6 @@ def objections(info: RobotInfo) -> list[Objection]:
 
     A part that is absent from `info` gives no reason. If the robot reports that it is not taskable
     and no part tells why, the only reason is `not_taskable`.
-
-    Args:
-        info: state of the robot.
     """
     found = list(_certain(info))
     if is_taskable(info) is False:
@@ -190,10 +185,10 @@ def objections(info: RobotInfo) -> list[Objection]:
     return found
 
 
-def busy(info: RobotInfo) -> list[Objection]:
+def busy_objections(info: RobotInfo) -> list[Objection]:
     """Return what the robot is doing, as the objection to another task; empty if it is idle."""
     proc = info.task_proc
-    if is_running(proc):
+    if is_unfinished(proc):
         number = proc.robot_task_id
         reason = f"the robot is executing task {number}" if number else _EXECUTING
         return [Objection("busy", reason, "wait for its end, or cancel it")]
@@ -224,7 +219,7 @@ def is_located(info: RobotInfo) -> bool | None:
     return None if not located and info.state == robot.kMapping else located
 
 
-def pose_doubt(info: RobotInfo) -> Objection | None:
+def pose_problem(info: RobotInfo) -> Objection | None:
     """Return why the reported pose may mean nothing; None if there is no reason, or no pose.
 
     While the robot builds a map, its pose belongs to that map, which may have no id yet.
@@ -233,7 +228,7 @@ def pose_doubt(info: RobotInfo) -> Objection | None:
     if not info.HasField("pose_speed") or pose.map_id or info.state == robot.kMapping:
         return None
     if not info.scene.map_name or info.scene.map_id:
-        return _NO_MAP
+        return _POSE_WITHOUT_MAP
     return Objection(
         "map_id_0",
         f"the pose may mean nothing, because map {info.scene.map_name} has the id 0, as if there "

@@ -34,7 +34,7 @@ from woosh_robot_agent.robot.readiness import (
     NOT_DEPLOYMENT,
     NOT_TASKABLE,
     Objection,
-    busy,
+    busy_objections,
     objections,
 )
 from woosh_robot_agent.robot.status_codes import explained
@@ -71,8 +71,7 @@ class RefusalExplainer:
         self._last_known = last_known
         self._refusals: deque[_Refusal] = deque(maxlen=_MAX_REFUSALS)
         """The refusals of the last `code_delay` seconds, oldest first."""
-        self._noted = asyncio.Event()
-        """Set when a refusal is noted."""
+        self._refusal_added = asyncio.Event()
         chassis.on_refused(self._refused)
         chassis.subscribe_raw(StatusCode, self._pushed)
 
@@ -103,24 +102,27 @@ class RefusalExplainer:
             for refusal in reversed(self._refusals):
                 if refusal.type == request_type:
                     return refusal
-            self._noted.clear()
-            await self._noted.wait()
+            self._refusal_added.clear()
+            await self._refusal_added.wait()
 
     def _refused(self, request: Message) -> None:
         """Note the state of the robot at a refusal, and expect a status code."""
-        name = type_of(request)
-        edits = isinstance(request, RepeatTask) and not may_move(request)
-        find = None if edits else _STATE_RULES.get(name)
-        if len(self._refusals) == self._refusals.maxlen:
-            self._refusals[0].end()
-        info = self._last_known.value(RobotInfo) if find is not None else None
-        state = find(info) if find is not None and info is not None else []
         loop = asyncio.get_running_loop()
-        state = [_MANUAL if each == MANUAL else each for each in state]
-        refusal = _Refusal(name, state, loop.create_future())
+        refusal = _Refusal(type_of(request), self._state_reasons(request), loop.create_future())
+        if len(self._refusals) == self._refusals.maxlen:
+            self._refusals[0].end()  # the new one takes its place
         self._refusals.append(refusal)
-        self._noted.set()
+        self._refusal_added.set()
         loop.call_later(self.code_delay, self._end, refusal)
+
+    def _state_reasons(self, request: Message) -> list[Objection]:
+        """Return the reasons in the state of the robot for which it refuses a request."""
+        if isinstance(request, RepeatTask) and not may_move(request):
+            return []  # it only edits a task set, which no state of the robot forbids
+        find, info = _STATE_RULES.get(type_of(request)), self._last_known.value(RobotInfo)
+        if find is None or info is None:
+            return []
+        return [_MANUAL if each == MANUAL else each for each in find(info)]
 
     def _end(self, refusal: _Refusal) -> None:
         """Stop waiting for the status code of a refusal."""
@@ -129,6 +131,7 @@ class RefusalExplainer:
             self._refusals.remove(refusal)
 
     def _pushed(self, body: Body) -> None:
+        """Give a status code to the refusals that it explains."""
         if not self._refusals:  # nearly always; then the body need not be decoded
             return
         code: StatusCode = body.message()
@@ -166,25 +169,26 @@ def type_of(request: Message) -> str:
 
 
 def _for_task(info: RobotInfo) -> list[Objection]:
-    return [*busy(info), *(each for each in objections(info) if each != NOT_TASKABLE)]
+    reasons = [each for each in objections(info) if each != NOT_TASKABLE]
+    return [*busy_objections(info), *reasons]
 
 
 def _for_velocity(info: RobotInfo) -> list[Objection]:
-    return [*busy(info), *_among(info, EMERGENCY_STOP, MAINTENANCE)]
+    return [*busy_objections(info), *_objections_among(info, EMERGENCY_STOP, MAINTENANCE)]
 
 
 def _for_change(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that changes the mode, the map or the pose."""
-    return [*busy(info), *_among(info, EMERGENCY_STOP, *CONTROL_MODES)]
+    return [*busy_objections(info), *_objections_among(info, EMERGENCY_STOP, *CONTROL_MODES)]
 
 
 def _for_mapping(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that makes a map."""
-    return [*_for_deployment(info), *_among(info, *CONTROL_MODES)]
+    return [*_for_deployment(info), *_objections_among(info, *CONTROL_MODES)]
 
 
 def _for_deployment(info: RobotInfo) -> list[Objection]:
-    found = [each for each in busy(info) if each != MAPPING]
+    found = [each for each in busy_objections(info) if each != MAPPING]
     # A robot without a work mode is not in deployment mode either.
     if info.HasField("mode") and info.mode.work != kDeployMode:
         found.append(NOT_DEPLOYMENT)
@@ -192,16 +196,17 @@ def _for_deployment(info: RobotInfo) -> list[Objection]:
 
 
 def _for_order(info: RobotInfo) -> list[Objection]:
-    found = _among(info, EMERGENCY_STOP, *CONTROL_MODES)
-    return found if busy(info) else [*found, NO_TASK]
+    """Return the reasons for an order to the running task, e.g. a pause."""
+    found = _objections_among(info, EMERGENCY_STOP, *CONTROL_MODES)
+    return found if busy_objections(info) else [*found, NO_TASK]
 
 
 def _for_navigation(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that changes the navigation of the running task."""
-    return [] if busy(info) else [NO_TASK]
+    return [] if busy_objections(info) else [NO_TASK]
 
 
-def _among(info: RobotInfo, *possible: Objection) -> list[Objection]:
+def _objections_among(info: RobotInfo, *possible: Objection) -> list[Objection]:
     return [each for each in objections(info) if each in possible]
 
 

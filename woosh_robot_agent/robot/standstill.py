@@ -14,7 +14,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import TASK_REQUESTS, commands_motion, may_move, takes_wheels
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     DeviceState,
@@ -58,21 +58,18 @@ _STANDS = Sentence(
 
 def likely_causes(info: RobotInfo) -> str:
     """Return the causes in words: reported ones first, then possible ones, then unlikely ones."""
-    reported: list[str] = []
-    possible: list[str] = []
-    excluded: list[str] = []
-    for cause, state in _causes(info):
-        (possible if state is None else reported if state else excluded).append(cause)
-    parts = [_REPORTED(cause=cause) for cause in reported]
-    parts += [_PERHAPS(cause=cause) for cause in possible]
-    text = joined(AND, parts)
-    if excluded:
-        return THEN(one=text, other=_LESS_LIKELY(causes=joined(AND, excluded)))
+    causes = list(_causes(info))
+    reported = [_REPORTED(cause=cause) for cause, is_reported in causes if is_reported]
+    possible = [_PERHAPS(cause=cause) for cause, is_reported in causes if is_reported is None]
+    unlikely = [cause for cause, is_reported in causes if is_reported is False]
+    text = joined(AND, [*reported, *possible])
+    if unlikely:
+        return THEN(one=text, other=_LESS_LIKELY(causes=joined(AND, unlikely)))
     return text
 
 
 def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
-    """Yield each cause: True if the robot reports it, False if the opposite, None if neither."""
+    """Yield each cause with True if the robot reports it, False if the opposite, else None."""
     has_device_state = info.HasField("device_state")
     hardware = info.device_state.hardware
     yield _STOP, bool(hardware & DeviceState.kEmgBtn) if has_device_state else None
@@ -110,7 +107,8 @@ _DRIVING_ACTIONS = (
     action_pb2.kSecondposQuit,
 )
 """Actions of a task during which the robot should move."""
-_ENDS = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
+_ENDED = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
+"""States of an action that has ended."""
 _VELOCITY = full_name(Twist)
 _TASKS = tuple(map(full_name, TASK_REQUESTS))
 
@@ -169,8 +167,8 @@ class Standstill:
         self._last_known = last_known
         self._demand: _Demand | None = None
         self._log = LogOnce(_LOG)
-        self._logged = -math.inf
-        """Loop time of the last warning after which repeated warnings were allowed again."""
+        self._log_cleared = -math.inf
+        """Loop time at which the logged warnings were last forgotten, so that they may repeat."""
         gate.on_answered(self._answered)
         gate.on_stop(self._give_up)
         chassis.on_state(self._link_changed)
@@ -205,12 +203,14 @@ class Standstill:
             elif self._demand is not None and self._demand.is_velocity:
                 self._give_up()
         elif takes_wheels(message) and not _may_stand(message):
+            # an order to the running task is observed like the task
             kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
             self._expect(command_name(command), kind, getattr(message, "task_id", 0))
         elif not may_move(message):  # a pause or a cancel
             self._give_up()
 
     def _velocity_accepted(self, name: str) -> None:
+        """Expect the robot to move by a stream of velocities."""
         now = asyncio.get_running_loop().time()
         demand = self._demand
         if demand is None or not demand.is_velocity or now - demand.last > self.kept:
@@ -223,7 +223,7 @@ class Standstill:
         """Expect the robot to move because of a command."""
         start = self._last_known.value(PoseSpeed) or PoseSpeed()
         now = asyncio.get_running_loop().time()
-        self._demand = _Demand(name, kind, task_id, start, None, now)
+        self._demand = _Demand(name, kind, task_id, start, since=None, last=now)
         self._start_timer(self._demand)
         return self._demand
 
@@ -250,15 +250,16 @@ class Standstill:
             self._start_timer(demand)
             return
         demand.reported = True
-        if now - self._logged > self.kept:
+        if now - self._log_cleared > self.kept:
             self._log.clear()
-            self._logged = now
+            self._log_cleared = now
         text = self._text(demand)
         self._log.warn(text, text)
 
     # Reports of the robot
 
     def _pose_pushed(self, body: Body) -> None:
+        """End the observation, or start it anew for a stream, if the robot has moved."""
         demand = self._demand
         if demand is None:  # usually; then the body need not be decoded
             return
@@ -282,13 +283,14 @@ class Standstill:
             self._demand = None
 
     def _task_changed(self, report: TaskProc) -> None:
+        """Note whether the task that is observed drives the robot now, or has ended."""
         demand = self._demand
         if demand is None or demand.type not in _TASKS:
             return
         if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
             return
-        if not is_running(report):
-            if demand.begun:
+        if not is_unfinished(report):
+            if demand.begun:  # otherwise an earlier task has ended
                 self._demand = None
             return
         demand.begun = True
@@ -306,7 +308,7 @@ class Standstill:
                 continue
             if report.state in (kRosExecuting, kRosPause):
                 self._set_standing(demand, may_stand=report.state == kRosPause)
-            elif report.state in _ENDS:
+            elif report.state in _ENDED:
                 self._demand = None
 
     def _set_standing(self, demand: _Demand, *, may_stand: bool) -> None:

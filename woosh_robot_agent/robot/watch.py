@@ -38,7 +38,7 @@ class Watch:
         explainer: RefusalExplainer,
         goals: Callable[[], Sequence[str]],
     ) -> None:
-        CodeLog(chassis)
+        CodeLog(chassis)  # the subscriptions of the link keep it alive
         self.refusal_log = RefusalLog(chassis, gate, explainer, silent=(GOAL_CANCEL,))
         self.velocities = VelocitySources(chassis, gate)
         self.standstill = Standstill(chassis, gate, last_known)

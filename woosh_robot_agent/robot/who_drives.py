@@ -18,7 +18,7 @@ from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import may_move
-from woosh_robot_agent.motion.wheel_owner import TASK, is_running
+from woosh_robot_agent.motion.wheel_owner import TASK, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
@@ -98,19 +98,20 @@ class VelocitySources:
             self._log.clear()
         self._simultaneous = tuple(sorted(sources))
         self._simultaneous_until = time.monotonic() + SHOWN
-        self._log.warn(str(self._simultaneous), warning(self._simultaneous))
+        self._log.warn(str(self._simultaneous), simultaneous_warning(self._simultaneous))
 
-    def called(self, service: str, number: int) -> None:
+    def note_call(self, service: str, number: int) -> None:
         """Process a call of the service robot/Twist that may move the robot.
 
         Args:
             service: name of the service.
             number: number of the call, counted by its client.
         """
-        if self._callers.notice(number, time.monotonic()):
+        if self._callers.observe(number, time.monotonic()):
             self.report(f"a client of {service}", f"another client of {service}")
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """Note which source drives, and report it if another one does, too."""
         source = command.source
         # the agent itself, which has no name, only sends a zero when it closes
         if not isinstance(command.message, Twist) or not command.answer.ok or not source:
@@ -129,7 +130,7 @@ class VelocitySources:
             self._driving.pop(source, None)
 
 
-def warning(sources: tuple[str, ...]) -> str:
+def simultaneous_warning(sources: tuple[str, ...]) -> str:
     """Return the warning about simultaneous sources of velocities."""
     return (
         f"{' and '.join(sources)} command velocities at the same time, so the robot stops and "
@@ -157,10 +158,10 @@ class Interleaving:
     def __init__(self) -> None:
         self._last = 0
         """Sequence number of the last message."""
-        self._returns: deque[float] = deque(maxlen=2)
-        """The last times at which the number did not rise."""
+        self._setbacks: deque[float] = deque(maxlen=2)
+        """The last two monotonic times at which the number did not rise."""
 
-    def notice(self, number: int | None, now: float) -> bool:
+    def observe(self, number: int | None, now: float) -> bool:
         """Process the number of a message.
 
         Args:
@@ -173,9 +174,9 @@ class Interleaving:
         if number is None or number in _UNKNOWN:
             return False
         if number <= self._last:
-            self._returns.append(now)
+            self._setbacks.append(now)
         self._last = number
-        return len(self._returns) == 2 and now - self._returns[0] < WINDOW
+        return len(self._setbacks) == 2 and now - self._setbacks[0] < WINDOW
 
 
 _NO_REPORT = Sentence("driver.noReport", "the robot has not reported its state yet")()
@@ -190,6 +191,7 @@ _UNEXPLAINED = Sentence(
     "the robot moves without a command of this agent: another client may drive it",
 )()
 
+# Values of `Driver.name` besides the names of topics and services
 NOBODY = "nobody"
 GOAL = "a goal"
 OTHER_CLIENT = "another client"
@@ -264,7 +266,7 @@ class WhoDrives:
         """Sources of the tasks that the agent started, by id."""
         self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
         """Sources of the task sets that the agent started, by id."""
-        self._follower = ""
+        self._follow_source = ""
         """Source of the last request to follow somebody."""
         self._task = TaskProc()
         """First report on the current task."""
@@ -285,17 +287,18 @@ class WhoDrives:
         # the gate knows whether something else has taken over since
         if self._gate.driving and self._velocities.driving(time.monotonic()):
             return Driver(self._velocities.last)
-        if is_running(info.task_proc):
+        if is_unfinished(info.task_proc):
             return self._task_driver(info.task_proc)
         if goals := self._goals():
             return Driver(GOAL, ", ".join(goals))
         if info.state == robot.kFollowing:
-            return Driver(self._follower or OTHER_CLIENT, _FOLLOWS)
+            return Driver(self._follow_source or OTHER_CLIENT, _FOLLOWS)
         if action := self._gate.reported_owner:
             return Driver(OTHER_CLIENT, action)
         return self._unexplained(info)
 
     def _task_driver(self, task: TaskProc) -> Driver:
+        """Return the source that started a task."""
         number = task.robot_task_id
         task_set = number // TASKS_PER_SET
         detail = TASK(id=number)
@@ -330,6 +333,7 @@ class WhoDrives:
         return Driver(UNKNOWN, _UNEXPLAINED)
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """Remember which source started a task, a task set or a following."""
         message, source = command.message, command.source
         if not command.answer.ok:
             return
@@ -341,7 +345,7 @@ class WhoDrives:
             if may_move(message):
                 self._sets[message.task_set.base.id] = source
         elif isinstance(message, Follow):
-            self._follower = source if message.type else ""
+            self._follow_source = source if message.type else ""  # False ends the following
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._begin(info.task_proc, unseen=True)
@@ -350,6 +354,12 @@ class WhoDrives:
         self._begin(task, unseen=False)
 
     def _begin(self, task: TaskProc, *, unseen: bool) -> None:
+        """Keep a report if it is the first one on its task.
+
+        Args:
+            task: the report.
+            unseen: True if the task may have begun before the link was ready.
+        """
         if task.robot_task_id != self._task.robot_task_id:
             self._task, self._began_unseen = task, unseen
 

@@ -12,7 +12,7 @@ from rclpy.exceptions import InvalidNamespaceException, ParameterException
 from rclpy.validate_namespace import validate_namespace
 
 from woosh_robot_agent.parameters import Settings
-from woosh_robot_agent.program import too_few_descriptors
+from woosh_robot_agent.program import descriptor_problem
 from woosh_robot_agent.ros.bridge import LoopThread
 from woosh_robot_agent.ros.node import Agent, ParameterNode, stop_all
 from woosh_robot_agent.ros.releases import error_text
@@ -111,7 +111,7 @@ def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list
         return [first]
     own = first.get_namespace()
     first.destroy_node()  # this node was needed only to read the parameter `robots`
-    if problem := too_few_descriptors(len(robots)):
+    if problem := descriptor_problem(len(robots)):
         raise ValueError(problem)
     nodes: list[ParameterNode] = []
     try:

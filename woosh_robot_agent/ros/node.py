@@ -23,7 +23,7 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check, check_names
+from woosh_robot_agent.parameters import PARAMETERS, Parameter, Settings, check_names, settings_from
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.watch import Watch
@@ -65,7 +65,7 @@ class ParameterNode(Node):
             for each in PARAMETERS:
                 initial = (defaults or {}).get(each.name, each.initial)
                 self.declare_parameter(each.name, initial, each.descriptor())
-            self.settings = check(self._values())
+            self.settings = settings_from(self._values())
         except BaseException:
             self.destroy_node()
             raise
@@ -78,7 +78,7 @@ class ParameterNode(Node):
         """
 
         def apply(changed: list[RosParameter]) -> None:
-            before, self.settings = self.settings, check(self._values(changed))
+            before, self.settings = self.settings, settings_from(self._values(changed))
             callback(before)
 
         on_parameters_set(self, self._check_change, apply)
@@ -97,7 +97,7 @@ class ParameterNode(Node):
     def _check_change(self, changed: list[RosParameter]) -> SetParametersResult:
         log_as(self.get_logger())
         try:
-            check(self._values(changed))
+            settings_from(self._values(changed))
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -329,12 +329,14 @@ class Agent:
         self.robot.chassis.permit_only(only_reads, reason)
         self.actions.give_up(f"{reason}; the robot may still be executing the goal")
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
-        self.robot.thread.spawn(partial(self.robot.gate.leave, reason, _ZERO_TIMEOUT))
+        self.robot.thread.spawn(partial(self.robot.gate.stop_driving, reason, _ZERO_TIMEOUT))
 
     async def _reconfigure(self, config: LinkConfig) -> None:
         self.robot.requests.robot_id = config.robot_id
         if not config.keeps_connection(self.robot.chassis.config):
-            await self.robot.gate.leave("the settings of the link have changed", _ZERO_TIMEOUT)
+            await self.robot.gate.stop_driving(
+                "the settings of the link have changed", _ZERO_TIMEOUT
+            )
         await self.robot.chassis.reconfigure(config)
 
 

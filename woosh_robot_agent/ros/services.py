@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.convert import BadFieldError, Converter, converter, filled
+from woosh_robot_agent.convert import BadFieldError, Converter, converter, new_message
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES, Command, Query
 from woosh_robot_agent.link import (
@@ -95,7 +95,7 @@ class _QueryHandler:
             value = await self._last_value()
         else:
             self._log.clear()
-        response = filled(self.srv.Response, **{self._endpoint.field: value.message})
+        response = new_message(self.srv.Response, **{self._endpoint.field: value.message})
         await _send(reply, response, is_large=value.is_large)
 
     async def _request_value(self, request: Any) -> _Value:
@@ -203,7 +203,7 @@ class _CommandHandler:
     async def _answer(self, message: Message, reply: Reply, published: float, note: str) -> None:
         address = self._robot.chassis.config.address
         if isinstance(message, Twist) and may_move(message):
-            self._velocities.called(self._endpoint.name, reply.sequence_number)
+            self._velocities.note_call(self._endpoint.name, reply.sequence_number)
         try:
             answer = await self._robot.gate.request(
                 message, sender=Sender(self._endpoint.name, published)
@@ -254,7 +254,7 @@ class _CommandHandler:
             return self.srv.Response(ok=ok, msg=msg)
         if ret is None:
             ret = self._convert_ret.to_ros(self._convert_ret.proto_class())
-        return filled(self.srv.Response, ok=ok, msg=msg, ret=ret)
+        return new_message(self.srv.Response, ok=ok, msg=msg, ret=ret)
 
 
 async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 # Import nothing slow here: until `StopSignals` exists, a signal ends the program with a traceback.
 import sys
 
-from woosh_robot_agent.program import StopSignals, exit_status
+from woosh_robot_agent.program import StopSignals, run_program
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return run(arguments, signals)
 
     try:
-        return exit_status(start)
+        return run_program(start)
     finally:
         if arguments is None:
             signals.ignore()

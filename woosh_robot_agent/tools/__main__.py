@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-# Import nothing slow here: until `exit_status` runs, Ctrl-C ends a program with a traceback.
+# Import nothing slow here: until `run_program` runs, Ctrl-C ends a program with a traceback.
 import importlib
 import sys
 from functools import partial
 
-from woosh_robot_agent.program import exit_status
+from woosh_robot_agent.program import run_program
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def start(name: str, arguments: Sequence[str] | None = None) -> int:
         status: int = importlib.import_module(f"{__package__}.{_MODULES[name]}").main(arguments)
         return status
 
-    return exit_status(main)
+    return run_program(main)
 
 
 dashboard, doctor, maps, monitor, record, replay = (partial(start, name) for name in _MODULES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from woosh_robot_agent.program import exit_status
+from woosh_robot_agent.program import run_program
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -16,7 +16,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         return main(arguments)
 
-    return exit_status(run)
+    return run_program(run)
 
 
 if __name__ == "__main__":

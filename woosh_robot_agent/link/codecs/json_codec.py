@@ -185,6 +185,7 @@ def from_json(data: object, message: Message) -> None:
 
 @cache
 def _decoder(cls: MessageClass) -> Setter:
+    """Return the function that fills a message of a class from a JSON object."""
     setters: dict[str, tuple[str, Setter]] = {}
     for field in cls.DESCRIPTOR.fields:
         setter = _list_setter(field) if is_repeated(field) else _setter(field)
@@ -210,6 +211,7 @@ def _decoder(cls: MessageClass) -> Setter:
 
 
 def _setter(field: Field) -> Setter:
+    """Return the function that puts a JSON value into a field that is no list."""
     name = field.name
     if field.message_type is not None:
         fill = _message_filler(field)
@@ -231,6 +233,7 @@ def _setter(field: Field) -> Setter:
 
 
 def _list_setter(field: Field) -> Setter:
+    """Return the function that puts a JSON list into a field."""
     name = field.name
     floats = field.cpp_type in FLOATS
     append = _appender(field)
@@ -258,6 +261,7 @@ def _list_setter(field: Field) -> Setter:
 
 
 def _appender(field: Field) -> Setter:
+    """Return the function that appends a JSON value to the list of a field."""
     if field.message_type is not None:
         fill = _message_filler(field)
 
@@ -278,6 +282,7 @@ def _appender(field: Field) -> Setter:
 
 
 def _message_filler(field: Field) -> Setter:
+    """Return the function that fills the message of a field from its JSON value."""
     if is_well_known(field):
 
         def fill_well_known(message: Any, value: Any) -> None:
@@ -325,34 +330,34 @@ def to_json(message: Message, *, defaults: bool) -> dict[str, Any]:
 
 @cache
 def _encoder(cls: MessageClass, defaults: bool) -> Callable[[Message], dict[str, Any]]:
+    """Return the function that converts a message of a class to a JSON object."""
     fields = {
         field.number: (field.json_name, _value_encoder(field, defaults))
         for field in cls.DESCRIPTOR.fields
     }
-    blank: dict[str, Any] = {}  # defaults; None for a list, since each message needs its own list
-    if defaults:
-        for field in cls.DESCRIPTOR.fields:
-            if is_repeated(field):
-                blank[field.json_name] = None
-            elif field.message_type is None and field.containing_oneof is None:
-                blank[field.json_name] = _scalar_encoder(field)(field.default_value)
-    lists = [field.json_name for field in cls.DESCRIPTOR.fields if is_repeated(field)]
+    blank: dict[str, Any] = {}  # default values, in the order of the fields
+    lists = []
+    for field in cls.DESCRIPTOR.fields if defaults else ():
+        if is_repeated(field):
+            blank[field.json_name] = None
+            lists.append(field.json_name)
+        elif field.message_type is None and field.containing_oneof is None:
+            blank[field.json_name] = _scalar_encoder(field)(field.default_value)
 
     def encode(message: Message) -> dict[str, Any]:
         out = dict(blank)
+        for name in lists:  # each message needs its own list
+            out[name] = []
         for field, value in message.ListFields():
             name, encode_value = fields[field.number]
             out[name] = encode_value(value)
-        if defaults:
-            for name in lists:
-                if out[name] is None:
-                    out[name] = []
         return out
 
     return encode
 
 
 def _value_encoder(field: Field, defaults: bool) -> Callable[[Any], Any]:
+    """Return the function that converts the value of a field to JSON."""
     if field.message_type is None:
         encode = _scalar_encoder(field)
     elif is_well_known(field):
@@ -376,6 +381,7 @@ def _encode_well_known(value: Any) -> Any:
 
 
 def _scalar_encoder(field: Field) -> Callable[[Any], Any]:
+    """Return the function that converts a number, text or bytes of a field to JSON."""
     if field.type in _INT64:
         return str
     if field.type == FieldDescriptor.TYPE_BYTES:
@@ -388,6 +394,7 @@ def _scalar_encoder(field: Field) -> Callable[[Any], Any]:
 
 
 def _shortest_float32(value: float) -> float | str:
+    """Return the shortest number that is read as the same float32, as JSON."""
     if not math.isfinite(value):
         return _non_finite_name(value)
     if abs(value) == _LARGEST_FLOAT32:  # any shorter number is larger, and refused by protobuf
@@ -444,9 +451,9 @@ class JsonCodec:
         if timestamp is not None:
             frame["timestamp"] = timestamp
         long = body is not None and body.ByteSize() >= json_text.LONG_MESSAGE
-        texts = json_text.take_out(frame) if long else []
+        texts = json_text.take_from_value(frame) if long else []
         text = json_text.write(frame)
-        return json_text.insert(text, texts) if texts else text
+        return json_text.put_into_frame(text, texts) if texts else text
 
     def parse(self, data: str | bytes) -> Any:
         """Return the value of a JSON text.
@@ -458,7 +465,7 @@ class JsonCodec:
             if len(data) <= json_text.LONG_FRAME:  # parsing it hardly blocks the loop
                 return json_text.parse(data)
             # Decoding a long base64 text is faster than parsing it.
-            data, texts = json_text.cut_out(data)
+            data, texts = json_text.take_from_frame(data)
             _check_parts(data)
             value = json_text.parse_in_pieces(data)
         except UnicodeDecodeError as error:
@@ -466,7 +473,7 @@ class JsonCodec:
         except (ValueError, RecursionError) as error:
             raise FrameError("json", f"not JSON: {error}") from None
         if texts and isinstance(value, dict | list):
-            json_text.put_back(value, texts)
+            json_text.put_into_value(value, texts)
         return value
 
     def decode(self, data: str | bytes) -> Envelope:
@@ -504,6 +511,7 @@ class JsonCodec:
 
 
 def _check_parts(text: str | bytes) -> None:
+    """Refuse a frame whose parsed value would take too much memory."""
     if len(text) > _MAX_PARTS:
         marks: Any = "{[:" if isinstance(text, str) else (b"{", b"[", b":")
         parts = sum(text.count(mark) for mark in marks)
@@ -514,6 +522,7 @@ def _check_parts(text: str | bytes) -> None:
 
 
 def _integer(value: Any) -> int | None:
+    """Return a number of the envelope as an integer; None if it is left out."""
     if value is None or type(value) is int:
         return value
     if isinstance(value, str) and len(value) > LONGEST_NUMBER:

@@ -22,7 +22,7 @@ _LONG = 256 * 1024
 _STEP = _LONG // 2
 """Distance between two places of a frame where long texts are looked for, in characters."""
 LONG_FRAME = _STEP
-"""Length from which `cut_out` looks at a frame, in characters or bytes."""
+"""Length from which a frame can have a long text, in characters or bytes."""
 _TOKEN = secrets.token_hex(16)
 """Start of the short texts that replace long texts; the sender of the frame cannot know it."""
 _REPLACED = re.compile(rf"{_TOKEN}(\d+)")
@@ -59,8 +59,12 @@ def write_base64(data: bytes) -> str:
     return text if len(text) < _LONG else LongBase64(text)
 
 
-def take_out(value: Any) -> list[str]:
-    """Replace the texts of class `LongBase64` in a JSON value; return these texts for `insert`."""
+def take_from_value(value: Any) -> list[str]:
+    """Replace the texts of class `LongBase64` in a JSON value by short ones, before it is written.
+
+    Returns:
+        The texts, for `put_into_frame`.
+    """
     texts: list[str] = []
     for outer, key, inner in _texts_in(value):
         if type(inner) is LongBase64:
@@ -69,16 +73,16 @@ def take_out(value: Any) -> list[str]:
     return texts
 
 
-def insert(frame: str, texts: list[str]) -> str:
-    """Return the frame with the texts put back that `take_out` replaced."""
+def put_into_frame(frame: str, texts: list[str]) -> str:
+    """Return the written frame with the texts put back that `take_from_value` replaced."""
     return _REPLACED.sub(lambda found: texts[int(found[1])], frame)
 
 
-def cut_out(frame: str | bytes) -> tuple[str | bytes, list[str]]:
-    """Replace the long base64 texts in a JSON frame by short ones.
+def take_from_frame(frame: str | bytes) -> tuple[str | bytes, list[str]]:
+    """Replace the long base64 texts in a JSON frame by short ones, before it is parsed.
 
     Returns:
-        The shorter frame, and the texts cut out of it, for `put_back`.
+        The shorter frame, and the texts, for `put_into_value`.
     """
     quote: Any = b'"' if isinstance(frame, bytes) else '"'
     pieces: list[Any] = []
@@ -121,8 +125,8 @@ def _text(frame: str | bytes, begin: int, end: int) -> str | None:
         return None
 
 
-def put_back(value: Any, texts: list[str]) -> None:
-    """Put the texts that were cut out of a frame into the frame's parsed value."""
+def put_into_value(value: Any, texts: list[str]) -> None:
+    """Put the texts that `take_from_frame` replaced into the parsed value of the frame."""
     for outer, key, inner in _texts_in(value):
         if inner.startswith(_TOKEN):
             outer[key] = texts[int(inner[len(_TOKEN) :])]
@@ -174,12 +178,7 @@ def parse_in_pieces(text: str | bytes) -> Any:
     """Return the value of a long JSON text, as `parse` does.
 
     A JSON parser keeps all other threads from running until it returns. Here it gets the text in
-    pieces, and other threads can run after each piece.
-
-    Raises:
-        UnicodeDecodeError: bytes are not UTF-8.
-        ValueError: the text is not JSON.
-        RecursionError: the text is nested too deeply.
+    pieces, and other threads can run after each piece. The errors are those of `parse`.
     """
     text = text if isinstance(text, str) else text.decode()
     value, end = _value(text, _after_space(text, 0))
@@ -221,6 +220,7 @@ def _scan(text: str, at: int) -> tuple[Any, int]:
 
 
 def _object(text: str, at: int) -> tuple[dict[str, Any], int]:
+    """Return the object that begins at a place of the text, and the place of its end."""
     found: dict[str, Any] = {}
     at = _after_space(text, at + 1)
     while text[at : at + 1] != "}":
@@ -236,6 +236,7 @@ def _object(text: str, at: int) -> tuple[dict[str, Any], int]:
 
 
 def _list(text: str, at: int) -> tuple[list[Any], int]:
+    """Return the list that begins at a place of the text, and the place of its end."""
     found: list[Any] = []
     at = _after_space(text, at + 1)
     while text[at : at + 1] != "]":

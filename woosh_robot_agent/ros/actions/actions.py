@@ -11,7 +11,7 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.convert import Converter, converter, filled
+from woosh_robot_agent.convert import Converter, converter, new_message
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS
 from woosh_robot_agent.link import LinkState
@@ -94,11 +94,11 @@ class _RosClient:
         self._goal = goal
 
     def feedback(self, report: Message) -> None:
-        feedback = filled(self._action_class.Feedback, fb=self._convert.to_ros(report))
+        feedback = new_message(self._action_class.Feedback, fb=self._convert.to_ros(report))
         self._goal.feedback(feedback)
 
     def finish(self, end: End) -> None:
-        result = filled(self._action_class.Result, ret=self._convert.to_ros(end.result))
+        result = new_message(self._action_class.Result, ret=self._convert.to_ros(end.result))
         self._goal.finish(end.outcome, result)
 
 

@@ -15,7 +15,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecPreTask, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
@@ -134,7 +134,7 @@ class TaskSetGoal:
         if self._is_executing(current):
             return PollResult(tuple(self.read(current)))
         state = self._last_known.value(RobotState)
-        if not is_running(current) and state is not None and state.state in _WITH_TASK:
+        if not is_unfinished(current) and state is not None and state.state in _WITH_TASK:
             # between two tasks of the set
             return PollResult([Report(self._last, None)] if self.attribution.has_report else ())
         return None

@@ -242,7 +242,9 @@ class AssistedTeleop(Nav2Action):
         if gate.owner and not part.settings().velocity_limits.override:
             return f"{gate.owner} drives the robot"
         stopping = (EMERGENCY_STOP, *CONTROL_MODES)
-        return "; ".join(str(each) for each in self.context.preventions if each in stopping)
+        return "; ".join(
+            str(each) for each in self.context.objections_except_busy if each in stopping
+        )
 
     def _stopped(self) -> None:
         if self._goal is not None:
@@ -255,7 +257,7 @@ class AssistedTeleop(Nav2Action):
         if hasattr(message, "header"):  # a TwistStamped, by the parameter cmd_vel_stamped
             twist = message.twist
             if objection := stamp_objection(self.context.part, message.header.stamp):
-                self._driver.refuse("age", objection)
+                self._driver.log_refusal("age", objection)
                 return
         published = self._clock.of_message(info, taken)
         self._driver.drive(twist.linear.x, twist.linear.y, twist.angular.z, published)

@@ -9,7 +9,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import LinkError
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map import storage_edit_pb2
 from woosh_robot_agent.pb.map.mark_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
@@ -99,7 +99,7 @@ class DockRobot(_Docking):
                     goal.clear_timeout()
 
         def tick() -> None:
-            if is_paused and (reasons := self.context.preventions):
+            if is_paused and (reasons := self.context.objections_except_busy):
                 # otherwise the task stays paused for ever, or the robot drives on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback
@@ -214,4 +214,4 @@ class UndockRobot(_Docking):
     def _has_charging_task(self) -> bool:
         """Return True while the chassis executes a charging task."""
         report = self.context.part.robot.last_known.value(TaskProc)
-        return report is not None and report.type == task.kCharge and is_running(report)
+        return report is not None and report.type == task.kCharge and is_unfinished(report)

@@ -28,7 +28,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, kRosCancel
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util.task_pb2 import kCanceled
 from woosh_robot_agent.robot.code_log import GOAL_CANCEL
-from woosh_robot_agent.robot.readiness import Objection, preventions
+from woosh_robot_agent.robot.readiness import Objection, objections_except_busy
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.robot.who_drives import command_name
 from woosh_robot_agent.ros.actions.actions import Actions, AgentGoal
@@ -409,10 +409,10 @@ class Nav2Context:
     """Tells what has cancelled a goal, besides its client."""
 
     @property
-    def preventions(self) -> list[Objection]:
+    def objections_except_busy(self) -> list[Objection]:
         """The reasons for which the robot rejects tasks now, except for its present task."""
         info = self.part.robot.last_known.value(RobotInfo)
-        return [] if info is None else preventions(info)
+        return [] if info is None else objections_except_busy(info)
 
 
 class Nav2Action(ABC):

@@ -20,7 +20,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.robot.maps import scene_map
-from woosh_robot_agent.robot.readiness import preventions
+from woosh_robot_agent.robot.readiness import objections_except_busy
 from woosh_robot_agent.ros.bridge import DeferredService, Reply
 from woosh_robot_agent.ros.nav2.endpoints import BY_NAME, CLEARING, MANAGERS
 from woosh_robot_agent.ros.qos import RARE_QOS
@@ -56,7 +56,7 @@ class Lifecycle:
         info = self._robot.last_known.value(RobotInfo)
         if info is None or not self._is_connected():
             return False
-        return not preventions(info)
+        return not objections_except_busy(info)
 
 
 async def _get_state(is_active: Callable[[], bool], _request: Any, response: Any) -> None:

@@ -80,7 +80,7 @@ class CmdVel(Part):
 
     def _stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
         if objection := stamp_objection(self._context, message.header.stamp):
-            self._driver.refuse("age", objection)
+            self._driver.log_refusal("age", objection)
         else:
             self._drive(message.twist, info, taken)
 
@@ -88,7 +88,7 @@ class CmdVel(Part):
         published = self._clock.of_message(info, taken)
         self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z, published)
         now = time.monotonic()
-        are_several = self._publishers.notice(info.get("publication_sequence_number"), now)
+        are_several = self._publishers.observe(info.get("publication_sequence_number"), now)
         velocities = self._context.watch.velocities
         if are_several and velocities.driving(now) and now - self._reported > _REPORT_PERIOD:
             self._reported = now

@@ -15,13 +15,13 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot import who_drives
-from woosh_robot_agent.robot.clock import TOLERANCE, difference
+from woosh_robot_agent.robot.clock import TOLERANCE, describe_offset
 from woosh_robot_agent.robot.readiness import (
     accepts_task,
     is_charging,
     is_located,
     objections,
-    pose_doubt,
+    pose_problem,
 )
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.robot.watch import Watch
@@ -104,8 +104,8 @@ def chassis_status(info: RobotInfo) -> Status:
     status = Status("chassis")
     for objection in objections(info):
         status.add(WARN, str(objection))
-    if (doubt := pose_doubt(info)) is not None:
-        status.add(WARN, str(doubt))
+    if (problem := pose_problem(info)) is not None:
+        status.add(WARN, str(problem))
     if info.state == robot.kFault:
         status.add(ERROR, "the robot reports a fault")
     status.values = {
@@ -140,7 +140,7 @@ def clock_status(offset: float | None) -> Status:
     if abs(offset) > TOLERANCE:
         status.add(
             WARN,
-            f"the robot's clock is {difference(offset)}: synchronise both with the same time "
+            f"the robot's clock is {describe_offset(offset)}: synchronise both with the same time "
             "server (NTP); stamps of ROS messages are not affected, but the times in status codes "
             "and tasks are wrong by this difference",
         )
@@ -233,7 +233,7 @@ def motion_status(watch: Watch) -> Status:
     status.default = f"{driver.name}: {driver.detail}" if driver.detail else driver.name
     status.values = {"driver": driver.name, "detail": driver.detail}
     if sources := watch.velocities.simultaneous:
-        status.add(WARN, who_drives.warning(sources))
+        status.add(WARN, who_drives.simultaneous_warning(sources))
     if warning := watch.standstill.warning:
         status.add(WARN, warning)
     return status

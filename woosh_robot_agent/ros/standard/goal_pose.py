@@ -102,7 +102,7 @@ class GoalPose(Part):
             return
         self._log.clear()
         published = self._clock.of_message(info, taken)
-        if objection := self._context.robot.gate.objection(published):
+        if objection := self._context.robot.gate.refusal(published):
             _LOG.error("goal_pose is ignored: %s", objection)
             return
         try:

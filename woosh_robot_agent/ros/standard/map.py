@@ -20,7 +20,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.maps import MapError, cells_of, check_place, scene_map
+from woosh_robot_agent.robot.maps import MapError, cells_of, check_resolution_and_origin, scene_map
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 from woosh_robot_agent.ros.subscribers import Subscribers
@@ -255,7 +255,7 @@ async def grid(
     Raises:
         ValueError: the map has no valid resolution, origin or image.
     """
-    check_place(resolution, origin.x, origin.y)
+    check_resolution_and_origin(resolution, origin.x, origin.y)
     # decoding a large image would block the link
     width, height, cells = await asyncio.to_thread(cells_of, image)
     message = OccupancyGrid(data=cells)

@@ -157,7 +157,7 @@ class Client(ConnectedClient):
         """Queue the encoded `frame` once its `hold` releases it and its `delay` has passed."""
         if not frame.hold:
             self._send_after(frame, data)
-        elif self._has_room():
+        elif self._ensure_room():
             self._held += 1
             self.waiting += frame.is_answer
             frame.hold(self, partial(self._release, frame, data))
@@ -185,7 +185,7 @@ class Client(ConnectedClient):
     def _send_after(self, frame: Outgoing, data: Encoded) -> None:
         if not frame.delay:
             self.send(data)
-        elif self._has_room():
+        elif self._ensure_room():
             self.waiting += frame.is_answer
             key = object()
             timer = asyncio.get_running_loop().call_later(frame.delay, self._queue_delayed, key)

@@ -14,7 +14,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.robot.maps import (
     MapError,
-    check_place,
+    check_resolution_and_origin,
     find_map,
     grey_png,
     scene_data,
@@ -202,7 +202,7 @@ async def _picture(
     Raises:
         MapError: the map has no valid resolution, origin or image.
     """
-    check_place(resolution, *origin)
+    check_resolution_and_origin(resolution, *origin)
     # decoding a large image would block the link
     data = await asyncio.to_thread(grey_png, png)
     keepout, problem = b"", ""

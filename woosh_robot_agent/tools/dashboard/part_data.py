@@ -16,7 +16,7 @@ from typing import Any
 
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.link.protos import enum_name
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -34,10 +34,10 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import (
     Objection,
     accepts_task,
+    all_objections,
     is_charging,
     objections,
-    pose_doubt,
-    rejections,
+    pose_problem,
 )
 from woosh_robot_agent.robot.status_codes import meaning
 from woosh_robot_agent.tools.dashboard.texts import value_data
@@ -64,7 +64,7 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
     pose, twist = info.pose_speed.pose, info.pose_speed.twist
     if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
         return None
-    doubt = pose_doubt(info)
+    doubt = pose_problem(info)
     return {
         "x": round(pose.x, 4),
         "y": round(pose.y, 4),
@@ -90,7 +90,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
         "emergencyStop": is_emergency_stop(info),
         "taskable": accepts_task(info),
-        "objections": [_objection(each) for each in rejections(info)],
+        "objections": [_objection(each) for each in all_objections(info)],
         "battery": _battery(info),
         "task": _task(view),
         "actions": [_action(view, name) for name in sorted(view.actions)],
@@ -308,7 +308,7 @@ def _task(view: RobotView) -> dict[str, Any] | None:
         "type": enum_name(task.Type, proc.type),
         "to": proc.dest,
         "state": enum_name(task.State, proc.state),
-        "running": is_running(proc),
+        "running": is_unfinished(proc),
         "text": proc.msg,
         "action": enum_name(action.Type, doing.type) if doing.type else "",
         "actionState": enum_name(action.State, doing.state) if doing.state else "",

@@ -10,7 +10,7 @@ from typing import Any
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.link.reports import RecentDict
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
@@ -54,7 +54,7 @@ class _Task:
     @property
     def runs(self) -> bool:
         """True if further reports are expected."""
-        return is_running(self.report)
+        return is_unfinished(self.report)
 
 
 class TaskLog:
@@ -130,7 +130,7 @@ class TaskLog:
         known = self._tasks.get(report.robot_task_id)
         if known is None:
             known = self._tasks[report.robot_task_id] = _Task()
-            if is_running(report):
+            if is_unfinished(report):
                 known.begun = now
                 self._note_map(known)
                 # after the other consumers of this report, which know who drives

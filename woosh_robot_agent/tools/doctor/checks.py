@@ -22,7 +22,7 @@ from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.clock import difference
+from woosh_robot_agent.robot.clock import describe_offset
 from woosh_robot_agent.robot.readiness import (
     DEPLOYMENT,
     EMERGENCY_STOP,
@@ -35,10 +35,10 @@ from woosh_robot_agent.robot.readiness import (
     SCHEDULE,
     Objection,
     accepts_task,
+    all_objections,
     is_located,
     objections,
-    pose_doubt,
-    rejections,
+    pose_problem,
 )
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.options import Address, link_arguments
@@ -207,7 +207,7 @@ def check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
         return Result(Status.OK, f"differs by {abs(answer.skew):.2f} s")
     return Result(
         Status.WARN,
-        f"the robot's clock is {difference(answer.skew)}",
+        f"the robot's clock is {describe_offset(answer.skew)}",
         "synchronise both with the same time server (NTP); until then the times in status codes "
         "and tasks are wrong by this difference; stamps of ROS messages are not affected, because "
         "the agent takes them from this computer's clock",
@@ -440,7 +440,7 @@ def check_localisation(info: RobotInfo) -> Result:
     if info.state == robot.kMapping:
         return Result(Status.SKIPPED, "not checked while the robot is building a map")
     result = _check(is_located(info), LOST, "the robot knows its position")
-    doubt = pose_doubt(info)
+    doubt = pose_problem(info)
     if result.status is Status.OK and doubt is not None:
         return Result(Status.WARN, doubt.reason, doubt.remedy)
     return result
@@ -456,7 +456,7 @@ def check_emergency_stop(info: RobotInfo) -> Result:
 def check_taskable(info: RobotInfo) -> Result:
     """Check whether the robot would accept a new task."""
     reported = {*_MODES, NOT_INITIALISED, LOST, EMERGENCY_STOP}
-    found = rejections(info)
+    found = all_objections(info)
     if others := [objection for objection in found if objection not in reported]:
         return _failed(others)
     if found:

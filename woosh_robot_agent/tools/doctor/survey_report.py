@@ -13,7 +13,7 @@ from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import General, RobotInfo
-from woosh_robot_agent.robot.clock import difference
+from woosh_robot_agent.robot.clock import describe_offset
 from woosh_robot_agent.robot.status_codes import meaning
 from woosh_robot_agent.tools.doctor.learn import (
     REFERENCE,
@@ -341,7 +341,7 @@ def _examples(each: Mapping[str, Any]) -> str:
 def _clock(clock: Mapping[str, float] | None) -> str:
     if clock is None:
         return "frames carry no time"
-    return f"{difference(clock['median'])} ({clock['samples']} frames)"
+    return f"{describe_offset(clock['median'])} ({clock['samples']} frames)"
 
 
 def _pair(series: Mapping[str, float] | None) -> str:

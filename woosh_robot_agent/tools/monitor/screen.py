@@ -25,7 +25,12 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.robot.readiness import accepts_task, is_charging, pose_doubt, rejections
+from woosh_robot_agent.robot.readiness import (
+    accepts_task,
+    all_objections,
+    is_charging,
+    pose_problem,
+)
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 
@@ -147,7 +152,7 @@ def _mode(info: RobotInfo) -> Text:
 
 
 def _taskable(info: RobotInfo) -> Text:
-    found = rejections(info)
+    found = all_objections(info)
     if found:
         text = Text("would be rejected", _BAD)
         for objection in found:
@@ -165,7 +170,7 @@ def _pose(info: RobotInfo) -> Text:
     text = Text(
         f"x {pose.x:.3f} m   y {pose.y:.3f} m   theta {pose.theta:.3f} rad ({degrees:.1f}°)"
     )
-    doubt = pose_doubt(info)
+    doubt = pose_problem(info)
     return text if doubt is None else text.append(f"\n{printable(doubt.reason)}", _WARNING)
 
 

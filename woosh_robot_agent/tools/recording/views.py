@@ -48,7 +48,12 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     Scene,
 )
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
-from woosh_robot_agent.robot.maps import MapError, check_place, grey_image, map_files
+from woosh_robot_agent.robot.maps import (
+    MapError,
+    check_resolution_and_origin,
+    grey_image,
+    map_files,
+)
 from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_channel
@@ -373,7 +378,9 @@ def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
     """
     area = found.area
     try:
-        check_place(area.resolution, area.origin.x, area.origin.y, area.origin.theta)
+        check_resolution_and_origin(
+            area.resolution, area.origin.x, area.origin.y, area.origin.theta
+        )
         files = map_files(area, re.sub(r"[^\w.-]", "_", area.name)) if found.is_saved else {}
         return PreparedMap(area.name, files, _view(area, time) if found.is_current else None)
     except MapError as error:

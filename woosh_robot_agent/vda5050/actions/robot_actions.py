@@ -6,7 +6,7 @@ import math
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map import storage_edit_pb2
 from woosh_robot_agent.pb.map.mark_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, SwitchFootPrint
@@ -102,7 +102,7 @@ async def stop_charging(run: Run) -> None:
     info = robot.info
     if info is None:
         raise ActionFailedError(NO_STATE())
-    if info.task_proc.type == task.kCharge and is_running(info.task_proc):
+    if info.task_proc.type == task.kCharge and is_unfinished(info.task_proc):
         answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
         if not answer.ok:
             raise ActionFailedError(_NOT_ENDED(reason=answer.msg))
