@@ -116,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     delete.add_argument("scene", metavar="SCENE")
     delete.add_argument("--map", type=_name, help="map of the scene to delete")
     for command in (listing, download, upload, rename, delete):
-        add_link_options(command, again=True)
+        add_link_options(command, for_subparser=True)
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Find the frames in the bytes of a connection between others, and record them in a thread."""
+"""Parse the bytes that the proxy forwards into frames, and record the frames in a thread."""
 
 from __future__ import annotations
 
@@ -178,9 +178,9 @@ class Direction:
 
 
 class FrameRecorder:
-    """Collects bytes, and finds and records the frames in them several times a second.
+    """Collects bytes, and parses and records the frames in them several times a second.
 
-    Frames are found and recorded in a separate thread, so that a slow disk does not delay the
+    Frames are parsed and recorded in a separate thread, so that a slow disk does not delay the
     forwarding. Everything is recorded in the order of the calls. The time of a frame is the time of
     the call that completed it.
 
@@ -209,9 +209,9 @@ class FrameRecorder:
         elif self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(_BATCH_PERIOD, self.record)
 
-    def event(self, connection: int, kind: EventKind, by: Side, text: str = "") -> None:
+    def add_event(self, connection: int, kind: EventKind, by: Side, text: str = "") -> None:
         """Record an event."""
-        self.call(self._writer.event, connection, kind, by, text, self._writer.now())
+        self.call(self._writer.add_event, connection, kind, by, text, self._writer.now())
 
     def flush(self) -> None:
         """Record the collected bytes, and pass everything on to the operating system."""
@@ -259,7 +259,7 @@ class FrameRecorder:
                 if frame.close:
                     direction.on_close(frame.data.decode(errors="replace").strip())
                 else:
-                    self._writer.frame(
+                    self._writer.add_frame(
                         number, sender, frame.data, text=frame.text, received=received
                     )
         except UnreadableError as error:
@@ -270,7 +270,7 @@ class FrameRecorder:
 
     def _give_up(self, direction: Direction, reason: str) -> None:
         direction.parser = None
-        self._writer.event(direction.connection, "unreadable", direction.sender, reason)
+        self._writer.add_event(direction.connection, "unreadable", direction.sender, reason)
         _LOG.warning(
             "no longer recording frames from the %s on connection %d, only forwarding them: %s",
             direction.sender,
