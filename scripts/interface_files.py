@@ -58,8 +58,6 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, Action, Command, Query
 from woosh_robot_agent.link.codecs.json_codec import is_repeated
 
-__all__ = ["InterfaceError", "interface_files", "superfluous_files"]
-
 
 class InterfaceError(Exception):
     """The interface files cannot be generated; the text says why."""

@@ -31,7 +31,7 @@ from woosh_robot_agent.simulator.serving.exchange import Received
 from woosh_robot_agent.tools.doctor.learn import learn, learn_profile, profile_text
 from woosh_robot_agent.tools.doctor.observations import Observations, SeenFrame
 from woosh_robot_agent.tools.doctor.program import main as doctor_main
-from woosh_robot_agent.tools.doctor.survey import SurveyOptions, survey
+from woosh_robot_agent.tools.doctor.survey import survey
 from woosh_robot_agent.tools.doctor.survey_report import markdown, results
 from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.proxy import RecordingProxy
@@ -143,7 +143,7 @@ def surveyed(tmp_path_factory: pytest.TempPathFactory) -> Surveyed:
             beside = [
                 asyncio.ensure_future(each) for each in (drive(port), push_unknown(simulator))
             ]
-            await survey(link(port), SurveyOptions(made, minutes=0.9, with_names=False))
+            await survey(link(port), made, minutes=0.9, with_names=False)
             for each in beside:
                 each.cancel()
                 with suppress(asyncio.CancelledError):
@@ -492,8 +492,8 @@ def test_lost_connection_is_opened_again(tmp_path: Path) -> None:
 
     async def make() -> None:
         async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
-            options = SurveyOptions(folder, minutes=0.1, with_names=False)
-            running = asyncio.ensure_future(survey(link(simulator.port), options))
+            making = survey(link(simulator.port), folder, minutes=0.1, with_names=False)
+            running = asyncio.ensure_future(making)
             await simulator.wait_received("woosh.robot.Mode")
             simulator.inject("drop")
             await running
@@ -521,8 +521,8 @@ def test_query_without_an_answer_is_asked_twice(tmp_path: Path) -> None:
     async def make() -> None:
         async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
             simulator.mute(MODE)
-            options = SurveyOptions(folder, minutes=0.3, with_names=False)
-            await survey(link(simulator.port, request_timeout=0.5, connect_timeout=0.5), options)
+            config = link(simulator.port, request_timeout=0.5, connect_timeout=0.5)
+            await survey(config, folder, minutes=0.3, with_names=False)
 
     asyncio.run(make())
     found = json.loads((folder / "survey.json").read_text())

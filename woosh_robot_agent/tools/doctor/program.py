@@ -179,8 +179,9 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             if any(each.check == "RobotInfo" and each.text == NOT_REACHED for each in results):
                 raise SurveyError("no survey, because the link to the robot does not open")
             minutes = options.minutes or _MINUTES
-            survey_options = survey.SurveyOptions(options.survey, minutes, options.with_names)
-            text = await survey.survey(config, survey_options)
+            text = await survey.survey(
+                config, options.survey, minutes=minutes, with_names=options.with_names
+            )
             print(text, file=sys.stderr if options.json else None)
     except SurveyError as error:
         print(printable(f"error: {error}"), file=sys.stderr)

@@ -6,7 +6,6 @@ import asyncio
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -70,22 +69,6 @@ _RETRY = 1.0
 """Time until a lost connection is opened again, in seconds."""
 _CONNECTION = 1
 """Number given to every connection: serial numbers, never used twice, tell the requests apart."""
-
-
-@dataclass(frozen=True)
-class SurveyOptions:
-    """Options of a survey.
-
-    Attributes:
-        folder: folder for the results, which must not exist or be empty.
-        minutes: duration, in minutes.
-        with_names: True to keep names, addresses, texts and numbers by which the robot can be
-            recognised.
-    """
-
-    folder: Path
-    minutes: float
-    with_names: bool
 
 
 class _Survey:
@@ -279,8 +262,14 @@ def check_folder(folder: Path) -> None:
         raise SurveyError(f"{folder}: {error.strerror}") from None
 
 
-async def survey(config: LinkConfig, options: SurveyOptions) -> str:
+async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names: bool) -> str:
     """Make a survey, until its time is over or a signal arrives, and write its results.
+
+    Args:
+        config: address and timeouts of the robot.
+        folder: folder for the results, which must not exist or be empty.
+        minutes: duration, in minutes.
+        with_names: True to keep what could identify the robot or its site.
 
     Returns:
         A summary for the user.
@@ -299,11 +288,9 @@ async def survey(config: LinkConfig, options: SurveyOptions) -> str:
         text = f"answers {len(seen.answers)}, pushes {len(seen.pushes)}"
         return {"completed": time.monotonic() - began, "description": text}
 
-    with progress_bar("survey", options.minutes * 60.0, progress, TimeRemainingColumn()):
+    with progress_bar("survey", minutes * 60.0, progress, TimeRemainingColumn()):
         ends: set[asyncio.Future[Any]] = {running, stopping}
-        await asyncio.wait(
-            ends, timeout=options.minutes * 60.0, return_when=asyncio.FIRST_COMPLETED
-        )
+        await asyncio.wait(ends, timeout=minutes * 60.0, return_when=asyncio.FIRST_COMPLETED)
     seconds = time.monotonic() - began
     complete = not stop.is_set()
     if running.done():
@@ -318,17 +305,17 @@ async def survey(config: LinkConfig, options: SurveyOptions) -> str:
         complete=complete,
         lost=running_survey.lost,
         address=config.address,
-        with_names=options.with_names,
+        with_names=with_names,
     )
     try:
-        options.folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(found, indent=1, ensure_ascii=False)
-        (options.folder / SURVEY_FILE).write_text(f"{text}\n", encoding="utf-8")
-        (options.folder / REPORT_FILE).write_text(markdown(found), encoding="utf-8")
+        (folder / SURVEY_FILE).write_text(f"{text}\n", encoding="utf-8")
+        (folder / REPORT_FILE).write_text(markdown(found), encoding="utf-8")
     except OSError as error:
-        raise SurveyError(f"cannot write {options.folder}: {error.strerror}") from None
+        raise SurveyError(f"cannot write {folder}: {error.strerror}") from None
     early = "" if complete else ", stopped early"
     return (
         f"surveyed for {seconds:.0f} s{early}: {len(running_survey.seen.answers)} answers, "
-        f"{len(running_survey.seen.pushes)} pushes; read {options.folder / REPORT_FILE}"
+        f"{len(running_survey.seen.pushes)} pushes; read {folder / REPORT_FILE}"
     )

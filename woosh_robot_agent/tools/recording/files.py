@@ -171,11 +171,6 @@ class Limits:
     split_size: int = 0
     split_duration: float = 0.0
 
-    @property
-    def splits(self) -> bool:
-        """True if the recording may have several files."""
-        return bool(self.split_size or self.split_duration)
-
 
 class RecordingFiles:
     """Writes messages into one file, or into several files, one after the other.
@@ -323,7 +318,7 @@ class RecordingFiles:
 
     def _begin_file(self) -> None:
         path = self._path
-        if self._limits.splits:
+        if self._limits.split_size or self._limits.split_duration:
             path = path.with_name(f"{path.stem}_{len(self.paths)}{path.suffix}")
         self._file = McapFile(path, self._profile)
         self.paths.append(path)

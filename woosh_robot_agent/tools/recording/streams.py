@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from websockets.frames import Opcode
 
@@ -47,17 +47,6 @@ class UnreadableError(Exception):
     """The stream cannot be parsed from here on."""
 
 
-class FrameParser(Protocol):
-    """Parser of one direction of one connection."""
-
-    def feed(self, data: bytes) -> Iterator[ParsedFrame]:
-        """Yield the frames that these further bytes complete.
-
-        Raises:
-            UnreadableError: the stream cannot be parsed from here on.
-        """
-
-
 class WebSocketParser:
     """Parser of one direction of a WebSocket connection, beginning with the HTTP header.
 
@@ -75,6 +64,11 @@ class WebSocketParser:
         self._is_text = False
 
     def feed(self, data: bytes) -> Iterator[ParsedFrame]:
+        """Yield the frames that these further bytes complete.
+
+        Raises:
+            UnreadableError: the stream cannot be parsed from here on.
+        """
         if self._header is not None:
             header, end, data = (self._header + data).partition(_END_OF_HEADER)
             if not end:
@@ -118,6 +112,7 @@ class DelimitedParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[ParsedFrame]:
+        """Do the same as `WebSocketParser.feed`."""
         self._buffer += data
         while (prefix := self._parse_size()) is not None:
             size, begin = prefix
@@ -139,6 +134,9 @@ class DelimitedParser:
         if len(self._buffer) >= _MAX_VARINT:
             raise UnreadableError("invalid size of a frame: not a varint")
         return None
+
+
+FrameParser = WebSocketParser | DelimitedParser
 
 
 def _close_text(data: bytes) -> bytes:
