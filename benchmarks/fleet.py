@@ -150,7 +150,7 @@ def _cpu(process: subprocess.Popen[bytes]) -> float:
 
 @dataclass
 class _Master:
-    """Sends orders, and records all messages with their times; they are read afterwards."""
+    """Fleet master: sends orders, and records all messages with their times."""
 
     port: int
     received: list[tuple[float, str, bytes]] = field(default_factory=list)
@@ -173,7 +173,7 @@ class _Master:
         """Return the serial numbers that have sent on a topic."""
         return {name.split("/")[3] for _, name, _ in self.received if name.endswith(topic)}
 
-    def order(self, serial: int, nodes: int) -> None:
+    def send_order(self, serial: int, nodes: int) -> None:
         """Send an order of some nodes on a circle."""
         message = {
             "headerId": 0,
@@ -226,7 +226,7 @@ def order(count: int) -> Message:
     return {"orderId": "order", "orderUpdateId": 0, "nodes": nodes, "edges": edges}
 
 
-def vehicles(robots: int, load: Load) -> VehicleCost:
+def measure(robots: int, load: Load) -> VehicleCost:
     """Measure the cost with a number of robots in one process of the connector."""
     with contextlib.ExitStack() as stack:
         domain = stack.enter_context(own_domain())
@@ -285,7 +285,7 @@ def _measure(
     for program in simulators:
         program.send("start", _PERIOD)
     for serial in serials:
-        master.order(serial, load.nodes)
+        master.send_order(serial, load.nodes)
     last = f"n{load.nodes - 1}"
     deadline = begin + _TIMEOUT
     while time.monotonic() < deadline:
@@ -373,12 +373,12 @@ def main(arguments: Sequence[str]) -> int:
     found = []
     for robots in (1, 2) if given.smoke else given.robots:
         print(f"{robots} robots", file=sys.stderr, flush=True)
-        found.append(asdict(vehicles(robots, load)))
+        found.append(asdict(measure(robots, load)))
     return report(given, found, _table, excess)
 
 
 def excess(found: Sequence[Message]) -> list[str]:
-    """Return what must not be."""
+    """Return the lost messages and missing orders, as text."""
     problems = []
     for each in found:
         if each["lost"]:

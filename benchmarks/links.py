@@ -26,14 +26,12 @@ FIGURES = {
     "scan_rtt": "call of robot/ScannerData, 1080 beams, median, µs",
     "scan_cpu": "agent's CPU per scan, µs",
 }
-
-
 Columns = dict[str, dict[str, float]]
 """Figures of each column of a table: of each kind of link, and of a floor."""
 
 
 def measure(domain: int, options: Options) -> Columns:
-    """Return all figures of one link."""
+    """Return all figures of one link, in the column ""."""
     with calling(domain) as caller, push_path(domain, options) as path:
         (agent,) = path.publishers
         pushes = path.push(100.0, options.samples(1000))

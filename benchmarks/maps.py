@@ -41,7 +41,7 @@ def _transfers(name: str, transfers: Transfers) -> dict[str, float]:
 
 
 def measure(domain: int, options: Options) -> Columns:
-    """Return all figures of one link, and those of the floor beside it."""
+    """Return all figures of one link in the column "", and those of the floor in `FLOOR`."""
     cost: MapCost = measure_cost(domain, options)
     ours: dict[str, float] = {}
     floor: dict[str, float] = {}
@@ -63,5 +63,5 @@ def main(arguments: Sequence[str]) -> int:
     add_repetitions(parser)
     given = parser.parse_args(arguments)
     found = compare(given, measure)
-    found[FLOOR] = found.pop(FLOOR)  # the last column
+    found[FLOOR] = found.pop(FLOOR)  # make it the last column
     return report(given, found, lambda columns: comparison_table(columns, FIGURES))

@@ -49,6 +49,7 @@ _COMMAND_PERIOD = 0.05
 _PREDICTED, _REPORTED = "/predicted", "/reported"
 """Namespaces of the two agents."""
 ODOM, REPORTS, LAST = "odom", "the reports themselves", "the last report"
+"""Names of the motions that are compared with that of the robot."""
 _SHOWN = 12.0
 """Length of the part of the drive that the picture shows, in seconds."""
 
@@ -72,14 +73,14 @@ class Truth:
             pose = chassis.base.pose
             self._steps.append((time.time(), chassis.stepped, Pose2D(pose.x, pose.y, pose.theta)))
 
-        def note(frame: Outgoing) -> list[Outgoing]:
+        def note_report(frame: Outgoing) -> list[Outgoing]:
             if frame.type == _POSE_SPEED:
                 pose = frame.body.pose  # type: ignore[union-attr]
                 self.sent.setdefault(rounded(Pose2D.from_message(pose)), time.time())
-            return [frame]
+            return [frame]  # unchanged
 
         simulator.call(lambda sim: setattr(sim.chassis, "tick", noting_tick))
-        simulator.intercept(note)
+        simulator.intercept(note_report)
 
     @property
     def poses(self) -> list[tuple[float, Pose2D]]:
@@ -89,7 +90,7 @@ class Truth:
 
 
 class Track:
-    """A motion, interpolated between its steps."""
+    """The motion of the robot, interpolated between the steps of the simulator."""
 
     def __init__(self, poses: list[tuple[float, Pose2D]]) -> None:
         self.times = [each for each, _ in poses]

@@ -1,4 +1,4 @@
-"""Command line of the benchmarks of speed: their options, and the report of what they found."""
+"""Command line of the benchmarks of speed, and the report of their figures."""
 
 from __future__ import annotations
 
@@ -55,10 +55,7 @@ class Options:
     @property
     def agent_parameters(self) -> dict[str, str]:
         """Parameters of the agent, as set by these options."""
-        return {
-            "transport": self.transport,
-            "encoding": self.encoding,
-        }
+        return {"transport": self.transport, "encoding": self.encoding}
 
 
 def make_parser(name: str, description: str | None) -> argparse.ArgumentParser:

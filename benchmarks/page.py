@@ -72,7 +72,7 @@ def _browser() -> Iterator[Any]:
 
 
 def _first_load(driver: Any, url: str) -> dict[str, float]:
-    """Return bytes, and the time until the map is there, in seconds."""
+    """Return the transferred bytes, and the time until the map is drawn, in seconds."""
     times = []
     for _ in range(_LOADS):
         driver.get("about:blank")
@@ -95,7 +95,7 @@ def _first_load(driver: Any, url: str) -> dict[str, float]:
 
 
 def _frames(driver: Any, seconds: float) -> dict[str, float]:
-    """Return frames in a second while the stick drives, and the share of time that is computed."""
+    """Return frames per second while the stick drives, and the CPU time of the page, in percent."""
     from selenium.webdriver import ActionChains
 
     driver.execute_cdp_cmd("Performance.enable", {})
@@ -120,7 +120,7 @@ def _frames(driver: Any, seconds: float) -> dict[str, float]:
 
 
 def _busy(driver: Any) -> float:
-    """Return for how long the page has computed so far, in seconds."""
+    """Return the time that the page has spent on computing so far, in seconds."""
     metrics = driver.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
     return float(next(each["value"] for each in metrics if each["name"] == "TaskDuration"))
 

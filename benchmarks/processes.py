@@ -130,7 +130,7 @@ class Program:
             raise RuntimeError(f"{self._name} was stopped before it answered")
         return json.loads(line)
 
-    def answered(self) -> bool:
+    def has_answer(self) -> bool:
         """Return True if its stdout has something to receive."""
         self.check_running()
         return bool(select.select([self.process.stdout], [], [], 0)[0])

@@ -16,8 +16,11 @@ from typing import Any, NamedTuple
 
 from benchmarks.figures import Figure, markdown
 from tests.simulator.real_tasks import (
+    CANCEL,
+    CONTINUE,
     EXEC_PRE_TASK,
     ORDER,
+    PAUSE,
     SCENARIOS,
     STATE,
     TASK_PROC,
@@ -32,6 +35,7 @@ from tests.simulator.real_tasks import (
     triple,
 )
 from tests.simulator.recorded_chassis import Frame, SteppedChassis, answer_times, ask, wait_frame
+from woosh_robot_agent.pb.util import robot_pb2
 
 _SEEDS = range(8)
 """Seeds of the simulated runs."""
@@ -54,7 +58,7 @@ _EFFECTS = {"kSuspend": "pause", "kRosCancel": "cancel", "kRosExecuting": "conti
 
 BUILD_MAP = "woosh.robot.BuildMap"
 
-_UNINIT, _IDLE, _MAPPING = 1, 2, 9
+_UNINIT, _IDLE, _MAPPING = robot_pb2.kUninit, robot_pb2.kIdle, robot_pb2.kMapping
 
 Times = dict[str, list[float]]
 """Times in seconds, by name."""
@@ -168,7 +172,7 @@ def simulated_tasks(seeds: range) -> tuple[Runs, Times]:
         wait_frame(chassis, lambda frame: task_id(frame.body) == 66602 and ended(frame.body))
         chassis.run(1.0)
         times.append(times_of_task(events_of_run(chassis.frames)))
-    for orders in ((2, 3), (2, 3, 4)):
+    for orders in ((PAUSE, CONTINUE), (PAUSE, CONTINUE, CANCEL)):
         chassis = SteppedChassis(seed=len(orders))
         exec_task(chassis)
         for order in orders:
@@ -210,26 +214,26 @@ def time_figures(facts: Any, simulated: Times) -> list[Figure]:
 def _figure(
     part: str,
     name: str,
-    told: Any,
-    ours: Sequence[float],
+    real: Any,
+    simulated: Sequence[float],
     resolution: float = 0.0,
     remark: str = "",
 ) -> Figure:
-    """Return a figure that passes if the median of `ours` is within what is told.
+    """Return a figure that passes if the median of `simulated` is within the real range.
 
     Args:
         part: part of the comparison.
         name: name of the figure.
-        told: value of the real robot, or a list of the smallest and the largest one.
-        ours: values of the simulated chassis.
+        real: value of the real robot, or a list of the smallest and the largest one.
+        simulated: values of the simulated chassis.
         resolution: difference that the figures of the real robot do not show, beside `TOLERANCE`.
         remark: text after the value of the real robot.
     """
-    least, most = told if isinstance(told, list) else (told, told)
-    median = statistics.median(ours)
+    least, most = real if isinstance(real, list) else (real, real)
+    median = statistics.median(simulated)
     ok = (1 - TOLERANCE) * least - resolution <= median <= (1 + TOLERANCE) * most + resolution
     text = f"{least:g}" if least == most else f"{least:g} to {most:g}"
-    return Figure(part, name, _spread(ours), text + remark, ok)
+    return Figure(part, name, _spread(simulated), text + remark, ok)
 
 
 def _spread(values: Sequence[float]) -> str:
@@ -267,6 +271,7 @@ def drive_figures(facts: Any, seeds: range) -> list[Figure]:
     for seed in seeds:
         chassis = SteppedChassis(seed=seed)
         model = chassis.chassis
+        # the reports of each run have another phase relative to the commands
         model.run_until(0.006 * seed)
         begin, seen = model.elapsed, ""
         for _ in range(100):

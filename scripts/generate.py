@@ -16,13 +16,14 @@ import argparse
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 
 import yaml
 
 from scripts import simulator_tables, sros2_policies, vda5050_tables
 from scripts.interface_files import InterfaceError, interface_files, superfluous_files
+from scripts.markdown_table import table
 from woosh_robot_agent import endpoints, parameters
 from woosh_robot_agent.robot import status_codes
 from woosh_robot_agent.ros.nav2 import endpoints as nav2_endpoints
@@ -41,34 +42,41 @@ COMMAND = "python3 -m scripts.generate"
 
 def options_table(parser: argparse.ArgumentParser) -> str:
     """Return the options of a program as a Markdown table."""
-    rows = ["| Option | Default | Meaning |", "| --- | --- | --- |"]
+    rows = []
     for action in parser._actions:
         if isinstance(action, argparse._HelpAction):
             continue
         names = ", ".join(f"`{name}`" for name in action.option_strings)
         default = "" if action.default in (None, [], False, 0) else f"`{action.default}`"
         choices = f" ({', '.join(action.choices)})" if action.choices else ""
-        rows.append(f"| {names} | {default} | {action.help}{choices} |")
-    return "\n".join(rows)
+        rows.append((names, default, f"{action.help}{choices}"))
+    return table(("Option", "Default", "Meaning"), rows)
 
 
-def tool_options(make_parser: Callable[[], argparse.ArgumentParser] | None) -> str:
-    """Return the options of a tool as a Markdown list, with their help, which has the defaults.
+def link_parser() -> argparse.ArgumentParser:
+    """Return a parser with the options of the link, which the tools share."""
+    parser = argparse.ArgumentParser()
+    add_link_options(parser)
+    return parser
+
+
+def options_list(parser: argparse.ArgumentParser, *, without: Collection[str] = ()) -> str:
+    """Return options as a Markdown list, with their help, which has the defaults.
 
     Args:
-        make_parser: makes the parser of a tool, whose options of the link are left out; None for
-            these.
+        parser: the parser with the options.
+        without: attribute names (`dest`) of options to leave out.
     """
-    link = argparse.ArgumentParser(add_help=False)
-    add_link_options(link)
-    shared = {action.dest for action in link._actions}
-    lines = []
-    for action in (link if make_parser is None else make_parser())._actions:
-        is_shared = action.dest in shared
-        if action.option_strings and action.dest != "help" and is_shared is (make_parser is None):
-            text = str(action.help) % {**vars(action), "prog": ""}
-            lines.append(f"- `{action.option_strings[0]}`: {text}")
-    return "\n".join(lines)
+    return "\n".join(
+        f"- `{action.option_strings[0]}`: {str(action.help) % {**vars(action), 'prog': ''}}"
+        for action in parser._actions
+        if action.option_strings and action.dest not in ("help", *without)
+    )
+
+
+def tool_options(parser: argparse.ArgumentParser) -> str:
+    """Return the options of a tool, except those of the link, as a Markdown list."""
+    return options_list(parser, without={action.dest for action in link_parser()._actions})
 
 
 def status_codes_json() -> str:
@@ -90,10 +98,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "standard-topics": standard_endpoints.markdown,
     "nav2": nav2_endpoints.markdown,
     "parameters": parameters.markdown,
-    "link-options": lambda: tool_options(None),
-    "dashboard-options": lambda: tool_options(dashboard.make_parser),
-    "record-options": lambda: tool_options(record.make_parser),
-    "replay-options": lambda: tool_options(replay.make_parser),
+    "link-options": lambda: options_list(link_parser()),
+    "dashboard-options": lambda: tool_options(dashboard.make_parser()),
+    "record-options": lambda: tool_options(record.make_parser()),
+    "replay-options": lambda: tool_options(replay.make_parser()),
     "simulator-options": lambda: options_table(simulator_parser()),
     "simulator-faults": faults.markdown,
     "simulator-profile": simulator_tables.profile_table,

@@ -58,15 +58,13 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, Action, Command, Query
 from woosh_robot_agent.link.codecs.json_codec import is_repeated
 
-__all__ = ["InterfaceError", "interface_files", "superfluous_files"]
-
 
 class InterfaceError(Exception):
     """The interface files cannot be generated; the text says why."""
 
 
 _Path = tuple[int, ...]
-"""Place of an element in a file: field numbers of descriptor.proto and indices in turn."""
+"""Place of an element in a file, as `source_code_info` has it: field number, index, and so on."""
 
 
 class Schema:
@@ -83,7 +81,7 @@ class Schema:
         self._pool = DescriptorPool()
         self._comments: dict[str, str] = {}
         self._files: list[Any] = []
-        for file in _compiled(folder).file:
+        for file in _compile(folder).file:
             self._pool.AddSerializedFile(file.SerializeToString())
             self._files.append(self._pool.FindFileByName(file.name))
             self._comments |= _comments(file)
@@ -114,7 +112,8 @@ class Schema:
         return self._comments.get(element.full_name, "")
 
 
-def _compiled(folder: Path) -> FileDescriptorSet:
+def _compile(folder: Path) -> FileDescriptorSet:
+    """Return the descriptors of all .proto files in a folder, with their comments."""
     names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*.proto"))
     with tempfile.TemporaryDirectory() as temporary:
         output = Path(temporary) / "descriptors"
@@ -149,7 +148,7 @@ def _with_nested(message: Descriptor) -> Iterator[Descriptor | EnumDescriptor]:
 
 
 def _comments(file: FileDescriptorProto) -> dict[str, str]:
-    """Return the comments of a file by full name of the element; a value's follows its enum's."""
+    """Return the comments of a file by full name; that of an enum value is ENUM.VALUE."""
     names = dict(_names(file))
     return {
         names[tuple(place.path)]: place.leading_comments.strip()
@@ -159,6 +158,7 @@ def _comments(file: FileDescriptorProto) -> dict[str, str]:
 
 
 def _names(file: FileDescriptorProto) -> Iterator[tuple[_Path, str]]:
+    """Yield place and full name of each element of a file."""
     number = FileDescriptorProto.DESCRIPTOR.fields_by_name
     for i, message in enumerate(file.message_type):
         yield from _message_names(message, (number["message_type"].number, i), file.package)
@@ -265,11 +265,6 @@ ANY_MESSAGE = "woosh_common_msgs/AnyProto"
 _WORD_STARTS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 
-def has_ros_message(element: Descriptor | EnumDescriptor) -> bool:
-    """Return True if a message or an enum has a ROS message of its own."""
-    return element.full_name in OTHERS or element.file.package in PACKAGES
-
-
 def message_name(element: Descriptor | EnumDescriptor) -> str:
     """Return package and name of the ROS message, e.g. `woosh_robot_msgs/BatteryChargeState`.
 
@@ -297,11 +292,6 @@ def oneof_message_name(oneof: OneofDescriptor) -> str:
 def enum_constant(value_name: str) -> str:
     """Return the name of an enum value's constant, e.g. `K_ROS_SUCCESS` for `kRosSuccess`."""
     return _WORD_STARTS.sub("_", value_name).upper()
-
-
-def presence_constant(field_name: str) -> str:
-    """Return the name of the constant for a bit of `has_field`, e.g. `POSE_FIELD_SET`."""
-    return f"{field_name.upper()}_FIELD_SET"
 
 
 def member_constant(oneof: OneofDescriptor, member: str = "") -> str:
@@ -345,7 +335,9 @@ def field_type(field: FieldDescriptor) -> str:
     return f"{name}[]" if is_repeated(field) else name
 
 
-_COMMENT = "Presence of the message-typed fields, one bit each; all ones means that all are present"
+_MASK_COMMENT = (
+    "Presence of the message-typed fields, one bit each; all ones means that all are present"
+)
 
 
 def presence_mask(fields: Sequence[FieldDescriptor]) -> tuple[list[Line], list[Line]]:
@@ -360,13 +352,13 @@ def presence_mask(fields: Sequence[FieldDescriptor]) -> tuple[list[Line], list[L
     size = next(size for size in (8, 16, 32, 64) if len(fields) <= size)
     title = "Bits of `has_field`"
     constants = [
-        Line(f"uint{size} {presence_constant(field.name)}={1 << field.index}", "" if i else title)
+        Line(f"uint{size} {field.name.upper()}_FIELD_SET={1 << field.index}", "" if i else title)
         for i, field in enumerate(with_bit)
     ]
-    return constants, [Line(f"uint{size} has_field {2**size - 1}", _COMMENT)]
+    return constants, [Line(f"uint{size} has_field {2**size - 1}", _MASK_COMMENT)]
 
 
-ARG = "The request to the chassis"
+_ARG_COMMENT = "The request to the chassis"
 """Comment of the field `arg` of requests and goals."""
 
 
@@ -377,7 +369,7 @@ def query_file(query: Query, schema: Schema) -> str:
     value = "Current value of the chassis, or the last known one if the chassis does not answer"
     return parts_text(
         f"{schema.comment(message)}\nAsks the chassis for {query.request}.",
-        [Line(f"{name} arg", ARG)] if query.takes_arg else [],
+        [Line(f"{name} arg", _ARG_COMMENT)] if query.takes_arg else [],
         [Line(f"{name} {query.field}", value)],
     )
 
@@ -398,7 +390,7 @@ def command_file(command: Command, schema: Schema) -> str:
         response.insert(0, Line(f"{answer} ret", text))
     return parts_text(
         f"{schema.comment(message)}\nSends {command.request}.",
-        [Line(f"{message_name(message)} arg", ARG)],
+        [Line(f"{message_name(message)} arg", _ARG_COMMENT)],
         response,
     )
 
@@ -409,7 +401,7 @@ def action_file(action: Action, schema: Schema) -> str:
     report = message_name(schema.message(action.feedback))
     return parts_text(
         f"{schema.comment(message)}\nStarts {action.arg} and follows its reports.",
-        [Line(f"{message_name(message)} arg", ARG)],
+        [Line(f"{message_name(message)} arg", _ARG_COMMENT)],
         [Line(f"{report} ret", "The last report of the chassis, which ended the goal")],
         [Line(f"{report} fb", "Progress report of the chassis")],
     )
@@ -514,7 +506,7 @@ def superfluous_files(root: Path, wanted: Collection[str]) -> Iterator[Path]:
 
 def _files(schema: Schema) -> Iterator[tuple[str, str]]:
     for element in schema.types():
-        if not has_ros_message(element):
+        if element.full_name not in OTHERS and element.file.package not in PACKAGES:
             continue
         if isinstance(element, EnumDescriptor):
             yield _path(message_name(element), "msg"), enum_file(element, schema)

@@ -8,6 +8,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 
+from scripts.markdown_table import table
 from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
 from woosh_robot_agent.simulator.protocol.handlers import COMMANDS, QUERIES
@@ -17,7 +18,7 @@ from woosh_robot_agent.simulator.scenes import scene_yaml
 _PROFILE_LINE = re.compile(
     r"(?P<group>\w+):$|  # (?P<comment>.+)$|  (?P<key>\w+):(?P<value> .+)?$|    .*|$"
 )
-"""Line of tr200.yaml: a group, a comment, a key of the group; what is deeper belongs to the key."""
+"""Line of tr200.yaml: a group, a comment, a key of the group, a deeper line (ignored), or empty."""
 
 _ATTRIBUTE = re.compile(r"^    (\w+): (.+(?:\n {8,}.+)*)", re.M)
 """An attribute in a docstring: its name and its description."""
@@ -50,7 +51,7 @@ def profile_table() -> str:
             rows[-1][1].append(f"`{group}.{found['key']}`")
             rows[-1][2].append(f"`{found['value'].strip()}`" if found["value"] else "(list)")
         after_comment = bool(found["comment"])
-    return _table(
+    return table(
         ("Field", "tr200", "Meaning"),
         (("<br>".join(keys), "<br>".join(values), meaning) for meaning, keys, values in rows),
     )
@@ -68,7 +69,7 @@ def scene_table() -> str:
         ("tasks.predefined[].button.", scene_yaml.ButtonEntry),
         ("tasks.predefined[].steps[].", scene_yaml.StepEntry),
     )
-    return _table(
+    return table(
         ("Key", "Meaning"),
         ((f"`{prefix}{key}`", text) for prefix, entry in entries for key, text in _keys(entry)),
     )
@@ -85,7 +86,7 @@ def requests_table() -> str:
         return {package: ", ".join(each) for package, each in short_names.items()}
 
     columns = by_package(QUERIES), by_package(COMMANDS), by_package(TOPICS)
-    return _table(
+    return table(
         ("Package", "Requests that only read", "Requests that may change something", "Pushes"),
         (
             (f"`{package}`", *(column.get(package, "") for column in columns))
@@ -112,9 +113,3 @@ def _keys(entry: type) -> Iterator[tuple[str, str]]:
             raise ValueError(f"the docstring of {entry.__name__} does not describe {field.name}")
         text = " ".join(described[field.name].split())
         yield field.name, text[0].upper() + text[1:]
-
-
-def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    head = list(head)
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

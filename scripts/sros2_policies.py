@@ -38,21 +38,21 @@ _NODE_TOPICS = ("/rosout", "/parameter_events")
 """Topics that every rclpy node publishes."""
 
 
-def _of_nav2(kind: Nav2Kind) -> list[str]:
+def _nav2_names(kind: Nav2Kind) -> list[str]:
     return [each.name for each in NAV2 if each.kind is kind]
 
 
 _OUTPUTS = [each.name for each in (*TOPICS, AGENT_INFO)]
-_OUTPUTS += [each.name for each in STANDARD if each.is_output] + _of_nav2(Nav2Kind.LATCHED)
-_INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT] + _of_nav2(Nav2Kind.INPUT)
+_OUTPUTS += [each.name for each in STANDARD if each.is_output] + _nav2_names(Nav2Kind.LATCHED)
+_INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT] + _nav2_names(Nav2Kind.INPUT)
 _OWN_INPUTS = ("/tf", "/tf_static")
 """Topics that the agent subscribes to, for goals of Nav2's actions in other frames than its own."""
 _QUERIES = [each.name for each in QUERIES] + [each.name for each in COMMANDS if each.reads]
-_QUERIES += _of_nav2(Nav2Kind.READING_SERVICE)
+_QUERIES += _nav2_names(Nav2Kind.READING_SERVICE)
 _COMMANDS = [each.name for each in COMMANDS if not each.reads]
 _COMMANDS += [each.name for each in STANDARD if each.kind is Kind.SERVICE]
-_COMMANDS += _of_nav2(Nav2Kind.SERVICE)
-_ACTIONS = [each.name for each in ACTIONS] + _of_nav2(Nav2Kind.ACTION)
+_COMMANDS += _nav2_names(Nav2Kind.SERVICE)
+_ACTIONS = [each.name for each in ACTIONS] + _nav2_names(Nav2Kind.ACTION)
 _OWN_ACTIONS = ("ros/MoveBase",)
 """Actions that the agent calls itself: a message on goal_pose becomes a goal."""
 
@@ -70,11 +70,13 @@ def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
     prefix = _prefix(namespace)
     profile = _Profile(f"{prefix}/agent", sim_time=sim_time)
     services = _QUERIES + _COMMANDS
-    profile.allow("topics", "publish", (_path(prefix, name) for name in _OUTPUTS))
-    profile.allow("topics", "subscribe", (_path(prefix, name) for name in (*_INPUTS, *_OWN_INPUTS)))
-    profile.allow("services", "reply", (_path(prefix, name) for name in services))
-    profile.allow("actions", "execute", (_path(prefix, name) for name in _ACTIONS))
-    profile.allow("actions", "call", (_path(prefix, name) for name in _OWN_ACTIONS))
+    profile.allow("topics", "publish", (_absolute(prefix, name) for name in _OUTPUTS))
+    profile.allow(
+        "topics", "subscribe", (_absolute(prefix, name) for name in (*_INPUTS, *_OWN_INPUTS))
+    )
+    profile.allow("services", "reply", (_absolute(prefix, name) for name in services))
+    profile.allow("actions", "execute", (_absolute(prefix, name) for name in _ACTIONS))
+    profile.allow("actions", "call", (_absolute(prefix, name) for name in _OWN_ACTIONS))
     return profile.policy(f"{prefix}/agent")
 
 
@@ -115,9 +117,9 @@ def client_policy(
         )
 
     def selected(endpoints: Iterable[str]) -> list[str]:
-        return [_path(prefix, name) for name in _matching(endpoints, only or ("*",))]
+        return [_absolute(prefix, name) for name in _matching(endpoints, only or ("*",))]
 
-    profile = _Profile(_checked(node), sim_time=sim_time)
+    profile = _Profile(_check_name(node), sim_time=sim_time)
     profile.allow("topics", "subscribe", selected(_OUTPUTS))
     services = _QUERIES if read_only else _QUERIES + _COMMANDS
     profile.allow("services", "request", selected(services))
@@ -165,17 +167,18 @@ def _matching(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
     return [name for name in names if any(fnmatchcase(name, pattern) for pattern in patterns)]
 
 
-def _path(prefix: str, name: str) -> str:
+def _absolute(prefix: str, name: str) -> str:
     """Return the absolute form of an endpoint's name."""
     return name if name.startswith("/") else f"{prefix}/{name}"
 
 
 def _prefix(namespace: str) -> str:
     """Return what precedes the slash before a name in `namespace`."""
-    return "" if namespace == "/" else _checked(namespace)
+    return "" if namespace == "/" else _check_name(namespace)
 
 
-def _checked(name: str) -> str:
+def _check_name(name: str) -> str:
+    """Return `name`; raise ValueError unless it is an absolute ROS name."""
     if not _NAME.fullmatch(name):
         raise ValueError(f"not an absolute ROS name such as {NAMESPACE}: {name!r}")
     return name

@@ -6,6 +6,7 @@ import ast
 import inspect
 from collections.abc import Iterable, Iterator, Mapping
 
+from scripts.markdown_table import table
 from woosh_robot_agent.vda5050.actions.runner import ACTIONS
 from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ActionType
 from woosh_robot_agent.vda5050.messages.state import ErrorType
@@ -157,7 +158,7 @@ REMARKS: Mapping[str, Mapping[str, str]] = {
 
 def actions() -> str:
     """Return the table of the actions."""
-    return _table(("Action", "Where", "What the robot does", "Parameters"), _action_rows())
+    return table(("Action", "Where", "What the robot does", "Parameters"), _action_rows())
 
 
 def _action_rows() -> Iterator[tuple[str, ...]]:
@@ -166,31 +167,32 @@ def _action_rows() -> Iterator[tuple[str, ...]]:
         name = f"`{kind.name}`" + (f" ({action.version}.x)" if action.version else "")
         scopes = ", ".join(sorted(each.value.lower() for each in kind.scopes))
         parameters = (f"[`{e.key}`]" if e.optional else f"`{e.key}`" for e in kind.parameters)
-        yield name, scopes, _what(kind), ", ".join(parameters)
+        yield name, scopes, _description(kind), ", ".join(parameters)
 
 
-def _what(kind: ActionType) -> str:
+def _description(kind: ActionType) -> str:
     blocking = "; SOFT or HARD" if kind.blocking == STANDSTILL else ""
     return f"{kind.description}{blocking}{'; any id' if kind.repeatable else ''}"
 
 
 def errors() -> str:
     """Return the table of the errors."""
+    # the docstrings of the members of an enum are only in its source
     tree = ast.parse(inspect.getsource(ErrorType))
     texts = [
         each.value.value
         for each in tree.body[0].body  # type: ignore[attr-defined]
         if isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant)
-    ][1:]
+    ][1:]  # without the docstring of the class
     rows = []
     for kind, text in zip(ErrorType, texts, strict=True):
         names = f"`{V2_1.error_type(kind.value)}`", f"`{V3_0.error_type(kind.value)}`"
         rows.append((*names, " ".join(str(text).removesuffix(".").split())))
-    return _table(("2.1", "3.0", "When"), rows)
+    return table(("2.1", "3.0", "When"), rows)
 
 
 def names() -> str:
-    """Return the table of the names of fields that differ between the versions."""
+    """Return the names of fields that differ between the versions, as text."""
     pairs = [(old, new) for old, new in V3_0.names.items() if new and "." not in old]
     return ", ".join(f"`{old}`: `{new}`" for old, new in sorted(pairs)) + "."
 
@@ -202,9 +204,4 @@ def fields() -> str:
         rows += [(topic, f"`{name}`", text) for name, text in REMARKS.get(topic, {}).items()]
         for reason, patterns in UNSUPPORTED.get(topic, {}).items():
             rows.append((topic, ", ".join(f"`{each}`" for each in patterns), f"no: {reason}"))
-    return _table(("Topic", "Fields", "Vehicle"), rows)
-
-
-def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    lines = [head, tuple("---" for _ in head), *rows]
-    return "\n".join(f"| {' | '.join(each)} |" for each in lines)
+    return table(("Topic", "Fields", "Vehicle"), rows)

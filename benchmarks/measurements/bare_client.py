@@ -14,9 +14,6 @@ class BareClient:
     """A node with a context and an executor of its own, which spins only when it is told to.
 
     Create it before the agent: DDS discovers the participant that joins last the fastest.
-
-    Attributes:
-        node: the node.
     """
 
     def __init__(self, domain: int) -> None:

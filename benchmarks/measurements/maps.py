@@ -56,9 +56,6 @@ class _Endpoint:
         program: the program.
         caller: calls its services.
         size: size of the map, in bytes.
-
-    Attributes:
-        program: the program.
     """
 
     def __init__(self, program: Program, caller: Caller, size: int) -> None:

@@ -68,11 +68,11 @@ def floor_command(nodes: int) -> list[str]:
 def measure(domain: int, options: Options) -> Measured:
     """Measure several starts of agent and floor in turn, then both while idle."""
     with running_chassis(domain) as (_, port):
-        ours, floor = _in_turn(
+        ours, floor = _measure_in_turn(
             domain,
             options,
-            Presence(agent_command(port, options)),
-            Presence(floor_command(1), connects=False),
+            MeasuredProgram(agent_command(port, options)),
+            MeasuredProgram(floor_command(1), connects=False),
         )
     return {
         "idle_rss": (ours.rss / floor.rss, f"{ours.rss:.1f} / {floor.rss:.1f} MiB"),
@@ -89,11 +89,11 @@ def measure_nav2(domain: int, options: Options) -> Measured:
         if each.kind is Nav2Kind.ACTION and hasattr(nav2_actions, each.type.partition("/")[2])
     ]
     with running_chassis(domain) as (_, port):
-        nav2, bare = _in_turn(
+        nav2, bare = _measure_in_turn(
             domain,
             options,
-            Presence(agent_command(port, options, nav2="true"), further_actions=actions),
-            Presence(agent_command(port, options)),
+            MeasuredProgram(agent_command(port, options, nav2="true"), further_actions=actions),
+            MeasuredProgram(agent_command(port, options)),
         )
     return {
         "nav2_idle_rss": (nav2.rss - bare.rss, f"{nav2.rss:.1f} - {bare.rss:.1f} MiB"),
@@ -103,7 +103,7 @@ def measure_nav2(domain: int, options: Options) -> Measured:
 
 
 @dataclass
-class Presence:
+class MeasuredProgram:
     """A program that is measured while it starts and while it is idle.
 
     Attributes:
@@ -128,7 +128,9 @@ class Presence:
         return statistics.median(self.starts)
 
 
-def _in_turn(domain: int, options: Options, *programs: Presence) -> tuple[Presence, ...]:
+def _measure_in_turn(
+    domain: int, options: Options, *programs: MeasuredProgram
+) -> tuple[MeasuredProgram, ...]:
     """Start each program several times in turn, then measure each while idle."""
     for turn in reversed(range(1 if options.smoke else _STARTS)):
         for each in programs:

@@ -32,11 +32,15 @@ _MAX_LOSS = 0.001
 _MIN_REACHED = 0.8
 """Share of a rate that must be reached before a higher rate is tried."""
 _TRIES = 3
+"""Number of failed runs in succession after which no higher rate is tried."""
 _POLL = 0.02
+"""Polling period of the subscriber while the highest rate is sought, in seconds."""
 _STEP = 1.2
 """Factor from one rate to the next."""
 _FIRST_RATE, _LAST_RATE = 500.0, 20_000.0
+"""Rates between which the highest one is sought, in Hz."""
 _QUIET = 2.0
+"""Time without a push after which the rest counts as lost, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +216,7 @@ def measure(domain: int, options: Options) -> Measured:
         push_path(floor_domain, options, floor=True) as floor_path,
         _drop_counter(domain) as drops,
     ):
-        drops()  # waits until this subscriber is discovered, before anything is timed
+        drops()  # returns once its subscriber is discovered, so that this is not timed
         turns = [
             (agent_path.push(100.0, count), floor_path.push(100.0, count))
             for count in [options.samples(1000 // options.turns)] * options.turns

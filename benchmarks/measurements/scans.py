@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from functools import partial
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -31,14 +32,11 @@ class _Counter(BareClient):
         self._counts = dict.fromkeys(topics, 0)
         for topic in topics:
             self.node.create_subscription(
-                LaserScan, topic, self._counting(topic), QoSProfile(depth=10)
+                LaserScan, topic, partial(self._count, topic), QoSProfile(depth=10)
             )
 
-    def _counting(self, topic: str) -> Any:
-        def count(_scan: Any) -> None:
-            self._counts[topic] += 1
-
-        return count
+    def _count(self, topic: str, _scan: Any) -> None:
+        self._counts[topic] += 1
 
     def take(self, count: int) -> dict[str, int]:
         """Wait until each topic has had a number of scans; return how many it had."""

@@ -22,8 +22,6 @@ _IN_FLIGHT = 50
 _DELAY = 0.25
 """Delay of the chassis's answers, in seconds."""
 _STOPS = 150
-_MILLISECOND = 1000
-"""Microseconds in a millisecond."""
 
 
 def measure(domain: int, options: Options) -> Measured:
@@ -43,7 +41,7 @@ def measure(domain: int, options: Options) -> Measured:
         caller.use(Trigger, "stop", first_timeout=4 * _DELAY)
         busy = Spread.of(_stops(caller, chassis, count))
         load.end()
-    return {"stop_latency": (busy.p99 / _MILLISECOND, f"{busy} µs; without other calls {idle} µs")}
+    return {"stop_latency": (busy.p99 / 1000, f"{busy} µs; without other calls {idle} µs")}
 
 
 def _stops(caller: Caller, chassis: Program, count: int) -> list[float]:

@@ -29,8 +29,6 @@ RATE = 20.0
 CMD_VEL = f"{NAMESPACE}/cmd_vel"
 _VELOCITIES = 1000
 """Number of velocities in one repetition."""
-
-
 _TIMEOUT = 10.0
 """Maximum time from the last velocity until it arrives, in seconds; it may also be lost."""
 
@@ -70,7 +68,7 @@ class VelocityPath:
         self._arrivals()
         cpu = self._program.cpu
         self._publisher.send("publish", self._topic, rate, count)
-        while meanwhile is not None and not self._publisher.answered():
+        while meanwhile is not None and not self._publisher.has_answer():
             meanwhile()
         sent = self._publisher.receive()
         self._cpu += self._program.cpu - cpu

@@ -154,11 +154,11 @@ class BenchChassis:
         self._subscribers: dict[ServerTransport, Codec] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._reports: set[asyncio.Task[None]] = set()
-        """Those of them that report on goals."""
+        """The tasks that report on goals."""
         bodies: tuple[Message, ...] = (RobotInfo(robot_id=1), pose_speed(0), scan(beams))
         self._bodies = {full_name(body): body for body in bodies}
         self._bodies[full_name(Download)] = map_files(map_size)
-        self._answer = cache(self._make_answer)
+        self._sender = cache(self._make_sender)
 
     async def serve(self, transport: ServerTransport) -> None:
         """Serve one connection until it ends."""
@@ -178,9 +178,9 @@ class BenchChassis:
             return
         if envelope.type == full_name(Twist):
             self.velocities.append((codec.body(envelope, Twist).linear, arrival))
-        send = self._answer(codec, envelope.type)
+        send = self._sender(codec, envelope.type)
         if self.delay:
-            self._start(self._send_later(send, transport, envelope.sn))
+            self._run_in_background(self._send_later(send, transport, envelope.sn))
         else:
             await send(transport, envelope.sn)
         if envelope.type == full_name(ExecTask):
@@ -221,26 +221,26 @@ class BenchChassis:
             self.goals[number] = (arrival, time.monotonic())
             await transport.send(last)
 
-        task = self._start(report())
+        task = self._run_in_background(report())
         self._reports.add(task)
         task.add_done_callback(self._reports.discard)
 
-    def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+    def _run_in_background(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
 
-    def _make_answer(self, codec: Codec, type_name: str) -> Send:
+    def _make_sender(self, codec: Codec, type_name: str) -> Send:
         if self._moving and type_name == full_name(ScannerData):
             scans = (scan(self.beams, 0.01 * number) for number in range(_VARIANTS))
-            turn = itertools.cycle([self._answer_with(codec, each) for each in scans])
+            turn = itertools.cycle([self._sender_of(codec, each) for each in scans])
             return lambda transport, sn: next(turn)(transport, sn)
-        return self._answer_with(codec, self._bodies.get(type_name) or message_type(type_name)())
+        return self._sender_of(codec, self._bodies.get(type_name) or message_type(type_name)())
 
     @staticmethod
-    def _answer_with(codec: Codec, body: Message) -> Send:
-        """Return a function that makes answers with a body."""
+    def _sender_of(codec: Codec, body: Message) -> Send:
+        """Return a function that sends an answer with the given body."""
 
         def encode(sn: int) -> str | bytes:
             return codec.encode(full_name(body), body, sn=sn, ok=True, timestamp=1)
@@ -269,8 +269,8 @@ class BenchChassis:
                 await asyncio.sleep(_MOVE_PERIOD)
 
         self._moving = True
-        self._answer.cache_clear()
-        self._start(push_poses())
+        self._sender.cache_clear()
+        self._run_in_background(push_poses())
 
     def start_pushing_paths(self, rate: float, poses: int, count: int) -> None:
         """Start to push a long path as the command `push_path` says."""
@@ -285,7 +285,7 @@ class BenchChassis:
                     await transport.send(frame)
                 await asyncio.sleep(1 / rate)
 
-        self._start(push())
+        self._run_in_background(push())
 
     async def push(self, rate: float, messages: Sequence[Message]) -> None:
         """Push messages as the command `push` says, and print the report."""

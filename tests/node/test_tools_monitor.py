@@ -192,7 +192,7 @@ def agent_without_connected(domain: int, simulator: Any) -> Iterator[AgentProces
 
 
 def test_once_waits_for_the_topic_connected(domain, agent_without_connected, client):
-    watching = Watching(domain, patience=TIMEOUT)
+    watching = Watching(domain, connected_timeout=TIMEOUT)
     try:
         output = Output(watching)
         watching.wait(lambda view: view.has_robot_info, "RobotInfo")

@@ -26,8 +26,8 @@ def link(port: int, kind: str = "json", **more: Any) -> LinkConfig:
 @asynccontextmanager
 async def connected(port: int, kind: str = "json", **more: Any) -> AsyncIterator[Client]:
     """Connect a client; yield it and the list of pushes that it receives."""
-    client, heard = ChassisClient(config=link(port, kind, **more)), []
+    client, pushes = ChassisClient(config=link(port, kind, **more)), []
     for cls in (TaskProc, Mode, Battery):
-        client.subscribe(cls, heard.append)
+        client.subscribe(cls, pushes.append)
     async with client:
-        yield client, heard
+        yield client, pushes

@@ -16,7 +16,9 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import quick_config
-from woosh_robot_agent.pb.robot.robot_pb2 import OperationState, TaskProc
+from tests.tools.answers import edit_bodies
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pb2 import OperationState, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
@@ -222,25 +224,20 @@ def test_proxy_that_refuses_websockets_is_told_from_another_program(chassis, ref
     assert dict(chassis.counts) == {INFO: 1}
 
 
-def test_unanswered_robot_info_fails(chassis):
-    chassis.mute(INFO)
-    report = examine(chassis.port, "--timeout", SHORT)
+@pytest.mark.parametrize(
+    ("fault", "timeout", "text"),
+    [
+        (lambda chassis: chassis.mute(INFO), SHORT, "no answer within 0.5 s"),
+        (lambda chassis: chassis.refuse(INFO, "ask somebody else"), "5", "ask somebody else"),
+        (lambda chassis: chassis.answer_as(INFO, "woosh.robot.Mode"), "5", "woosh.robot.Mode"),
+    ],
+    ids=["no answer", "refusal", "another type"],
+)
+def test_robot_info_without_a_usable_answer_fails(chassis, fault, timeout, text):
+    fault(chassis)
+    report = examine(chassis.port, "--timeout", timeout)
     assert report.failed == ["RobotInfo"]
-    assert "no answer within 0.5 s" in report.text("RobotInfo")
-
-
-def test_refused_robot_info_fails(chassis):
-    chassis.refuse(INFO, "ask somebody else")
-    report = examine(chassis.port)
-    assert report.failed == ["RobotInfo"]
-    assert "ask somebody else" in report.text("RobotInfo")
-
-
-def test_answer_of_another_type_fails(chassis):
-    chassis.answer_as(INFO, "woosh.robot.Mode")
-    report = examine(chassis.port)
-    assert report.failed == ["RobotInfo"]
-    assert "woosh.robot.Mode" in report.text("RobotInfo")
+    assert text in report.text("RobotInfo")
 
 
 def test_unreadable_answer_fails(chassis):
@@ -284,12 +281,11 @@ def test_each_reason_to_reject_a_task_is_named(chassis, set_state, state, failin
 
 
 def test_a_robot_that_executes_a_task_rejects_another_one(chassis):
-    def start(frame: Any) -> list[Any]:
-        frame.body.task_proc.MergeFrom(TaskProc(robot_task_id=7, state=task.kExecuting))
-        assert frame.body.operation_state.robot & OperationState.kTaskable
-        return [frame]
+    def start(info: RobotInfo) -> None:
+        info.task_proc.MergeFrom(TaskProc(robot_task_id=7, state=task.kExecuting))
+        assert info.operation_state.robot & OperationState.kTaskable
 
-    chassis.intercept(start)
+    edit_bodies(chassis, RobotInfo, start)
     report = examine(chassis.port)
     assert report.failed == ["taskable"]
     assert "executing task 7 -> wait for its end, or cancel it" in report.text("taskable")
@@ -309,24 +305,15 @@ def test_one_check_can_name_several_reasons(chassis, set_state):
 
 
 def test_an_empty_robot_info_gives_warnings(chassis):
-    def empty(frame: Any) -> list[Any]:
-        frame.body.Clear()
-        return [frame]
-
-    chassis.intercept(empty)
+    edit_bodies(chassis, RobotInfo, RobotInfo.Clear)
     report = examine(chassis.port)
     assert report.failed == []
     assert report.with_status(Status.WARN) == list(CHECKS[4:9])
 
 
 def test_unresolved_status_codes_are_explained(chassis):
-    def add(frame: Any) -> list[Any]:
-        codes = frame.body.abnormal_codes.scs
-        codes.add(code=110201000013)
-        codes.add(code=110301000042, msg="左电机过热")
-        return [frame]
-
-    chassis.intercept(add)
+    codes = [StatusCode(code=110201000013), StatusCode(code=110301000042, msg="左电机过热")]
+    edit_bodies(chassis, RobotInfo, lambda info: info.abnormal_codes.scs.extend(codes))
     report = examine(chassis.port)
     assert (report.failed, report.with_status(Status.WARN)) == ([], ["status codes"])
     assert "110201000013: emergency stop 1 was pressed" in report.text("status codes")
@@ -334,24 +321,19 @@ def test_unresolved_status_codes_are_explained(chassis):
 
 
 def test_a_pose_without_a_map_is_a_warning(chassis):
-    def forget_map(frame: Any) -> list[Any]:
-        frame.body.pose_speed.map_id = 0
-        return [frame]
-
-    chassis.intercept(forget_map)
+    edit_bodies(chassis, RobotInfo, lambda info: info.pose_speed.ClearField("map_id"))
     report = examine(chassis.port)
     assert (report.failed, report.with_status(Status.WARN)) == ([], ["localisation"])
     assert "may mean nothing" in report.text("localisation")
 
 
 def test_a_robot_that_builds_a_map_needs_no_localisation(chassis):
-    def build(frame: Any) -> list[Any]:
-        frame.body.state = robot.kMapping
-        frame.body.device_state.software = 0
-        frame.body.pose_speed.map_id = 0
-        return [frame]
+    def build_map(info: RobotInfo) -> None:
+        info.state = robot.kMapping
+        info.device_state.software = 0
+        info.pose_speed.map_id = 0
 
-    chassis.intercept(build)
+    edit_bodies(chassis, RobotInfo, build_map)
     report = examine(chassis.port)
     assert report.failed == ["taskable"]
     assert "building a map" in report.text("taskable")

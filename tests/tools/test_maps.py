@@ -28,11 +28,12 @@ from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from tests.simulator.test_sim_map_library import scene_data, scenes, send_files
 from tests.simulator.test_sim_uploads import NAV2, floor_png
+from tests.tools.answers import edit_bodies
 from tests.tools.test_tool_programs import TIMEOUT, address, end, start
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse, SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
 from woosh_robot_agent.robot.maps import cells_of
-from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.tools.maps.program import main
 from woosh_robot_agent.tools.maps.scene_folder import (
@@ -92,17 +93,6 @@ def tree(folder: Path) -> dict[str, bytes]:
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
-
-
-def replace_body(chassis: SimulatorThread, cls: Any, change: Callable[[Any], object]) -> None:
-    """Change the bodies of all answers of a type."""
-
-    def intercept(frame: Outgoing) -> list[Outgoing]:
-        if isinstance(frame.body, cls):
-            change(frame.body)
-        return [frame]
-
-    chassis.intercept(intercept)
 
 
 class Cable:
@@ -216,10 +206,9 @@ def test_coloured_picture_is_saved_in_the_shades_of_the_topic_map(
     buffer = io.BytesIO()
     Image.fromarray(colours).save(buffer, "PNG")
 
-    def change(data: Any) -> None:
-        data.maps[0].map_png = buffer.getvalue()
-
-    replace_body(chassis, SceneData, change)
+    edit_bodies(
+        chassis, SceneData, lambda data: setattr(data.maps[0], "map_png", buffer.getvalue())
+    )
     assert run("download", "wooshmap")[0] == 0
     file = tmp_path / "wooshmap" / "nav2" / "wooshmap.yaml"
     grid = load_scene(file).maps[0].grid
@@ -388,10 +377,9 @@ def test_a_folder_of_other_things_is_not_replaced_even_with_force(run: Run, tmp_
 def test_names_from_the_robot_are_never_paths(
     run: Run, chassis: SimulatorThread, tmp_path: Path, name: str
 ) -> None:
-    def change(body: Any) -> None:
-        body.file_datas.add(name=name, data=b"evil")
-
-    replace_body(chassis, DownloadResponse, change)
+    edit_bodies(
+        chassis, DownloadResponse, lambda body: body.file_datas.add(name=name, data=b"evil")
+    )
     output = tmp_path / "a" / "b"
     status, _, err = run("download", "wooshmap", "--output", str(output))
     assert (status, err) == (0, "")
@@ -410,10 +398,7 @@ def test_names_from_the_robot_are_never_paths(
 def test_scene_and_map_names_from_the_robot_are_never_paths(
     run: Run, chassis: SimulatorThread, tmp_path: Path
 ) -> None:
-    def change(body: Any) -> None:
-        body.maps[0].name = "../../evil"
-
-    replace_body(chassis, SceneData, change)
+    edit_bodies(chassis, SceneData, lambda data: setattr(data.maps[0], "name", "../../evil"))
     assert run("download", "wooshmap", "--output", "a/b")[0] == 0
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
     assert (tmp_path / "a/b/wooshmap/nav2/%2E.%2F..%2Fevil.png").is_file()
@@ -518,7 +503,7 @@ def test_a_download_that_fails_leaves_nothing(
 def test_a_map_without_a_usable_picture_does_not_prevent_the_backup(
     run: Run, chassis: SimulatorThread, wire: JsonClient, tmp_path: Path, change: Any, reason: str
 ) -> None:
-    replace_body(chassis, SceneData, lambda data: change(data.maps[0]))
+    edit_bodies(chassis, SceneData, lambda data: change(data.maps[0]))
     status, out, err = run("download", "scenex")
     assert status == 0
     assert out.startswith("downloaded scene scenex")

@@ -26,7 +26,7 @@ PERIOD = 0.005
 
 
 def writer(path: Path) -> RecordingWriter:
-    return RecordingWriter(path, "ws://x", Limits(2**28), lambda reason: pytest.fail(reason))
+    return RecordingWriter(path, "ws://x", Limits(2**28), pytest.fail)
 
 
 def wire(data: bytes) -> bytes:
@@ -95,7 +95,7 @@ async def test_each_frame_has_the_time_at_which_it_arrived(
     clock[0] = 3 * 10**9
     recorder.add(chassis, third)
     clock[0] = 4 * 10**9
-    recorder.event(1, "close", "chassis")
+    recorder.add_event(1, "close", "chassis")
     recorder.close()
     file.close()
     found = read_recording(tmp_path / "a.mcap").records
@@ -131,7 +131,7 @@ class _SlowDisk(RecordingWriter):
     """A writer whose disk stands still until it is told to go on."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, "ws://x", Limits(2**30), lambda reason: pytest.fail(reason))
+        super().__init__(path, "ws://x", Limits(2**30), pytest.fail)
         self.stands, self.goes_on = threading.Event(), threading.Event()
 
     def flush(self) -> None:

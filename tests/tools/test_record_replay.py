@@ -36,9 +36,7 @@ async def recording(
 ) -> AsyncIterator[int]:
     """Run a recording proxy in front of the simulator; yield its port."""
     port = simulator.tcp_port if kind == "tcp" else simulator.port
-    file = RecordingWriter(
-        path, "ws://simulator", Limits(2**26), lambda reason: pytest.fail(reason)
-    )
+    file = RecordingWriter(path, "ws://simulator", Limits(2**26), pytest.fail)
     proxy = RecordingProxy(link(port, kind), file)
     try:
         yield await proxy.start("127.0.0.1", 0)
@@ -51,14 +49,14 @@ def simulator(**options: Any) -> SimulatedChassis:
     return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=50, seed=1, **options))
 
 
-async def do_task(client: ChassisClient, heard: list[Any]) -> None:
+async def do_task(client: ChassisClient, pushes: list[Any]) -> None:
     answer = await client.request(ExecTask(task_id=7, type=task.kPick, mark_no="A2"))
     assert answer.ok, answer.msg
-    await eventually(lambda: ended(heard), "the task's end")
+    await eventually(lambda: ended(pushes), "the task's end")
 
 
-def ended(heard: list[Any]) -> bool:
-    return any(isinstance(m, TaskProc) and m.state == task.kCompleted for m in heard)
+def ended(pushes: list[Any]) -> bool:
+    return any(isinstance(m, TaskProc) and m.state == task.kCompleted for m in pushes)
 
 
 def frames(found: Recording, sender: str) -> list[Any]:
@@ -76,9 +74,9 @@ async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> Non
     async with (
         simulator() as chassis,
         recording(path, chassis, kind) as port,
-        connected(port, kind) as (client, heard),
+        connected(port, kind) as (client, pushes),
     ):
-        await do_task(client, heard)
+        await do_task(client, pushes)
         info = (await client.request(RobotInfo())).body
     found = read_recording(path)
     assert events(found) == [("open", "client"), ("close", "client")]
@@ -91,8 +89,8 @@ async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> Non
         port = replayed.tcp_port if kind == "tcp" else replayed.port
         async with connected(port, kind) as (client, again):
             await eventually(lambda: replayed.rounds, "the end of the recording")
-            await eventually(lambda: len(again) >= len(heard), "the last push")
-            assert again[: len(heard)] == heard
+            await eventually(lambda: len(again) >= len(pushes), "the last push")
+            assert again[: len(pushes)] == pushes
             assert (await client.request(RobotInfo())).body == info
             assert (
                 await client.request(ExecTask(type=1, mark_no="B1"))
@@ -159,10 +157,10 @@ async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path: Path) -> 
     async with (
         simulator() as chassis,
         recording(path, chassis) as port,
-        connected(port) as (client, heard),
+        connected(port) as (client, pushes),
     ):
         assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).ok
-        await eventually(lambda: len(heard) == 1)
+        await eventually(lambda: len(pushes) == 1)
         await chassis.stop_listening()
         await eventually(lambda: client.state is LinkState.WAITING)
         await eventually(
@@ -172,7 +170,7 @@ async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path: Path) -> 
         await eventually(lambda: client.stats.connects == 2)
         await eventually(lambda: chassis.counts["woosh.Subscription"] == 2)
         chassis.push(Mode(work=robot.kTaskMode))
-        await eventually(lambda: len(heard) == 2)
+        await eventually(lambda: len(pushes) == 2)
     found = read_recording(path)
     kinds = events(found)
     assert kinds[:2] == [("open", "client"), ("close", "chassis")]

@@ -45,6 +45,12 @@ def numbered(number: int) -> bytes:
     return json.dumps({"type": "test", "number": number, "noise": noise}).encode()
 
 
+def add_numbered(file: RecordingWriter, count: int) -> None:
+    """Write numbered frames of a client."""
+    for number in range(count):
+        file.add_frame(1, "client", numbered(number), text=True)
+
+
 def numbers(recording: Recording) -> list[int]:
     return [json.loads(each.data)["number"] for each in recording.records]
 
@@ -52,13 +58,13 @@ def numbers(recording: Recording) -> list[int]:
 def test_a_recording_is_read_as_it_was_written(tmp_path):
     path = tmp_path / "a.mcap"
     file, told = writer(path)
-    file.event(1, "open", "client", "peer")
-    file.frame(1, "client", '{"ü":"\\n"}'.encode(), text=True)
-    file.frame(1, "chassis", b"\x00\xff", text=False)
-    file.frame(1, "chassis", b"\xff{}", text=True)
-    file.frame(2, "client", b"", text=True)
-    file.frame(2, "client", b"", text=False)
-    file.event(1, "close", "chassis")
+    file.add_event(1, "open", "client", "peer")
+    file.add_frame(1, "client", '{"ü":"\\n"}'.encode(), text=True)
+    file.add_frame(1, "chassis", b"\x00\xff", text=False)
+    file.add_frame(1, "chassis", b"\xff{}", text=True)
+    file.add_frame(2, "client", b"", text=True)
+    file.add_frame(2, "client", b"", text=False)
+    file.add_event(1, "close", "chassis")
     file.close()
     found = read_recording(path)
     assert (found.address, found.damage, told) == ("ws://x:5480", "", [])
@@ -81,7 +87,7 @@ def test_a_file_that_is_cut_off_anywhere_is_read_up_to_there(tmp_path):
     file, _ = writer(path)
     flushed = []  # size of the file, and number of frames in it
     for number in range(200):
-        file.frame(1, "client", numbered(number), text=True)
+        file.add_frame(1, "client", numbered(number), text=True)
         if number % 20 == 19:
             file.flush()
             flushed.append((path.stat().st_size, number + 1))
@@ -106,7 +112,7 @@ def test_a_damaged_file_is_read_up_to_the_damage(tmp_path):
     file, _ = writer(path)
     ends = []
     for number in range(100):
-        file.frame(1, "client", numbered(number), text=True)
+        file.add_frame(1, "client", numbered(number), text=True)
         if number % 50 == 49:
             file.flush()
             ends.append(path.stat().st_size)
@@ -123,8 +129,7 @@ def test_a_damaged_file_is_read_up_to_the_damage(tmp_path):
 def test_the_size_limit_ends_the_recording(tmp_path):
     path = tmp_path / "a.mcap"
     file, told = writer(path, max_size=50_000)
-    for number in range(2000):
-        file.frame(1, "client", numbered(number), text=True)
+    add_numbered(file, 2000)
     assert len(told) == 1
     assert "size limit" in told[0]
     file.close()
@@ -138,8 +143,7 @@ def test_the_size_limit_ends_the_recording(tmp_path):
 
 def test_a_recording_is_split_by_size(tmp_path):
     file, told = writer(tmp_path / "a.mcap", split_size=40_000)
-    for number in range(2000):
-        file.frame(1, "client", numbered(number), text=True)
+    add_numbered(file, 2000)
     file.close()
     assert len(file.paths) > 2
     assert file.paths == [tmp_path / f"a_{index}.mcap" for index in range(len(file.paths))]
@@ -156,7 +160,7 @@ def test_a_recording_is_split_by_time(tmp_path, monkeypatch):
     monkeypatch.setattr("time.monotonic_ns", lambda: clock[0])
     file, _ = writer(tmp_path / "a.mcap", split_duration=5.0)
     for number in range(30):
-        file.frame(1, "client", numbered(number), text=True)
+        file.add_frame(1, "client", numbered(number), text=True)
         clock[0] += 10**9
     file.close()
     assert [len(read_recording(path).records) for path in file.paths] == [5] * 6
@@ -165,8 +169,7 @@ def test_a_recording_is_split_by_time(tmp_path, monkeypatch):
 
 def test_the_size_limit_counts_all_files(tmp_path):
     file, told = writer(tmp_path / "a.mcap", max_size=100_000, split_size=40_000)
-    for number in range(5000):
-        file.frame(1, "client", numbered(number), text=True)
+    add_numbered(file, 5000)
     file.close()
     assert "size limit" in told[0]
     assert sum(path.stat().st_size for path in file.paths) <= 100_000
@@ -174,8 +177,7 @@ def test_the_size_limit_counts_all_files(tmp_path):
 
 def test_files_that_are_not_given_are_known(tmp_path):
     file, _ = writer(tmp_path / "a.mcap", split_size=10_000)
-    for number in range(500):
-        file.frame(1, "client", numbered(number), text=True)
+    add_numbered(file, 500)
     file.close()
     assert read_recording(*file.paths).missing_parts == ()
     assert read_recording(*file.paths[2:]).missing_parts == (0, 1)
@@ -190,7 +192,7 @@ def ros_file(path: Path) -> Path:
 
 def test_files_of_ros_topics_are_left_out(tmp_path):
     file, _ = writer(tmp_path / "a.mcap", split_size=MIB)
-    file.frame(1, "client", numbered(1), text=True)
+    file.add_frame(1, "client", numbered(1), text=True)
     file.close()
     ros_file(tmp_path / "a_ros_0.mcap")
     found = read_recording(*sorted(tmp_path.glob("a_*.mcap"), reverse=True))
@@ -220,7 +222,7 @@ from tests.tools.test_recording import numbered
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 file = RecordingWriter(Path(sys.argv[1]), "", Limits(2**30), print)
 for number in range(2000):
-    file.frame(1, "client", numbered(number), text=True)
+    file.add_frame(1, "client", numbered(number), text=True)
     if number % 50 == 49:
         file.flush()
 file.close()

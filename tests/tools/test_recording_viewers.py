@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import io
 import json
 import math
@@ -25,6 +24,7 @@ from PIL import Image
 
 from tests.quick_chassis import quick_config
 from tests.tools.connections import link
+from tests.tools.test_recording import add_numbered
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.codecs import JSON
@@ -81,13 +81,16 @@ def in_recording(path: Path, *topics: str) -> list[Any]:
         return [each.decoded_message for each in reader.iter_decoded_messages(topics or None)]
 
 
+def add_pushes(file: RecordingWriter, *messages: Any, sent: int = 0) -> None:
+    for message in messages:
+        frame = str(JSON.encode(message.DESCRIPTOR.full_name, message, timestamp=sent))
+        file.add_frame(1, "chassis", frame.encode(), text=True)
+
+
 def written(path: Path, *messages: Any, sent: int = 0) -> Path:
     """Write pushes of the chassis into a new recording."""
-    file = RecordingWriter(path, "ws://x", Limits(2**26), lambda reason: pytest.fail(reason))
-    for message in messages:
-        frame = JSON.encode(message.DESCRIPTOR.full_name, message, timestamp=sent)
-        assert isinstance(frame, str)
-        file.frame(1, "chassis", frame.encode(), text=True)
+    file = RecordingWriter(path, "ws://x", Limits(2**26), pytest.fail)
+    add_pushes(file, *messages, sent=sent)
     file.close()
     assert file.lost == 0
     return path
@@ -139,7 +142,7 @@ async def test_each_type_and_direction_has_a_channel(tmp_path: Path) -> None:
     config = quick_config(port=0, tcp_port=0, speed=50, seed=1)
     ends: list[Any] = []
     async with SimulatedChassis(config) as chassis:
-        file = RecordingWriter(path, "ws://sim", Limits(2**26), lambda reason: pytest.fail(reason))
+        file = RecordingWriter(path, "ws://sim", Limits(2**26), pytest.fail)
         proxy = RecordingProxy(link(chassis.port), file)
         client = ChassisClient(config=link(await proxy.start("127.0.0.1", 0)))
         for cls in (TaskProc, PoseSpeed, ScannerData, NavPath):
@@ -256,14 +259,10 @@ def test_every_file_of_a_split_recording_has_robot_and_map(tmp_path: Path) -> No
     outline.model.add(x=1.0, y=2.0)
     limits = Limits(2**26, split_size=100_000)
     file = RecordingWriter(tmp_path / "a.mcap", "ws://x", limits, pytest.fail)
-    for message in (info, data, at, outline, Battery(power=50)):
-        frame = JSON.encode(message.DESCRIPTOR.full_name, message)
-        assert isinstance(frame, str)
-        file.frame(1, "chassis", frame.encode(), text=True)
+    add_pushes(file, info, data, at, outline, Battery(power=50))
     while "/view/map" not in topics_in(file.paths[0]):  # the map is prepared in a thread
         file.flush()
-    for number in range(3000):
-        file.frame(1, "client", hashlib.sha256(b"%d" % number).digest(), text=False)
+    add_numbered(file, 3000)
     file.close()
     assert len(file.paths) > 1
     for path in file.paths[1:]:
@@ -285,14 +284,11 @@ def test_a_map_larger_than_the_split_size_leaves_room_for_messages(tmp_path: Pat
     noise.save(buffer, "PNG")
     data.maps.add(name="a", id=3, resolution=0.5, map_png=buffer.getvalue())
     file = RecordingWriter(tmp_path / "a.mcap", "ws://x", Limits(2**26, 20_000), pytest.fail)
-    frame = JSON.encode(data.DESCRIPTOR.full_name, data)
-    assert isinstance(frame, str)
-    file.frame(1, "chassis", frame.encode(), text=True)
+    add_pushes(file, data)
     # the map is prepared in a thread
     while not any("/view/map" in topics_in(path) for path in file.paths):
         file.flush()
-    for number in range(1000):
-        file.frame(1, "client", hashlib.sha256(b"%d" % number).digest(), text=False)
+    add_numbered(file, 1000)
     file.close()
     assert len(file.paths) < 10
     assert file.lost == 0
@@ -310,7 +306,7 @@ def test_frames_that_cannot_be_decoded_are_recorded_as_they_are(tmp_path: Path) 
         b'{"type":"woosh.map.SceneData","body":{"maps":[{"mapPng":"AAAA","resolution":0.1}]}}',
     ]
     for frame in frames:
-        file.frame(1, "chassis", frame, text=True)
+        file.add_frame(1, "chassis", frame, text=True)
     file.close()
     assert (file.frames, file.lost) == (len(frames), 0)
     assert [each.data.encode() for each in read_recording(path).records] == frames  # type: ignore[union-attr]

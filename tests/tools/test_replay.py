@@ -123,11 +123,11 @@ async def test_pushes_go_to_subscribers() -> None:
     ]
     async with replaying(*records) as replayed:
         poses: list[Any] = []
-        async with connected(replayed.port) as (client, heard):
+        async with connected(replayed.port) as (client, pushes):
             client.subscribe(PoseSpeed, poses.append)()  # subscribe and unsubscribe
             await eventually(lambda: replayed.rounds)
-            await eventually(lambda: len(heard) == 2)
-        assert [type(m) for m in heard] == [Mode, Battery]
+            await eventually(lambda: len(pushes) == 2)
+        assert [type(m) for m in pushes] == [Mode, Battery]
         assert poses == []
 
 
@@ -138,8 +138,8 @@ async def test_an_invalid_recorded_subscription_is_ignored() -> None:
         subscribed(0.2, "woosh.robot.Mode"),
         pushed(0.3, "woosh.robot.Mode", {"work": 1}),
     ]
-    async with replaying(*records) as replayed, connected(replayed.port) as (_, heard):
-        await eventually(lambda: heard == [Mode(work=robot.kDeployMode)])
+    async with replaying(*records) as replayed, connected(replayed.port) as (_, pushes):
+        await eventually(lambda: pushes == [Mode(work=robot.kDeployMode)])
 
 
 @aio
@@ -151,10 +151,10 @@ async def test_the_playback_pauses_until_a_client_subscribes() -> None:
     ):
         await wait_round_trips(client)
         assert replayed.rounds == 0
-        heard: list[Any] = []
-        client.subscribe(Mode, heard.append)
+        pushes: list[Any] = []
+        client.subscribe(Mode, pushes.append)
         await eventually(lambda: replayed.rounds == 1)
-        await eventually(lambda: len(heard) == 1)
+        await eventually(lambda: len(pushes) == 1)
 
 
 @aio
@@ -185,12 +185,12 @@ async def test_the_playback_pauses_until_a_command_is_sent() -> None:
     ]
     async with (
         replaying(*records, wait_for_commands=True, speed=1e5) as replayed,
-        connected(replayed.port) as (client, heard),
+        connected(replayed.port) as (client, pushes),
     ):
         await wait_round_trips(client)
-        assert heard == []
+        assert pushes == []
         assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).msg == "done"
-        await eventually(lambda: len(heard) == 1)
+        await eventually(lambda: len(pushes) == 1)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -204,8 +204,8 @@ async def test_each_client_receives_its_own_encoding(kind: str) -> None:
     ]
     async with replaying(*records) as replayed:
         port = replayed.tcp_port if kind == "tcp" else replayed.port
-        async with connected(port, kind) as (client, heard):
-            await eventually(lambda: heard == [Mode(work=robot.kDeployMode)])
+        async with connected(port, kind) as (client, pushes):
+            await eventually(lambda: pushes == [Mode(work=robot.kDeployMode)])
             assert (await client.request(Speak(text="a"))).msg == "spoken"
 
 
@@ -217,9 +217,9 @@ async def test_the_recording_can_be_replayed_in_a_loop() -> None:
     ]
     async with (
         replaying(*records, loop=True) as replayed,
-        connected(replayed.port) as (client, heard),
+        connected(replayed.port) as (client, pushes),
     ):
-        await eventually(lambda: len(heard) >= 3)
+        await eventually(lambda: len(pushes) >= 3)
         await eventually(lambda: client.stats.connects >= 3)
 
 
@@ -237,10 +237,10 @@ async def test_the_client_with_the_most_frames_gives_the_timeline() -> None:
     ]
     async with (
         replaying(*records) as replayed,
-        connected(replayed.port) as (client, heard),
+        connected(replayed.port) as (client, pushes),
     ):
         await eventually(lambda: replayed.rounds)
-        await eventually(lambda: len(heard) == 2)
-        assert [m.work for m in heard] == [1, 2]
+        await eventually(lambda: len(pushes) == 2)
+        assert [m.work for m in pushes] == [1, 2]
         assert (await client.request(Speak())).msg == "hello"
         assert client.stats.connects == 1

@@ -29,9 +29,9 @@ from woosh_robot_agent.simulator.protocol.handlers import QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
 from woosh_robot_agent.simulator.serving.exchange import Received
 from woosh_robot_agent.tools.doctor.learn import learn, learn_profile, profile_text
-from woosh_robot_agent.tools.doctor.observations import Observations, Seen
+from woosh_robot_agent.tools.doctor.observations import Observations, SeenFrame
 from woosh_robot_agent.tools.doctor.program import main as doctor_main
-from woosh_robot_agent.tools.doctor.survey import SurveyOptions, survey
+from woosh_robot_agent.tools.doctor.survey import survey
 from woosh_robot_agent.tools.doctor.survey_report import markdown, results
 from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.proxy import RecordingProxy
@@ -143,7 +143,7 @@ def surveyed(tmp_path_factory: pytest.TempPathFactory) -> Surveyed:
             beside = [
                 asyncio.ensure_future(each) for each in (drive(port), push_unknown(simulator))
             ]
-            await survey(link(port), SurveyOptions(made, minutes=0.9, with_names=False))
+            await survey(link(port), made, minutes=0.9, with_names=False)
             for each in beside:
                 each.cancel()
                 with suppress(asyncio.CancelledError):
@@ -364,7 +364,9 @@ def push(name: str, body: Any) -> tuple[float, bool, Json]:
 
 
 def observed(*frames: tuple[float, bool, Json]) -> Observations:
-    return Observations(Seen(t, 1, by_robot, json.dumps(frame)) for t, by_robot, frame in frames)
+    return Observations(
+        SeenFrame(t, 1, by_robot, json.dumps(frame)) for t, by_robot, frame in frames
+    )
 
 
 def report(found: Observations, *, with_names: bool = False) -> Json:
@@ -373,7 +375,7 @@ def report(found: Observations, *, with_names: bool = False) -> Json:
     )
 
 
-def real_logs() -> Iterator[Seen]:
+def real_logs() -> Iterator[SeenFrame]:
     """Yield the frames of tasks of a real robot, with as many days between two tasks."""
     for number, task in enumerate(json.loads((FOLDER / "real_tasks.json").read_text())):
         began = number * 86400.0
@@ -381,7 +383,7 @@ def real_logs() -> Iterator[Seen]:
         sent: Json = {"type": task["request"], "sn": sn, "body": {}}
         if task["request"].endswith("ExecTask") and task["task_id"] != "None":
             sent["body"] = {"taskId": task["task_id"]}
-        yield Seen(began, 1, False, json.dumps(sent))
+        yield SeenFrame(began, 1, False, json.dumps(sent))
         for t, kind, name, body in task["frames"]:
             frame: Json = {"type": name, "body": body}
             if kind == "answer":
@@ -389,7 +391,7 @@ def real_logs() -> Iterator[Seen]:
                 frame = {"type": "", "body": {}, "sn": sn, "ok": not text, "msg": text}
             elif kind != "push":
                 frame["sn"] = 1000 + sn
-            yield Seen(began + t, 1, kind in ("answer", "push"), json.dumps(frame))
+            yield SeenFrame(began + t, 1, kind in ("answer", "push"), json.dumps(frame))
 
 
 def test_real_logs_show_what_they_contain() -> None:
@@ -444,10 +446,10 @@ def test_answers_without_most_of_their_fields_teach_what_they_have() -> None:
 
 
 def test_start_delay_is_learned_from_velocities() -> None:
-    frames: list[Seen] = []
+    frames: list[SeenFrame] = []
 
     def add(t: float, by_robot: bool, frame: Json) -> None:
-        frames.append(Seen(t, 1, by_robot, json.dumps(frame)))
+        frames.append(SeenFrame(t, 1, by_robot, json.dumps(frame)))
 
     for start in range(5):
         t = start * 20.0
@@ -490,8 +492,8 @@ def test_lost_connection_is_opened_again(tmp_path: Path) -> None:
 
     async def make() -> None:
         async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
-            options = SurveyOptions(folder, minutes=0.1, with_names=False)
-            running = asyncio.ensure_future(survey(link(simulator.port), options))
+            making = survey(link(simulator.port), folder, minutes=0.1, with_names=False)
+            running = asyncio.ensure_future(making)
             await simulator.wait_received("woosh.robot.Mode")
             simulator.inject("drop")
             await running
@@ -505,7 +507,7 @@ def test_lost_connection_is_opened_again(tmp_path: Path) -> None:
 
 def test_pushes_to_several_clients_count_once() -> None:
     frames = [
-        Seen(t * 0.5, connection, True, json.dumps({"type": BATTERY, "body": {"power": t}}))
+        SeenFrame(t * 0.5, connection, True, json.dumps({"type": BATTERY, "body": {"power": t}}))
         for t in range(5)
         for connection in (1, 2)
     ]
@@ -519,8 +521,8 @@ def test_query_without_an_answer_is_asked_twice(tmp_path: Path) -> None:
     async def make() -> None:
         async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
             simulator.mute(MODE)
-            options = SurveyOptions(folder, minutes=0.3, with_names=False)
-            await survey(link(simulator.port, request_timeout=0.5, connect_timeout=0.5), options)
+            config = link(simulator.port, request_timeout=0.5, connect_timeout=0.5)
+            await survey(config, folder, minutes=0.3, with_names=False)
 
     asyncio.run(make())
     found = json.loads((folder / "survey.json").read_text())
@@ -592,8 +594,8 @@ def test_slow_request_changes_the_default_little() -> None:
     for number, delay in enumerate([0.01] * 3 + [0.02] * 3 + [2.0] * 30):
         name = MODE if number < 3 else BATTERY if number < 6 else SETTING
         frames += [
-            Seen(number * 3.0, 1, False, json.dumps(request(name, number + 1)[2])),
-            Seen(number * 3.0 + delay, 1, True, json.dumps(answer(name, number + 1, {})[2])),
+            SeenFrame(number * 3.0, 1, False, json.dumps(request(name, number + 1)[2])),
+            SeenFrame(number * 3.0 + delay, 1, True, json.dumps(answer(name, number + 1, {})[2])),
         ]
     values = learn(Observations(frames))
     assert values[("answers", "default")] == ([0.02, 0.02, 0.02], 36)
@@ -603,7 +605,8 @@ def test_rate_of_scans_is_not_learned_from_pushes() -> None:
     def pushed(period: float) -> Observations:
         name = "woosh.robot.ScannerData"
         return Observations(
-            Seen(t * period, 1, True, json.dumps(push(name, {"ranges": [t]})[2])) for t in range(5)
+            SeenFrame(t * period, 1, True, json.dumps(push(name, {"ranges": [t]})[2]))
+            for t in range(5)
         )
 
     values = learn(pushed(1.0))

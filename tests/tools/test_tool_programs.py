@@ -20,7 +20,8 @@ from typing import Any
 import pytest
 
 from tests.simulator.sim_wire import JsonClient
-from tests.tools.test_recording import numbered
+from tests.tools.answers import edit_bodies
+from tests.tools.test_recording import add_numbered
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name
@@ -84,7 +85,7 @@ def empty_recording(folder: Path) -> Path:
     """Write a recording of one connection without frames."""
     path = folder / "a.mcap"
     file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
-    file.event(1, "open", "client")
+    file.add_event(1, "open", "client")
     file.close()
     return path
 
@@ -165,13 +166,11 @@ def harmless(text: str) -> bool:
 def test_texts_of_the_robot_cannot_control_the_terminal_of_doctor(
     chassis: SimulatorThread, capsys: Any
 ) -> None:
-    def intercept(frame: Outgoing) -> list[Outgoing]:
-        if isinstance(frame.body, RobotInfo):
-            frame.body.genral.display_model = HOSTILE
-            frame.body.abnormal_codes.scs.add(code=1, msg=HOSTILE)
-        return [frame]
+    def edit(info: RobotInfo) -> None:
+        info.genral.display_model = HOSTILE
+        info.abnormal_codes.scs.add(code=1, msg=HOSTILE)
 
-    chassis.intercept(intercept)
+    edit_bodies(chassis, RobotInfo, edit)
     doctor.main(address(chassis))
     out, err = capsys.readouterr()
     assert harmless(out + err)
@@ -402,8 +401,7 @@ def test_replay_plays_what_there_is_and_says_what_is_missing(tmp_path: Path) -> 
     file = RecordingWriter(
         tmp_path / "a.mcap", "ws://x", Limits(2**20, split_size=5_000), lambda reason: None
     )
-    for number in range(200):
-        file.frame(1, "client", numbered(number), text=True)
+    add_numbered(file, 200)
     file.close()
     given = [file.paths[1], file.paths[3]]
     given[1].write_bytes(given[1].read_bytes()[:-20])

@@ -43,7 +43,7 @@ def add_link_options(
     parser: argparse.ArgumentParser,
     *,
     ip_required: bool = True,
-    again: bool = False,
+    for_subparser: bool = False,
     several: bool = False,
 ) -> None:
     """Add `--ip` and the other options of the link to a parser.
@@ -51,14 +51,14 @@ def add_link_options(
     Args:
         parser: the parser.
         ip_required: True if `--ip` must be given.
-        again: True for a subparser whose main parser has the options too. They may come before or
-            after the command, so the subparser has no defaults and no help for them.
+        for_subparser: True for a subparser whose main parser has the options too. They may come
+            before or after the command, so the subparser has no defaults and no help for them.
         several: True if `--ip` can be repeated; then its value is a list of `Address`.
     """
     default = LinkConfig()
 
     def add(name: str, **keywords: Any) -> None:
-        if again:
+        if for_subparser:
             keywords |= {"default": argparse.SUPPRESS, "help": argparse.SUPPRESS, "required": False}
         parser.add_argument(name, **keywords)
 

@@ -52,16 +52,9 @@ class NodeThread:
         Args:
             on_error: called in the thread with the exception of a callback, which ends the thread.
         """
-
-        def spin() -> None:
-            try:
-                self._spin()
-            except Exception as error:
-                if on_error is None:
-                    raise
-                on_error(error)
-
-        self._thread = threading.Thread(target=spin, name="ros", daemon=True)
+        self._thread = threading.Thread(
+            target=self._spin, args=(on_error,), name="ros", daemon=True
+        )
         self._thread.start()
 
     def stop(self) -> None:
@@ -77,7 +70,7 @@ class NodeThread:
         self.node.destroy_node()
         rclpy.try_shutdown(context=context)
 
-    def _spin(self) -> None:
+    def _spin(self, on_error: Callable[[Exception], None] | None) -> None:
         executor = Executor(context=self.node.context)
         executor.add_node(self.node)
         try:
@@ -85,5 +78,9 @@ class NodeThread:
                 executor.spin_once(timeout_sec=_TIMEOUT)
         except ExternalShutdownException:
             pass
+        except Exception as error:
+            if on_error is None:
+                raise
+            on_error(error)
         finally:
             executor.shutdown()

@@ -142,7 +142,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
             "program hangs: switch the robot off and on",
         ) from None
     received_at = time.time()
-    info = _body(codec, answer, config)
+    info = _robot_info_in(codec, answer, config)
     half_way = (sent_at + received_at) / 2
     skew = answer.timestamp / 1000 - half_way if answer.timestamp else None
     return RobotInfoAnswer(info, skew, received_at - sent_at)
@@ -161,7 +161,8 @@ async def _receive_answer(
                 return envelope
 
 
-def _body(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotInfo:
+def _robot_info_in(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotInfo:
+    """Return the RobotInfo in an answer; raise CheckFailedError if it has none."""
     if not answer.ok:
         raise CheckFailedError(
             f"the robot refused the request: {answer.msg or 'no reason given'}",
@@ -329,7 +330,7 @@ async def _link_error(
     answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
     if answer is None:
         return CheckFailedError(text, remedy)
-    info = _info_in(answer.body)
+    info = _robot_info_over_http(answer.body)
     if info is None:
         found = f"{text}; HTTP is answered with status {answer.status}"
         by = f" by {answer.server}" if answer.server else ""
@@ -394,7 +395,7 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
         return None
 
 
-def _info_in(body: bytes) -> RobotInfo | None:
+def _robot_info_over_http(body: bytes) -> RobotInfo | None:
     """Return the RobotInfo in a response over HTTP, None if it has none."""
     try:
         envelope = JSON.decode(body)
@@ -404,6 +405,7 @@ def _info_in(body: bytes) -> RobotInfo | None:
 
 
 _MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
+"""The objections that `check_mode` reports."""
 _NOT_REPORTED = Result(
     Status.WARN,
     "the robot does not report it",
@@ -455,9 +457,9 @@ def check_emergency_stop(info: RobotInfo) -> Result:
 
 def check_taskable(info: RobotInfo) -> Result:
     """Check whether the robot would accept a new task."""
-    reported = {*_MODES, NOT_INITIALISED, LOST, EMERGENCY_STOP}
+    reported_by_others = {*_MODES, NOT_INITIALISED, LOST, EMERGENCY_STOP}
     found = all_objections(info)
-    if others := [objection for objection in found if objection not in reported]:
+    if others := [objection for objection in found if objection not in reported_by_others]:
         return _failed(others)
     if found:
         return Result(

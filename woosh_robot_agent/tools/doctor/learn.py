@@ -33,7 +33,11 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER, Profile
 from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
-from woosh_robot_agent.tools.doctor.observations import Observations, Seen, busiest
+from woosh_robot_agent.tools.doctor.observations import (
+    Observations,
+    SeenFrame,
+    of_busiest_connection,
+)
 
 REFERENCE = "tr200"
 """Profile from which values are taken that cannot be learned."""
@@ -78,11 +82,10 @@ def _is_field(path: Keys) -> bool:
 
 
 _Found = Iterator[tuple[Keys, Learned]]
+"""Learned values with their keys."""
 
 _MIN_SAMPLES = 3
 """Minimum number of samples to learn a distribution."""
-
-
 _MAX_SIZE = 100_000
 """Maximum plausible size in mm, or weight in kg."""
 
@@ -115,30 +118,30 @@ _FIRST_REPORTS = 8
 
 def _tasks(seen: Observations) -> _Found:
     reports = seen.pushed(TaskProc)
-    firsts = []
+    first_reports = []  # times from the answer to a task to its first report
     for each in seen.answered(pack.ExecTask) + seen.answered(pack.ExecPreTask):
         if each.sent is None:
             continue
         wanted = getattr(each.sent, "task_id", 0)
         for t, proc in reports:
-            is_it = proc.robot_task_id == wanted if wanted else proc.robot_task_id != 0
-            if is_it and 0.0 <= t - each.t <= _MAX_FIRST_REPORT:
-                firsts.append(t - each.t)
+            is_of_task = proc.robot_task_id == wanted if wanted else proc.robot_task_id != 0
+            if is_of_task and 0.0 <= t - each.t <= _MAX_FIRST_REPORT:
+                first_reports.append(t - each.t)
                 break
-    if firsts:
-        count = min(_FIRST_REPORTS, len(firsts))
+    if first_reports:
+        count = min(_FIRST_REPORTS, len(first_reports))
         shares = [(number + 0.5) / count for number in range(count)]
-        values = [round(quantile(firsts, share), 2) for share in shares]
-        yield ("tasks", "first_report"), Learned(values, len(firsts))
-    effects = []
+        values = [round(quantile(first_reports, share), 2) for share in shares]
+        yield ("tasks", "first_report"), Learned(values, len(first_reports))
+    effects = []  # times from an order to the next report
     for order in seen.answered(pack.ActionOrder):
         after = (t - order.t + order.delay for t, _ in reports if t >= order.t - order.delay)
-        effect = next(after, _MAX_EFFECT + 1.0)
+        effect = next(after, math.inf)
         if effect <= _MAX_EFFECT:
             effects.append(effect)
     if len(effects) >= _MIN_SAMPLES:
         yield ("tasks", "order_effect"), _distribution(effects)
-    empty = [
+    empty = [  # times from the last report of a task to the following empty report
         later - t
         for (t, proc), (later, after) in pairwise(reports)
         if proc.state in _ENDED and not after.robot_task_id and later - t <= _MAX_EMPTY
@@ -200,7 +203,9 @@ def _rates(seen: Observations) -> _Found:
     moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], ignore_above=_MAX_GAP_MOVING)
     if len(moving) >= _MIN_SAMPLES:
         yield ("rates", "pose_speed"), _median(moving)
-    pushed = _gaps([each.t for each in busiest([each for each in seen.scans if each.pushed])])
+    pushed = _gaps(
+        [each.t for each in of_busiest_connection([each for each in seen.scans if each.pushed])]
+    )
     polled = _scan_period(seen)
     if len(pushed) >= _MIN_SAMPLES:
         push = _median(pushed)
@@ -224,7 +229,8 @@ def _rates(seen: Observations) -> _Found:
 
 def _scan_period(seen: Observations) -> Learned | None:
     """Return the time between two scans, from requests that were more frequent than the scans."""
-    polls = busiest([each for each in seen.scans if not each.pushed])
+    polls = of_busiest_connection([each for each in seen.scans if not each.pushed])
+    # polls with pauses between them are series of their own
     ends = [number for number, gap in enumerate(_gaps([each.t for each in polls]), 1) if gap > 1.0]
     gaps: list[float] = []
     for begin, end in pairwise([0, *ends, len(polls)]):
@@ -276,16 +282,17 @@ def _driving(seen: Observations) -> _Found:
     ):
         if len(speeds) >= _MIN_MOVING:
             yield ("driving", name), Learned(round(max(speeds), 3), len(speeds))
-    starts, last = [], -math.inf
+    start_delays, last_sent = [], -math.inf
     for order in seen.answered(pack.Twist):
         sent = order.t - order.delay
-        is_new, last = sent - last > _MAX_START, sent
-        if is_new and not any(0.0 <= sent - t <= _MAX_GAP_MOVING for t, _ in poses):
-            first = next((t - sent for t, _ in poses if t > sent), _MAX_START + 1.0)
-            if first <= _MAX_START:
-                starts.append(first)
-    if len(starts) >= _MIN_SAMPLES:
-        yield ("driving", "start_delay"), _median(starts)
+        is_first, last_sent = sent - last_sent > _MAX_START, sent
+        was_moving = any(0.0 <= sent - t <= _MAX_GAP_MOVING for t, _ in poses)
+        if is_first and not was_moving:
+            delay = next((t - sent for t, _ in poses if t > sent), math.inf)
+            if delay <= _MAX_START:
+                start_delays.append(delay)
+    if len(start_delays) >= _MIN_SAMPLES:
+        yield ("driving", "start_delay"), _median(start_delays)
 
 
 def _battery(seen: Observations) -> _Found:
@@ -297,6 +304,7 @@ def _battery(seen: Observations) -> _Found:
 
 _QUERIES = {each.request for each in QUERIES}
 _WORDS = {each.words for each in REFUSALS.values()}
+"""Texts of refusals that the simulator has without a profile."""
 
 
 def _refusals(seen: Observations) -> _Found:
@@ -358,8 +366,8 @@ def reference() -> dict[str, dict[str, Any]]:
 
 _TIMES = {"answers", "mapping", "rates", "tasks"}
 """Sections with times, which depend on this computer and the network, too."""
-_TOLERANCES = {True: (0.1, 0.02), False: (0.01, 0.0)}
-"""Relative and absolute difference up to which two numbers agree, for times (True) and others."""
+_TIME_TOLERANCE, _TOLERANCE = (0.1, 0.02), (0.01, 0.0)
+"""Relative and absolute difference up to which two times, or two other numbers, agree."""
 
 
 def known_value(path: Keys) -> Any:
@@ -376,17 +384,18 @@ def differs(path: Keys, value: Any) -> bool:
     known = known_value(path)
     if path == ("tasks", "first_report"):  # in any order
         value, known = sorted(value), sorted(known)
-    return _differ(value, known, *_TOLERANCES[path[0] in _TIMES])
+    return _differ(value, known, *(_TIME_TOLERANCE if path[0] in _TIMES else _TOLERANCE))
 
 
-def _differ(one: Any, other: Any, share: float, least: float) -> bool:
+def _differ(one: Any, other: Any, relative: float, absolute: float) -> bool:
+    """Return True if two values differ by more than both tolerances."""
     if isinstance(one, list) and isinstance(other, list):
         pairs = zip(one, other, strict=False)
-        return len(one) != len(other) or any(_differ(*each, share, least) for each in pairs)
+        return len(one) != len(other) or any(_differ(*each, relative, absolute) for each in pairs)
     if any(isinstance(each, str | None | list) for each in (one, other)):
         return bool(one != other)
     gap = abs(one - other)
-    return bool(gap > least and gap > share * max(abs(one), abs(other)))
+    return bool(gap > absolute and gap > relative * max(abs(one), abs(other)))
 
 
 _NOT_LEARNED = {
@@ -526,7 +535,7 @@ def observe_recording(path: Path) -> Observations:
     except RecordingError as error:
         raise DataFileError(str(error)) from None
     return Observations(
-        Seen(recording.started + each.t, each.connection, each.sender == "chassis", each.data)
+        SeenFrame(recording.started + each.t, each.connection, each.sender == "chassis", each.data)
         for each in recording.records
         if isinstance(each, Frame) and not each.invalid
     )

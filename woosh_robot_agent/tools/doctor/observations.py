@@ -20,21 +20,21 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, ScannerData
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 
 _LARGE = 64 * 1024
-"""Size of a frame whose body is not kept, in bytes."""
+"""Size of a frame above which its body is not kept, in bytes."""
 _EXAMPLES = 3
 """Maximum number of values that are kept of an unknown field."""
 _MAX_NAMES = 20_000
 """Maximum number of names that are kept."""
-_OPEN_FIELDS = {"action", "adapter", "display_model", "msg", "rc", "system", "urdf_name"}
+_HARMLESS_FIELDS = {"action", "adapter", "display_model", "msg", "rc", "system", "urdf_name"}
 """Text fields that reveal nothing about a site."""
-_NUMBERS = {"robot_id", "serial_number"}
+_ID_FIELDS = {"robot_id", "serial_number"}
 """Fields with numbers by which a robot can be recognised."""
 
 _M = TypeVar("_M", bound=Message)
 
 
-class Seen(NamedTuple):
-    """A frame.
+class SeenFrame(NamedTuple):
+    """A frame between a client and the robot.
 
     Attributes:
         t: Unix time at which the frame was sent or received, in seconds.
@@ -49,7 +49,7 @@ class Seen(NamedTuple):
     data: str | bytes
 
 
-class Answered(NamedTuple):
+class AnsweredRequest(NamedTuple):
     """An answered request.
 
     Attributes:
@@ -77,8 +77,8 @@ class Answered(NamedTuple):
     size: int
 
 
-class Pushed(NamedTuple):
-    """A push; the attributes are as in `Answered` and `Seen`."""
+class Push(NamedTuple):
+    """A push; the attributes are as in `AnsweredRequest` and `SeenFrame`."""
 
     t: float
     connection: int
@@ -142,10 +142,10 @@ class Observations:
         frames: number of frames of the robot.
     """
 
-    def __init__(self, frames: Iterable[Seen] = ()) -> None:
+    def __init__(self, frames: Iterable[SeenFrame] = ()) -> None:
         self.asked: Counter[str] = Counter()
-        self.answers: list[Answered] = []
-        self.pushes: list[Pushed] = []
+        self.answers: list[AnsweredRequest] = []
+        self.pushes: list[Push] = []
         self.scans: list[Scan] = []
         self.subscribed: set[str] = set()
         self.unknown_fields: defaultdict[tuple[str, str], Unknown] = defaultdict(Unknown)
@@ -161,21 +161,21 @@ class Observations:
         for frame in frames:
             self.add(frame)
 
-    def add(self, seen: Seen) -> Answered | None:
-        """Add a frame; return the answer in it, or None."""
-        self.frames += seen.by_robot
+    def add(self, frame: SeenFrame) -> AnsweredRequest | None:
+        """Add a frame; return the answered request if the frame answers one, otherwise None."""
+        self.frames += frame.by_robot
         try:
-            envelope = server_codec(seen.data).decode(seen.data)
+            envelope = server_codec(frame.data).decode(frame.data)
         except FrameError as error:
             self.unreadable[f"a frame: {error.kind}"] += 1
             return None
-        if seen.by_robot:
-            return self._add_from_robot(seen, envelope)
-        self._add_from_client(seen, envelope)
+        if frame.by_robot:
+            return self._add_from_robot(frame, envelope)
+        self._add_from_client(frame, envelope)
         return None
 
     def latest(self, cls: type[_M]) -> tuple[_M | None, int]:
-        """Return the last message of a class, and the number of messages of this class."""
+        """Return the last message of a class, None before the first, and their number so far."""
         name = cls.DESCRIPTOR.full_name
         return self._latest.get(name), self._counts[name]  # type: ignore[return-value]
 
@@ -184,52 +184,52 @@ class Observations:
         yield from (each.body for each in self.answers)
         yield from (each.body for each in self.pushes)
 
-    def pushes_of(self, name: str) -> list[Pushed]:
+    def pushes_of(self, name: str) -> list[Push]:
         """Return the pushes of a type to one client: the client with the most such pushes."""
-        return busiest([each for each in self.pushes if each.type == name])
+        return of_busiest_connection([each for each in self.pushes if each.type == name])
 
     def pushed(self, cls: type[_M]) -> list[tuple[float, _M]]:
         """Return time and body of the pushes of a class to one client."""
         found = self.pushes_of(cls.DESCRIPTOR.full_name)
         return [(each.t, each.body) for each in found if each.body]  # type: ignore[misc]
 
-    def answered(self, cls: type[Message], *, ok: bool = True) -> list[Answered]:
+    def answered(self, cls: type[Message], *, ok: bool = True) -> list[AnsweredRequest]:
         """Return all answers to requests of a class that were accepted, or refused."""
         name = cls.DESCRIPTOR.full_name
         return [each for each in self.answers if each.request == name and each.ok is ok]
 
-    def _add_from_client(self, seen: Seen, envelope: Envelope) -> None:
+    def _add_from_client(self, frame: SeenFrame, envelope: Envelope) -> None:
         if envelope.type in (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name):
-            body = self._body(seen, Envelope(Subscription.DESCRIPTOR.full_name, envelope.body))
+            body = self._body(frame, Envelope(Subscription.DESCRIPTOR.full_name, envelope.body))
             if isinstance(body, Subscription) and body.sub:
                 self.subscribed.update(body.topics)
         else:
             self.asked[envelope.type] += 1
-            request = seen.t, envelope.type, self._body(seen, envelope)
-            self._pending[seen.connection, envelope.sn] = request
+            request = frame.t, envelope.type, self._body(frame, envelope)
+            self._pending[frame.connection, envelope.sn] = request
 
-    def _add_from_robot(self, seen: Seen, envelope: Envelope) -> Answered | None:
+    def _add_from_robot(self, frame: SeenFrame, envelope: Envelope) -> AnsweredRequest | None:
         if envelope.timestamp:
-            self.offsets.append(envelope.timestamp / 1000 - seen.t)
-        pending = self._pending.pop((seen.connection, envelope.sn), None) if envelope.sn else None
+            self.offsets.append(envelope.timestamp / 1000 - frame.t)
+        pending = self._pending.pop((frame.connection, envelope.sn), None) if envelope.sn else None
         if pending and not envelope.type:  # an answer needs only its number
             envelope.type = pending[1]
         refused = envelope.sn != 0 and envelope.ok is False
-        body = None if refused and not envelope.body else self._body(seen, envelope)
+        body = None if refused and not envelope.body else self._body(frame, envelope)
         if body is not None:
-            self._note(seen, body, pushed=not envelope.sn)
-        size = len(seen.data) if isinstance(seen.data, bytes) else len(seen.data.encode())
+            self._add_body(frame, body, pushed=not envelope.sn)
+        size = len(frame.data) if isinstance(frame.data, bytes) else len(frame.data.encode())
         kept = None if size > _LARGE or isinstance(body, ScannerData) else body
-        if not envelope.sn:
-            self.pushes.append(Pushed(seen.t, seen.connection, envelope.type, kept, size))
+        if not envelope.sn:  # only answers have a serial number
+            self.pushes.append(Push(frame.t, frame.connection, envelope.type, kept, size))
         elif pending:
             sent_at, request, sent = pending
-            answer = Answered(
-                seen.t,
+            answer = AnsweredRequest(
+                frame.t,
                 envelope.sn,
                 request,
                 sent,
-                seen.t - sent_at,
+                frame.t - sent_at,
                 envelope.ok is not False,
                 envelope.msg,
                 envelope.type,
@@ -240,28 +240,28 @@ class Observations:
             return answer
         return None
 
-    def _body(self, seen: Seen, envelope: Envelope) -> Message | None:
+    def _body(self, frame: SeenFrame, envelope: Envelope) -> Message | None:
         """Return the body of a frame, and note types and fields that the schema lacks."""
         cls = message_types().get(envelope.type)
         if cls is None:
-            if seen.by_robot and envelope.type != "error":
-                self.unknown_types[envelope.type].add(_plain(envelope.body))
+            if frame.by_robot and envelope.type != "error":
+                self.unknown_types[envelope.type].add(_as_json(envelope.body))
             return None
-        if seen.by_robot and isinstance(envelope.body, dict):
+        if frame.by_robot and isinstance(envelope.body, dict):
             for path, value in _unknown_fields(envelope.body, cls.DESCRIPTOR, ""):
                 self.unknown_fields[envelope.type, path].add(value)
         try:
-            return server_codec(seen.data).body(envelope, cls)
+            return server_codec(frame.data).body(envelope, cls)
         except FrameError as error:
             self.unreadable[str(error)] += 1
             return None
 
-    def _note(self, seen: Seen, body: Message, *, pushed: bool) -> None:
-        self._keep(body)
+    def _add_body(self, frame: SeenFrame, body: Message, *, pushed: bool) -> None:
+        self._set_latest(body)
         if isinstance(body, RobotInfo):
             for _, part in body.ListFields():
                 if isinstance(part, Message):
-                    self._keep(part)
+                    self._set_latest(part)
         if len(self.names) < _MAX_NAMES:
             self.names.update(_names(body))
         if isinstance(body, ScannerData):
@@ -269,21 +269,21 @@ class Observations:
             settings.CopyFrom(body)
             del settings.ranges[:]
             ranges = hash(tuple(body.ranges))
-            self.scans.append(Scan(seen.t, seen.connection, pushed, ranges, settings))
+            self.scans.append(Scan(frame.t, frame.connection, pushed, ranges, settings))
 
-    def _keep(self, body: Message) -> None:
+    def _set_latest(self, body: Message) -> None:
         name = body.DESCRIPTOR.full_name
         self._counts[name] += 1
         self._latest[name] = body
 
 
-_Item = TypeVar("_Item", Pushed, Scan)
+_Item = TypeVar("_Item", Push, Scan)
 
 
-def busiest(items: list[_Item]) -> list[_Item]:
+def of_busiest_connection(items: list[_Item]) -> list[_Item]:
     """Return the items of the connection with the most items.
 
-    Several clients get the same pushes, which must not be counted twice.
+    All clients get the same pushes, which must not be counted twice.
     """
     counts = Counter(each.connection for each in items)
     number, _ = counts.most_common(1)[0] if counts else (0, 0)
@@ -312,9 +312,9 @@ def _names(message: Any) -> Iterator[str]:
         if each.message_type is not None:
             for item in items:
                 yield from _names(item)
-        elif each.name in _NUMBERS:
+        elif each.name in _ID_FIELDS:
             yield from map(str, items)
-        elif each.type == FieldDescriptor.TYPE_STRING and each.name not in _OPEN_FIELDS:
+        elif each.type == FieldDescriptor.TYPE_STRING and each.name not in _HARMLESS_FIELDS:
             yield from (item for item in items if len(item) > 1)
         elif each.type == FieldDescriptor.TYPE_BYTES:  # the list of networks is JSON
             yield from (text for item in items for text in _texts_in_json(item))
@@ -337,7 +337,7 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(each)
 
 
-def _plain(body: object) -> Any:
+def _as_json(body: object) -> Any:
     """Return the body of an unknown type as JSON."""
     return f"{len(body)} bytes of protobuf" if isinstance(body, bytes) else body
 

@@ -70,11 +70,12 @@ async def examine(config: LinkConfig, max_skew: float = TOLERANCE) -> AsyncItera
 
 
 async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
-    address, closed = await find_reachable(config)
+    """Yield the results in the order of `CHECKS`, without the names of the checks."""
+    address, closed_reason = await find_reachable(config)
     yield Result(Status.OK, f"{address.ip} is reachable from {own_address(address)}")
-    if closed:
+    if closed_reason:
         raise CheckFailedError(
-            f"port {config.effective_port} is closed: {closed}",
+            f"port {config.effective_port} is closed: {closed_reason}",
             "check --ip and --transport; if they are right, the robot's program is not running: "
             "wait until it has started, or switch the robot off and on",
         )
@@ -170,7 +171,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
     try:
         if options.survey:
             survey.check_folder(options.survey)
-        results = await _examine(config, quiet=options.json)
+        results = await _examine_and_print(config, quiet=options.json)
         failed = any(result.status is Status.FAIL for result in results)
         if options.json:
             print(json.dumps(_as_json(config, results, failed), indent=2))
@@ -178,8 +179,9 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             if any(each.check == "RobotInfo" and each.text == NOT_REACHED for each in results):
                 raise SurveyError("no survey, because the link to the robot does not open")
             minutes = options.minutes or _MINUTES
-            wanted = survey.SurveyOptions(options.survey, minutes, options.with_names)
-            text = await survey.survey(config, wanted)
+            text = await survey.survey(
+                config, options.survey, minutes=minutes, with_names=options.with_names
+            )
             print(text, file=sys.stderr if options.json else None)
     except SurveyError as error:
         print(printable(f"error: {error}"), file=sys.stderr)
@@ -187,7 +189,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
     return int(failed)
 
 
-async def _examine(config: LinkConfig, *, quiet: bool) -> list[Result]:
+async def _examine_and_print(config: LinkConfig, *, quiet: bool) -> list[Result]:
     """Run the checks; print each result unless `quiet`."""
     if not quiet:
         print(f"robot at {config.address}", flush=True)

@@ -50,7 +50,7 @@ async def check_subscribers(domain: int | None = None) -> Result:
 
 
 def _volatile_subscribers(node: Any) -> tuple[list[str], set[str]]:
-    """Return the subscribers with volatile durability, and the names of the agents' nodes."""
+    """Return the volatile subscribers of the agents' latched topics, and the agents' node names."""
     topics = dict(node.get_topic_names_and_types())
     topics.pop("/rosout", None)  # its subscribers want no old messages
     publishers = {
@@ -61,7 +61,7 @@ def _volatile_subscribers(node: Any) -> tuple[list[str], set[str]]:
         }
         for topic in topics
     }
-    agents: set[str] = set()
+    agents: set[str] = set()  # the nodes that latch topics with types of the chassis
     for topic, types in topics.items():
         if any(each.startswith("woosh_") for each in types):
             agents |= publishers[topic]

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
-import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from google.protobuf.message import Message
+from rich.progress import TimeRemainingColumn
 
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import QUERIES, TOPICS, minimum_timeouts
@@ -40,9 +38,10 @@ from woosh_robot_agent.robot.readiness import is_located
 from woosh_robot_agent.tools.doctor import SurveyError
 from woosh_robot_agent.tools.doctor.checks import HttpAnswer, ask_over_http
 from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
-from woosh_robot_agent.tools.doctor.observations import Answered, Observations, Seen
+from woosh_robot_agent.tools.doctor.observations import AnsweredRequest, Observations, SeenFrame
 from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, HttpResult, markdown, results
 from woosh_robot_agent.tools.options import stop_event
+from woosh_robot_agent.tools.progress import progress_bar
 
 _PUSHED = tuple(dict.fromkeys(topic.push for topic in TOPICS))
 _SMALL = tuple(
@@ -60,32 +59,16 @@ _LARGE_ROUNDS = 3
 """Number of rounds in which queries with large answers are sent."""
 _PAUSE = 0.1
 """Time between two queries, in seconds."""
-_POLLS = 60
+_SCAN_POLLS = 60
 """Number of scans that are requested in each round."""
-_POLL_PERIOD = 0.04
+_SCAN_POLL_PERIOD = 0.04
 """Time between two requests for a scan, in seconds: a fraction of the time between two scans."""
 _MAX_UNANSWERED = 2
 """Number of unanswered queries of a type after which that type is not sent again."""
 _RETRY = 1.0
 """Time until a lost connection is opened again, in seconds."""
-_LINK = 1
-"""Number of every connection: one suffices, because no serial number is used twice."""
-
-
-@dataclass(frozen=True)
-class SurveyOptions:
-    """Options of a survey.
-
-    Attributes:
-        folder: folder for the results, which must not exist or be empty.
-        minutes: duration, in minutes.
-        with_names: True to keep names, addresses, texts and numbers by which the robot can be
-            recognised.
-    """
-
-    folder: Path
-    minutes: float
-    with_names: bool
+_CONNECTION = 1
+"""Number given to every connection: serial numbers, never used twice, tell the requests apart."""
 
 
 class _Survey:
@@ -103,13 +86,16 @@ class _Survey:
         self.lost = 0
         self._config = config
         self._transport: Transport
-        self._start = time.time() - time.monotonic()
+        self._clock_offset = time.time() - time.monotonic()
+        """Unix time at zero of the monotonic clock, in seconds."""
         self._codec = client_codec(config)
         self._make = RequestMaker(config.robot_id)
         self._sn = 0
-        self._waiting: dict[int, asyncio.Future[Answered]] = {}
+        self._waiting: dict[int, asyncio.Future[AnsweredRequest]] = {}
+        """Requests in flight, by serial number."""
         self._rounds = 0
         self._unanswered: dict[str, int] = {}
+        """Number of requests without an answer, by type."""
         self._scene = ""
         """Name of the current scene, for requests of its data."""
         self._mark = mark_pb2.Storages.Base()
@@ -153,7 +139,7 @@ class _Survey:
                 self.seen.unreadable[f"a frame: {error.kind}"] += 1
                 continue
             text = data if isinstance(data, str) else data.decode(errors="replace")
-            answer = self.seen.add(Seen(self._now(), _LINK, True, text))
+            answer = self.seen.add(SeenFrame(self._now(), _CONNECTION, True, text))
             waiting = self._waiting.pop(answer.sn, None) if answer else None
             if answer and waiting and not waiting.done():
                 waiting.set_result(answer)
@@ -169,11 +155,11 @@ class _Survey:
             self._rounds += 1
             if self._rounds == 1:
                 await self._ask_over_http()
-            for _ in range(_POLLS if self.seen.scans else 0):
+            for _ in range(_SCAN_POLLS if self.seen.scans else 0):
                 # without waiting for the answers, which may be late
                 self._sn += 1
                 await self._send(full_name(ScannerData), self._make.empty(ScannerData), self._sn)
-                await asyncio.sleep(_POLL_PERIOD)
+                await asyncio.sleep(_SCAN_POLL_PERIOD)
             await asyncio.sleep(_PAUSE)
 
     def _requests(self) -> Iterator[tuple[Message, float]]:
@@ -200,9 +186,9 @@ class _Survey:
                 yield self._make.address(each), max(timeout, slow.get(full_name(each), 0.0))
 
     async def _ask(self, request: Message, timeout: float) -> None:
-        """Send a request, and wait for its answer."""
+        """Send a request, wait for its answer, and note what later requests need of it."""
         self._sn += 1
-        waiting: asyncio.Future[Answered] = asyncio.get_running_loop().create_future()
+        waiting: asyncio.Future[AnsweredRequest] = asyncio.get_running_loop().create_future()
         self._waiting[self._sn] = waiting
         name = full_name(request)
         await self._send(name, request, self._sn)
@@ -238,12 +224,12 @@ class _Survey:
     async def _send(self, name: str, body: Message, sn: int) -> None:
         now = self._now()
         data = self._codec.encode(name, body, sn=sn, timestamp=round(now * 1000))
-        self.seen.add(Seen(now, _LINK, False, data))
+        self.seen.add(SeenFrame(now, _CONNECTION, False, data))
         await self._transport.send(data)
 
     def _now(self) -> float:
         """Return the Unix time in seconds, by a clock that is never set."""
-        return self._start + time.monotonic()
+        return self._clock_offset + time.monotonic()
 
     async def _ask_over_http(self) -> None:
         """Send each query over HTTP, unless the first queries show that nothing answers HTTP."""
@@ -276,8 +262,14 @@ def check_folder(folder: Path) -> None:
         raise SurveyError(f"{folder}: {error.strerror}") from None
 
 
-async def survey(config: LinkConfig, options: SurveyOptions) -> str:
+async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names: bool) -> str:
     """Make a survey, until its time is over or a signal arrives, and write its results.
+
+    Args:
+        config: address and timeouts of the robot.
+        folder: folder for the results, which must not exist or be empty.
+        minutes: duration, in minutes.
+        with_names: True to keep what could identify the robot or its site.
 
     Returns:
         A summary for the user.
@@ -286,72 +278,44 @@ async def survey(config: LinkConfig, options: SurveyOptions) -> str:
         SurveyError: the robot has not answered, or the folder cannot be written.
     """
     stop = stop_event()
-    made = _Survey(config)
+    running_survey = _Survey(config)
     began = time.monotonic()
-    running = asyncio.ensure_future(made.run())
+    running = asyncio.ensure_future(running_survey.run())
     stopping = asyncio.ensure_future(stop.wait())
-    with _progress(made, options.minutes * 60.0):
+
+    def progress() -> dict[str, Any]:
+        seen = running_survey.seen
+        text = f"answers {len(seen.answers)}, pushes {len(seen.pushes)}"
+        return {"completed": time.monotonic() - began, "description": text}
+
+    with progress_bar("survey", minutes * 60.0, progress, TimeRemainingColumn()):
         ends: set[asyncio.Future[Any]] = {running, stopping}
-        await asyncio.wait(
-            ends, timeout=options.minutes * 60.0, return_when=asyncio.FIRST_COMPLETED
-        )
+        await asyncio.wait(ends, timeout=minutes * 60.0, return_when=asyncio.FIRST_COMPLETED)
     seconds = time.monotonic() - began
     complete = not stop.is_set()
     if running.done():
         running.result()
     await cancel_and_wait(running, stopping)
-    if not made.seen.frames:
+    if not running_survey.seen.frames:
         raise SurveyError("the robot has sent nothing, so nothing is written: see the checks")
     found = results(
-        made.seen,
-        http=made.http,
+        running_survey.seen,
+        http=running_survey.http,
         seconds=seconds,
         complete=complete,
-        lost=made.lost,
+        lost=running_survey.lost,
         address=config.address,
-        with_names=options.with_names,
+        with_names=with_names,
     )
     try:
-        options.folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(found, indent=1, ensure_ascii=False)
-        (options.folder / SURVEY_FILE).write_text(f"{text}\n", encoding="utf-8")
-        (options.folder / REPORT_FILE).write_text(markdown(found), encoding="utf-8")
+        (folder / SURVEY_FILE).write_text(f"{text}\n", encoding="utf-8")
+        (folder / REPORT_FILE).write_text(markdown(found), encoding="utf-8")
     except OSError as error:
-        raise SurveyError(f"cannot write {options.folder}: {error.strerror}") from None
+        raise SurveyError(f"cannot write {folder}: {error.strerror}") from None
     early = "" if complete else ", stopped early"
     return (
-        f"surveyed for {seconds:.0f} s{early}: {len(made.seen.answers)} answers, "
-        f"{len(made.seen.pushes)} pushes; read {options.folder / REPORT_FILE}"
+        f"surveyed for {seconds:.0f} s{early}: {len(running_survey.seen.answers)} answers, "
+        f"{len(running_survey.seen.pushes)} pushes; read {folder / REPORT_FILE}"
     )
-
-
-@contextlib.contextmanager
-def _progress(made: _Survey, seconds: float) -> Iterator[None]:
-    """Show the progress on stderr, if stderr is a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )
-    shown = bar.add_task("survey", total=seconds)
-    began = time.monotonic()
-
-    async def update() -> None:
-        while True:
-            seen = made.seen
-            text = f"answers {len(seen.answers)}, pushes {len(seen.pushes)}"
-            bar.update(shown, completed=time.monotonic() - began, description=text)
-            await asyncio.sleep(0.5)
-
-    with bar:
-        updating = asyncio.ensure_future(update())
-        try:
-            yield
-        finally:
-            updating.cancel()

@@ -88,7 +88,7 @@ def results(
             for name, each in sorted(seen.unknown_types.items())
         ],
         "unreadable": _unreadable(seen.unreadable, redactor),
-        "status_codes": list(_codes(seen, redactor)),
+        "status_codes": list(_unknown_codes(seen, redactor)),
         "clock": _series(seen.offsets, digits=3),
         "profile": [
             {
@@ -128,7 +128,7 @@ def _requests(
     for name in sorted(seen.asked):
         answers = [each for each in seen.answers if each.request == name]
         accepted = [each for each in answers if each.ok]
-        texts = Counter(_hidden(each.text, redactor) for each in answers if not each.ok)
+        texts = Counter(_redacted(each.text, redactor) for each in answers if not each.ok)
         over_http = http.get(name)
         is_unknown = (over_http is not None and over_http.status == _NOT_FOUND) or (
             any(_UNKNOWN.search(text) for text in texts) and not accepted
@@ -145,17 +145,17 @@ def _requests(
             "answered_as": sorted({each.type for each in accepted} - {name}),
             "delay": _series([each.delay for each in accepted], digits=4),
             "bytes": _series([each.size for each in accepted], digits=0),
-            "http": _http(over_http, redactor) if name in http else None,
+            "http": _http_result(over_http, redactor) if name in http else None,
         }
 
 
-def _http(answer: HttpResult | None, redactor: Redactor | None) -> dict[str, Any]:
-    if answer is None:
+def _http_result(answer: HttpResult | None, redactor: Redactor | None) -> dict[str, Any]:
+    if answer is None:  # not answered
         return {"status": 0}
     return {
         "status": answer.status,
         "ok": answer.ok,
-        "text": _hidden(answer.text, redactor),
+        "text": _redacted(answer.text, redactor),
         "delay": round(answer.delay, 4),
     }
 
@@ -174,7 +174,7 @@ def _pushes(seen: Observations) -> Iterator[dict[str, Any]]:
 
 
 def _series(values: Sequence[float], *, digits: int) -> dict[str, float] | None:
-    """Return number, median, 99 % quantile, minimum and maximum of some values."""
+    """Return number, median, 99 % quantile, minimum and maximum of some values; None if none."""
     if not values:
         return None
     figures = {
@@ -201,7 +201,7 @@ def _unreadable(reasons: Counter[str], redactor: Redactor | None) -> dict[str, i
     return dict(found)
 
 
-def _codes(seen: Observations, redactor: Redactor | None) -> Iterator[dict[str, Any]]:
+def _unknown_codes(seen: Observations, redactor: Redactor | None) -> Iterator[dict[str, Any]]:
     """Yield the status codes that the table of known codes lacks."""
     texts: dict[int, str] = {}
     counts: Counter[int] = Counter()
@@ -211,7 +211,7 @@ def _codes(seen: Observations, redactor: Redactor | None) -> Iterator[dict[str, 
                 counts[code.code] += 1
                 texts[code.code] = code.msg
     for number, count in sorted(counts.items()):
-        yield {"code": number, "count": count, "text": _hidden(texts[number], redactor)}
+        yield {"code": number, "count": count, "text": _redacted(texts[number], redactor)}
 
 
 def _codes_in(body: object) -> Iterable[StatusCode]:
@@ -222,7 +222,7 @@ def _codes_in(body: object) -> Iterable[StatusCode]:
     return body.abnormal_codes.scs if isinstance(body, RobotInfo) else []
 
 
-def _hidden(text: str, redactor: Redactor | None) -> str:
+def _redacted(text: str, redactor: Redactor | None) -> str:
     return printable(redactor.text(text) if redactor else text)
 
 
@@ -267,7 +267,7 @@ def markdown(found: Mapping[str, Any]) -> str:
         *_table(
             ("Push", "Number", "Period", "Size"),
             [
-                (each["type"], each["count"], _pair(each["period"]), _sizes(each["bytes"]))
+                (each["type"], each["count"], _times(each["period"]), _sizes(each["bytes"]))
                 for each in found["pushes"]
             ],
         ),
@@ -279,9 +279,9 @@ def markdown(found: Mapping[str, Any]) -> str:
             [
                 (
                     ".".join(each["field"]),
-                    _code(each["value"]),
+                    _as_code(each["value"]),
                     each["samples"],
-                    _code(each[REFERENCE]),
+                    _as_code(each[REFERENCE]),
                 )
                 for each in found["profile"]
             ],
@@ -292,8 +292,8 @@ def markdown(found: Mapping[str, Any]) -> str:
 
 def _differences(found: Mapping[str, Any]) -> list[str]:
     lines = [
-        f"- `{'.'.join(each['field'])}`: {_code(each['value'])} instead of "
-        f"{_code(each[REFERENCE])} ({each['samples']} samples)"
+        f"- `{'.'.join(each['field'])}`: {_as_code(each['value'])} instead of "
+        f"{_as_code(each[REFERENCE])} ({each['samples']} samples)"
         for each in found["profile"]
         if each["differs"]
     ]
@@ -305,7 +305,7 @@ def _differences(found: Mapping[str, Any]) -> list[str]:
         f"- Unknown type {each['type']}: {_examples(each)}" for each in found["unknown_types"]
     ]
     lines += [
-        f"- Query {each['type']}: {each['verdict']}{_texts(each['refused'])}"
+        f"- Query {each['type']}: {each['verdict']}{_refusal_texts(each['refused'])}"
         for each in found["requests"]
         if each["verdict"] != "answered" and each["type"] in _QUERIES
     ]
@@ -325,17 +325,17 @@ def _request_row(each: Mapping[str, Any]) -> tuple[object, ...]:
     over_http = "" if http is None else "no answer"
     if http and http["status"]:
         over_http = f"{http['status']}, {http['delay'] * 1000:.0f} ms"
-    result = f"{each['verdict']}{_texts(each['refused'])}"
+    result = f"{each['verdict']}{_refusal_texts(each['refused'])}"
     return each["type"], result, each["asked"], time, _sizes(each["bytes"]), over_http
 
 
-def _texts(refused: Mapping[str, int]) -> str:
+def _refusal_texts(refused: Mapping[str, int]) -> str:
     texts = "; ".join(f"{text!r} {count} times" for text, count in refused.items())
     return f": {texts}" if texts else ""
 
 
 def _examples(each: Mapping[str, Any]) -> str:
-    return f"{each['count']} times, e.g. {', '.join(map(_code, each['values']))}"
+    return f"{each['count']} times, e.g. {', '.join(map(_as_code, each['values']))}"
 
 
 def _clock(clock: Mapping[str, float] | None) -> str:
@@ -344,7 +344,7 @@ def _clock(clock: Mapping[str, float] | None) -> str:
     return f"{describe_offset(clock['median'])} ({clock['samples']} frames)"
 
 
-def _pair(series: Mapping[str, float] | None) -> str:
+def _times(series: Mapping[str, float] | None) -> str:
     return f"{series['median']:g} / {series['p99']:g}" if series else ""
 
 
@@ -352,14 +352,14 @@ def _sizes(series: Mapping[str, float] | None) -> str:
     return f"{series['median']:.0f} / {series['most']:.0f}" if series else ""
 
 
-_LONGEST = 200
+_MAX_LENGTH = 200
 """Maximum length of a value in the report, in characters."""
 
 
-def _code(value: object) -> str:
+def _as_code(value: object) -> str:
     """Return a value as code in Markdown."""
     text = printable(str(value)).replace("`", "'")
-    return f"`{text if len(text) <= _LONGEST else text[: _LONGEST - 3] + '...'}`"
+    return f"`{text if len(text) <= _MAX_LENGTH else text[: _MAX_LENGTH - 3] + '...'}`"
 
 
 def _table(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:

@@ -5,18 +5,16 @@ Each refusal and each lost link is a `MapsError`.
 
 from __future__ import annotations
 
-import asyncio
 import json
 import sys
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TypeVar
 
 from google.protobuf.message import Message
-from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import DownloadColumn, TimeElapsedColumn
 
 from woosh_robot_agent.link import Answer, ChassisClient, LinkError
 from woosh_robot_agent.link.protos import full_name
@@ -32,9 +30,10 @@ from woosh_robot_agent.tools.maps.scene_folder import (
     check_writable,
     edited_marks,
     read_scene,
-    scene_path,
+    to_file_name,
     write_scene,
 )
+from woosh_robot_agent.tools.progress import progress_bar
 
 SLOW_ANSWERS = {
     "woosh.map.Download": 300.0,
@@ -56,9 +55,6 @@ class Robot:
 
     Args:
         chassis: the link, which must be ready.
-
-    Attributes:
-        chassis: the link.
     """
 
     def __init__(self, chassis: ChassisClient) -> None:
@@ -98,7 +94,11 @@ class Robot:
         return answer.body
 
     async def request(self, request: Message) -> Answer:
-        """Send a request, which the robot must accept."""
+        """Send a request; return the answer.
+
+        Raises:
+            MapsError: the robot does not answer, or refuses the request.
+        """
         try:
             answer = await self.chassis.request(request)
         except LinkError as error:
@@ -109,47 +109,25 @@ class Robot:
         return answer
 
 
-_PERIOD = 0.1
-"""Time between two updates of the progress, in seconds."""
-
-
-@asynccontextmanager
-async def _progress(
+def _progress(
     chassis: ChassisClient, text: str, size: int | None = None
-) -> AsyncIterator[None]:
+) -> AbstractContextManager[None]:
     """Show the number of received bytes; or with `size`, how much of an upload has been sent.
 
     The total size of a download is not known in advance. The frame of an upload is larger than the
     files in it, so the bar shows the sent share of the frame, scaled to `size`.
     """
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )
+    start, largest = chassis.traffic()[0], 0
 
-    async def update() -> None:
-        start, largest = chassis.traffic()[0], 0
-        while True:
-            received, waiting = chassis.traffic()
-            largest = max(largest, waiting)
-            if size is None:
-                bar.update(shown, completed=max(0, received - start))
-            elif largest:
-                bar.update(shown, completed=size * (1 - waiting / largest))
-            await asyncio.sleep(_PERIOD)
+    def update() -> dict[str, float]:
+        nonlocal largest
+        received, waiting = chassis.traffic()
+        largest = max(largest, waiting)
+        if size is None:
+            return {"completed": max(0, received - start)}
+        return {"completed": size * (1 - waiting / largest)} if largest else {}
 
-    with bar:
-        shown = bar.add_task(escape(text), total=size)
-        updating = asyncio.create_task(update())
-        try:
-            yield
-        finally:
-            updating.cancel()
+    return progress_bar(escape(text), size, update, DownloadColumn(), TimeElapsedColumn())
 
 
 _HEADINGS = ("SCENE", "MAP", "ID", "FLOOR", "VERSION", "MARKS")
@@ -185,8 +163,8 @@ async def list_maps(robot: Robot, *, as_json: bool) -> None:
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for index, cells in enumerate(table):
         line = "  ".join(f"{cell:<{width}}" for cell, width in zip(cells, widths, strict=True))
-        here = "  (current)" if index and rows[index - 1]["current"] else ""
-        print(f"{line.rstrip()}{here}")
+        suffix = "  (current)" if index and rows[index - 1]["current"] else ""
+        print(f"{line.rstrip()}{suffix}")
 
 
 async def download(robot: Robot, names: Sequence[str], output: Path, *, force: bool) -> None:
@@ -202,19 +180,19 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
     scenes = list(dict.fromkeys(_scene_of(name, known) for name in names)) if names else list(known)
     if not scenes:
         raise MapsError("the robot has no scenes")
-    targets = {scene: scene_path(output, scene) for scene in scenes}
+    targets = {scene: output / to_file_name(scene) for scene in scenes}
     for target in targets.values():
         check_writable(target, force=force)
     for scene, target in targets.items():
-        async with _progress(robot.chassis, f"downloading {printable(scene)}"):
+        with _progress(robot.chassis, f"downloading {printable(scene)}"):
             data = await robot.scene_data(scene)
             files = await robot.download(scene)
         data.name = scene
-        unusable = write_scene(target, data, files, force=force)
+        warnings = write_scene(target, data, files, force=force)
         marks = sum(len(area.mark_info.storages) for area in data.maps)
         counts = f"maps {len(data.maps)}, marks {marks}, files {len(files)}"
         print(printable(f"downloaded scene {scene} to {target}: {counts}"), flush=True)
-        for text in unusable:
+        for text in warnings:
             print(f"warning: {printable(text)}", file=sys.stderr)
 
 
@@ -245,7 +223,7 @@ async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force:
 async def rename(robot: Robot, scene: str, area: str, new_name: str) -> None:
     """Rename a scene, or one of its maps if `area` is not empty."""
     known = await robot.scenes()
-    what = _described(known, scene, area)
+    what = _existing(known, scene, area)
     if new_name in (known[scene] if area else known):
         raise MapsError(f"{what} cannot be renamed: {new_name} exists already; choose another name")
     request = pack.Rename(old_scene_name=scene, new_scene_name=scene if area else new_name)
@@ -257,7 +235,7 @@ async def rename(robot: Robot, scene: str, area: str, new_name: str) -> None:
 
 async def delete(robot: Robot, scene: str, area: str) -> None:
     """Delete a scene, or one of its maps if `area` is not empty."""
-    what = _described(await robot.scenes(), scene, area)
+    what = _existing(await robot.scenes(), scene, area)
     current = await robot.current()
     if scene == current.scene_name and area in ("", current.map_name):
         raise MapsError(
@@ -271,20 +249,20 @@ async def _upload(robot: Robot, name: str, scene: SavedScene) -> None:
     size = sum(map(len, scene.files.values()))
     datas = [FileData(name=file, data=data) for file, data in scene.files.items()]
     request = pack.Upload(scene_name=name, file_datas=datas, method=pack.Upload.kFull)
-    async with _progress(robot.chassis, f"uploading {printable(name)}", size):
+    with _progress(robot.chassis, f"uploading {printable(name)}", size):
         await robot.request(request)
     if name not in await robot.scenes():
         raise MapsError(f"the robot accepted scene {name} but does not list it")
-    for area in scene.loose_marks:
-        await _bring_marks(robot, name, area, scene)
+    for area in scene.separate_marks:
+        await _upload_marks(robot, name, area, scene)
     print(printable(f"uploaded scene {name}: files {len(scene.files)}"), flush=True)
 
 
-async def _bring_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -> None:
+async def _upload_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -> None:
     """Upload edited marks by one request per mark, for a map without a file of marks."""
     data = await robot.scene_data(scene)
     old = next((each.mark_info for each in data.maps if each.name == area), MarkInfo())
-    new = edited_marks(saved.loose_marks[area], old)
+    new = edited_marks(saved.separate_marks[area], old)
     if new is old:
         return
     current = await robot.current()
@@ -316,8 +294,12 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
     return found[0]
 
 
-def _described(known: dict[str, list[str]], scene: str, area: str) -> str:
-    """Check that the robot has a scene or map, and return its description for messages."""
+def _existing(known: dict[str, list[str]], scene: str, area: str) -> str:
+    """Return the name of a scene or map for messages.
+
+    Raises:
+        MapsError: the robot does not have it.
+    """
     if scene not in known:
         scenes = ", ".join(known) or "none"
         raise MapsError(f"the robot has no scene {scene}: its scenes are {scenes}")

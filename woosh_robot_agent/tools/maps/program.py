@@ -6,10 +6,9 @@ import argparse
 import asyncio
 import logging
 import sys
-from collections.abc import Coroutine, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.config import MIB
@@ -116,22 +115,21 @@ def _parser() -> argparse.ArgumentParser:
     delete.add_argument("scene", metavar="SCENE")
     delete.add_argument("--map", type=_name, help="map of the scene to delete")
     for command in (listing, download, upload, rename, delete):
-        add_link_options(command, again=True)
+        add_link_options(command, for_subparser=True)
     return parser
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> None:
+    """Run the command."""
     async with ChassisClient(config=config, minimum_timeouts=commands.SLOW_ANSWERS) as chassis:
-        await _command(commands.Robot(chassis), options)
-
-
-def _command(robot: commands.Robot, options: argparse.Namespace) -> Coroutine[Any, Any, None]:
-    if options.command == "list":
-        return commands.list_maps(robot, as_json=options.json)
-    if options.command == "download":
-        return commands.download(robot, options.names, options.output, force=options.force)
-    if options.command == "upload":
-        return commands.upload(robot, options.folders, options.scene or "", force=options.force)
-    if options.command == "rename":
-        return commands.rename(robot, options.scene, options.map or "", options.new_name)
-    return commands.delete(robot, options.scene, options.map or "")
+        robot = commands.Robot(chassis)
+        if options.command == "list":
+            await commands.list_maps(robot, as_json=options.json)
+        elif options.command == "download":
+            await commands.download(robot, options.names, options.output, force=options.force)
+        elif options.command == "upload":
+            await commands.upload(robot, options.folders, options.scene or "", force=options.force)
+        elif options.command == "rename":
+            await commands.rename(robot, options.scene, options.map or "", options.new_name)
+        else:
+            await commands.delete(robot, options.scene, options.map or "")

@@ -40,12 +40,8 @@ _MAX_NAME = 200
 """Maximum length of a file name, in bytes. Most file systems have a limit of 255."""
 
 
-def to_file_name(name: str, suffix: str = "") -> str:
+def to_file_name(name: str) -> str:
     """Return a file name for any name. Different names have different file names.
-
-    Args:
-        name: the name.
-        suffix: end of the file name, which is added unchanged.
 
     Raises:
         MapsError: the name is empty or too long.
@@ -53,12 +49,12 @@ def to_file_name(name: str, suffix: str = "") -> str:
     quoted = "".join(map(_quoted, name))
     if quoted.startswith("."):  # a hidden file, `.` or `..`
         quoted = f"%2E{quoted[1:]}"
-    if not name or len((quoted + suffix).encode()) > _MAX_NAME:
+    if not name or len(quoted.encode()) > _MAX_NAME:
         raise MapsError(
             f"the name {name[:50]!r} cannot be a file name: it is empty or too long; rename it on "
             "the robot"
         )
-    return quoted + suffix
+    return quoted
 
 
 def _quoted(character: str) -> str:
@@ -118,7 +114,7 @@ def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
         new.CopyFrom(old)
         if root.others and not same_others:
             where = f"{name}: {_OTHERS}"
-            new = _parsed(where, root.others, MarkInfo(version=old.version))
+            new = _parse_into(where, root.others, MarkInfo(version=old.version))
         del new.storages[:]
         new.storages.extend(storages)
     except DataFileError as error:
@@ -161,7 +157,7 @@ def _entry(storage: Storage) -> dict[str, Any]:
     category = storage.WhichOneof("category")
     entry: dict[str, Any] = {"number": identity.get("no", ""), "id": identity.get("id", 0)}
     entry["type"] = category or _BASE
-    dock, real = (_numbers(poses.pop(key, None)) for key in ("dock", "real"))
+    dock, real = (_pose_numbers(poses.pop(key, None)) for key in ("dock", "real"))
     if dock:
         entry["pose"] = dock
     if real and real != dock:
@@ -218,7 +214,7 @@ def _storage(entry: _MarkEntry) -> Storage:
     """Return the mark that an entry of the file describes."""
     storage = Storage()
     if entry.details:
-        _parsed(f"{entry.where}.details", entry.details, storage)
+        _parse_into(f"{entry.where}.details", entry.details, storage)
     storage.identity.no = entry.number
     storage.identity.id = entry.id
     storage.identity.desc = entry.description
@@ -244,7 +240,7 @@ def _others(info: MarkInfo) -> dict[str, Any]:
     return {key: value for key, value in fields.items() if key not in ("storages", "version")}
 
 
-def _parsed(where: str, value: Any, message: Any) -> Any:
+def _parse_into(where: str, value: Any, message: Any) -> Any:
     """Add the fields in a part of the file to a message, and return it."""
     try:
         return ParseDict(value, message)
@@ -253,7 +249,7 @@ def _parsed(where: str, value: Any, message: Any) -> Any:
         raise DataFileError(f"{where}: {text}") from None
 
 
-def _numbers(pose: dict[str, float] | None) -> list[float] | None:
+def _pose_numbers(pose: dict[str, float] | None) -> list[float] | None:
     return None if pose is None else [float(pose.get(key, 0.0)) for key in ("x", "y", "theta")]
 
 
@@ -282,11 +278,6 @@ def to_path(name: str) -> str:
     return "/".join(paths)
 
 
-def _robot_name(path: str) -> str:
-    """Return the robot's name of a file; the inverse of `to_path`."""
-    return unquote(path)
-
-
 @dataclass(frozen=True)
 class SavedScene:
     """A scene in a folder.
@@ -294,21 +285,12 @@ class SavedScene:
     Attributes:
         name: name of the scene.
         files: the files of the robot, by the robot's names, with the edited marks.
-        loose_marks: YAML files of marks for which `files` has no mark file, by the name of the map.
+        separate_marks: YAML files of marks for maps without a mark file in `files`, by map name.
     """
 
     name: str
     files: dict[str, bytes]
-    loose_marks: dict[str, Path]
-
-
-def scene_path(folder: Path, scene: str) -> Path:
-    """Return the folder of a scene inside another folder.
-
-    Raises:
-        MapsError: the name of the scene cannot be a file name.
-    """
-    return folder / to_file_name(scene)
+    separate_marks: dict[str, Path]
 
 
 def check_writable(target: Path, *, force: bool) -> None:
@@ -346,18 +328,18 @@ def write_scene(
         MapsError: the scene cannot be saved.
     """
     contents = {to_path(name): content for name, content in files.items()}
-    unusable: list[str] = []
+    warnings: list[str] = []
     for area in data.maps:
         stem = to_file_name(area.name)
-        for what, of_server, name in (
+        for what, make_files, name in (
             ("map", map_files, stem),
             ("the keep-out mask of map", keepout_files, f"{stem}_keepout"),
         ):
             try:
-                for file, content in of_server(area, name).items():
+                for file, content in make_files(area, name).items():
                     contents[f"{_NAV2}/{file}"] = content
             except MapError as error:  # the robot's own files are saved nevertheless
-                unusable.append(f"{what} {area.name} is not saved for nav2: {error}")
+                warnings.append(f"{what} {area.name} is not saved for nav2: {error}")
         in_file = _marks_in_files(area.name, files)
         info = area.mark_info if in_file is None else in_file[1]
         contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = write_marks(info, area.name)
@@ -365,7 +347,7 @@ def write_scene(
         _write_folder(target, contents, force=force)
     except OSError as error:
         raise MapsError(f"scene {data.name} cannot be saved: {error}") from None
-    return unusable
+    return warnings
 
 
 def read_scene(folder: Path) -> SavedScene:
@@ -380,19 +362,19 @@ def read_scene(folder: Path) -> SavedScene:
         raise MapsError(f"{folder} is not a saved scene{hint}")
     paths = {each.relative_to(folder).as_posix(): each for each in sorted(folder.rglob("*"))}
     files = {
-        _robot_name(name): _read(path)
+        unquote(name): _read(path)  # the inverse of `to_path`
         for name, path in paths.items()
         if path.is_file() and not _is_own(name)
     }
-    loose_marks: dict[str, Path] = {}
+    separate_marks: dict[str, Path] = {}
     for path in sorted((folder / _MARKS_FOLDER).glob("*.yaml")):
         area = unquote(path.stem)
         found = _marks_in_files(area, files)
         if found is None:
-            loose_marks[area] = path
+            separate_marks[area] = path
         elif (new := edited_marks(path, found[1])) is not found[1]:
             files[found[0]] = new.SerializeToString()
-    return SavedScene(unquote(folder.resolve().name), files, loose_marks)
+    return SavedScene(unquote(folder.resolve().name), files, separate_marks)
 
 
 def _is_scene(folder: Path) -> bool:
@@ -400,7 +382,7 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _is_own(path: str) -> bool:
-    """Return True for a file that the robot does not have: of this program, or hidden beside."""
+    """Return True for a file that is not the robot's: one of this program, or a hidden one."""
     return path.startswith((f"{_NAV2}/", f"{_MARKS_FOLDER}/", "."))
 
 

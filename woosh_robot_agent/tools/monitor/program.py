@@ -59,10 +59,6 @@ class LinkSource:
 
     Args:
         config: address and timeouts of the chassis.
-
-    Attributes:
-        name: address of the chassis.
-        view: state of the robot as received so far.
     """
 
     def __init__(self, config: LinkConfig) -> None:

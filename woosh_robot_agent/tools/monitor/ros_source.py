@@ -98,11 +98,7 @@ class RosSource:
         ros_args: command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
         discovery_period: time between two searches for the agent, in seconds.
-        patience: time for which to wait for the topic `connected` of an agent, in seconds.
-
-    Attributes:
-        name: namespace of the agent.
-        view: state of the robot as received so far.
+        connected_timeout: time for which to wait for the topic `connected` of an agent, in seconds.
 
     Raises:
         Exception: the namespace or the arguments are invalid; the type is rclpy's.
@@ -115,11 +111,11 @@ class RosSource:
         domain: int | None = None,
         *,
         discovery_period: float = 0.5,
-        patience: float = 3.0,
+        connected_timeout: float = 3.0,
     ) -> None:
         self.view = RobotView()
         self._discovery_period = discovery_period
-        self._patience = patience
+        self._connected_timeout = connected_timeout
         self._thread = NodeThread(f"monitor_{os.getpid()}", namespace, ros_args, domain)
         self._node = self._thread.node
         self.name = self._node.get_namespace()
@@ -164,7 +160,9 @@ class RosSource:
         await asyncio.to_thread(self._thread.close)
 
     def is_complete(self) -> bool:
-        return self.view.has_robot_info and not (self._needs_robot_info or self._is_awaiting())
+        return self.view.has_robot_info and not (
+            self._needs_robot_info or self._is_awaiting_connected()
+        )
 
     def link(self) -> LinkReport:
         if self._agent is None:
@@ -190,8 +188,8 @@ class RosSource:
                 f"see its log, or run `{self._doctor}` to find the cause",
             )
         if self._connected:
-            return LinkReport(True, f"the agent is connected to {address}", self._problems())
-        if self._is_awaiting():
+            return LinkReport(True, f"the agent is connected to {address}", self._unreadable_text())
+        if self._is_awaiting_connected():
             return LinkReport(True, f"the agent answers; waiting for its topic {_CONNECTED}")
         detail = (
             f"it is unknown whether it is connected to {address}; see whether the agent's "
@@ -200,14 +198,16 @@ class RosSource:
         return LinkReport(
             True,
             f"the agent answers, but no message has come on its topic {_CONNECTED}",
-            "; ".join(filter(None, (detail, self._problems()))),
+            "; ".join(filter(None, (detail, self._unreadable_text()))),
         )
 
-    def _is_awaiting(self) -> bool:
+    def _is_awaiting_connected(self) -> bool:
         """Return True while the first message on `connected` can still be expected."""
-        return self._connected is None and time.monotonic() < self._found_at + self._patience
+        return (
+            self._connected is None and time.monotonic() < self._found_at + self._connected_timeout
+        )
 
-    def _problems(self) -> str:
+    def _unreadable_text(self) -> str:
         count, error = self._invalid
         return f"{count} unreadable messages, the last one because of {error}" if count else ""
 

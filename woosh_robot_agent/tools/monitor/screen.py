@@ -187,9 +187,9 @@ def _battery(info: RobotInfo) -> Text:
         return _UNKNOWN
     battery = info.battery
     charging = is_charging(battery)
-    how = f"charging ({enum_name(Battery.ChargeState, battery.charge_state)})" if charging else ""
+    state = f"charging ({enum_name(Battery.ChargeState, battery.charge_state)})" if charging else ""
     low = battery.power <= _LOW_BATTERY and not charging
-    return Text(f"{battery.power} %   {how}".rstrip(), _WARNING if low else "")
+    return Text(f"{battery.power} %   {state}".rstrip(), _WARNING if low else "")
 
 
 def _task(info: RobotInfo) -> Text:

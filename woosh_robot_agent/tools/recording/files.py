@@ -85,7 +85,7 @@ class McapFile:
         if self._pending_size > _CHUNK_SIZE:
             self.flush()
 
-    def room_for(self, channel: Channel, data: bytes) -> int:
+    def growth_by(self, channel: Channel, data: bytes) -> int:
         """Return the maximum growth of the file by a message, in bytes."""
         size = len(data) + _MESSAGE_OVERHEAD
         return size if channel in self._channels else size + 2 * _definition_size(channel)
@@ -171,11 +171,6 @@ class Limits:
     split_size: int = 0
     split_duration: float = 0.0
 
-    @property
-    def splits(self) -> bool:
-        """True if the recording may have several files."""
-        return bool(self.split_size or self.split_duration)
-
 
 class RecordingFiles:
     """Writes messages into one file, or into several files, one after the other.
@@ -230,7 +225,7 @@ class RecordingFiles:
         return self._file is not None
 
     @property
-    def pending(self) -> bool:
+    def has_pending(self) -> bool:
         """True if messages have been added since the last flush."""
         return self._file is not None and bool(self._file.pending)
 
@@ -256,7 +251,7 @@ class RecordingFiles:
         published = log_time if publish_time is None else publish_time
 
         def work(_: McapFile) -> None:
-            self._make_room(channel, log_time, data)
+            self._apply_limits(channel, log_time, data)
             if self._file is not None:
                 self._file.add(channel, log_time, published, data)
                 if self._start is None:
@@ -294,24 +289,24 @@ class RecordingFiles:
             except OSError as error:
                 self._fail(error)
 
-    def _make_room(self, channel: Channel, log_time: int, data: bytes) -> None:
+    def _apply_limits(self, channel: Channel, log_time: int, data: bytes) -> None:
         """Begin the next file or end the recording if a message would exceed a limit."""
         file, limits = self._file, self._limits
         assert file is not None
-        room = file.room_for(channel, data)
-        if file.max_size + room > self._limit() and file.pending:
+        growth = file.growth_by(channel, data)
+        if file.max_size + growth > self._max_file_size() and file.pending:
             file.flush()  # compressed, the chunk may be small enough
-        size = file.max_size + room
+        size = file.max_size + growth
         if self._closed_size + size > limits.max_size:
             self._close_file()
             self._end_early(f"{self._path} has reached its size limit of {limits.max_size} bytes")
         elif self._start is not None and (
-            size > self._limit() or log_time - self._start >= self._split_after
+            size > self._max_file_size() or log_time - self._start >= self._split_after
         ):
             self._close_file()
             self._begin_file()
 
-    def _limit(self) -> int:
+    def _max_file_size(self) -> int:
         """Return the maximum size of the current file, in bytes."""
         left = self._limits.max_size - self._closed_size
         split = self._limits.split_size
@@ -323,7 +318,7 @@ class RecordingFiles:
 
     def _begin_file(self) -> None:
         path = self._path
-        if self._limits.splits:
+        if self._limits.split_size or self._limits.split_duration:
             path = path.with_name(f"{path.stem}_{len(self.paths)}{path.suffix}")
         self._file = McapFile(path, self._profile)
         self.paths.append(path)

@@ -63,6 +63,7 @@ class ReadPace:
         if size >= _LARGE:
             return
         now = self._now()
+        # after a pause, up to _BURST reads may follow each other without a delay
         self._due = max(self._due, now - _BURST * self._period) + self._period
         if self._due > now:
             self._transport.pause_reading()
@@ -74,7 +75,7 @@ _LOG = logging.getLogger(__name__)
 _CHUNK_SIZE = 256 * 1024
 _LINGER_TIMEOUT = 5.0
 """Time that one side gets to close the connection after the other side did, in seconds."""
-_READ_PERIOD = 0.005
+READ_PERIOD = 0.005
 """Time between two reads of frames that arrive at high rates, in seconds."""
 _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
@@ -94,7 +95,7 @@ class _Connection:
     writers: list[asyncio.StreamWriter] = field(default_factory=list)
     ended_by: tuple[Side, str] | None = None
 
-    def end(self, by: Side, how: str) -> None:
+    def note_end(self, by: Side, how: str) -> None:
         """Note how the connection ended; only the first call counts, once both are connected."""
         if self.ended_by is None and len(self.writers) == 2:
             self.ended_by = by, how
@@ -111,7 +112,7 @@ class RecordingProxy:
     """
 
     def __init__(
-        self, chassis: LinkConfig, writer: RecordingWriter, read_period: float = _READ_PERIOD
+        self, chassis: LinkConfig, writer: RecordingWriter, read_period: float = READ_PERIOD
     ) -> None:
         self._chassis = chassis
         self._read_period = read_period
@@ -161,14 +162,14 @@ class RecordingProxy:
         try:
             await self._forward(connection, reader, writer)
         except asyncio.CancelledError:  # by `stop`; asyncio's server must not see the error
-            self._end(connection, "recorder", "the recording was stopped")
+            self._note_end(connection, "recorder", "the recording was stopped")
         except Exception as error:  # a bug here must not look like an error of the robot
             _LOG.exception("connection %d failed", connection.number)
-            self._end(connection, "recorder", f"internal error: {error!r}")
+            self._note_end(connection, "recorder", f"internal error: {error!r}")
         finally:
             for each in connection.writers:
                 each.transport.abort()
-            self._recorder.call(self._tell_end, connection, self._writer.now())
+            self._recorder.call(self._record_end, connection, self._writer.now())
             self._tasks.discard(task)
 
     async def _forward(
@@ -186,12 +187,12 @@ class RecordingProxy:
             reason = system_text(error)
             if isinstance(error, TimeoutError) and not error.errno:
                 reason = f"no answer within {config.connect_timeout:g} s"
-            self._recorder.event(connection.number, "refused", "chassis", reason)
+            self._recorder.add_event(connection.number, "refused", "chassis", reason)
             self._log.warn("refused", f"{config.address} cannot be reached: {reason}")
             return
         self._log.clear("refused")
         connection.writers.append(chassis_writer)
-        self._recorder.event(connection.number, "open", "client", f"{peer[0]}:{peer[1]}")
+        self._recorder.add_event(connection.number, "open", "client", f"{peer[0]}:{peer[1]}")
         _LOG.info("connected to %s for client %d", config.address, connection.number)
         loop = asyncio.get_running_loop()
         directions = {
@@ -216,7 +217,10 @@ class RecordingProxy:
     ) -> None:
         """Copy one direction until its end; forward each piece before recording it."""
         direction = Direction(
-            connection.number, sender, self._make_parser(sender), partial(connection.end, sender)
+            connection.number,
+            sender,
+            self._make_parser(sender),
+            partial(connection.note_end, sender),
         )
         receiver: Side = "chassis" if sender == "client" else "client"
         client_writer, chassis_writer = connection.writers
@@ -231,21 +235,21 @@ class RecordingProxy:
                 await writer.drain()
                 is_reading = True
                 await pace.wait(len(data))
-            self._end(connection, sender, "without a close frame")
+            self._note_end(connection, sender, "without a close frame")
             with contextlib.suppress(OSError):  # the receiver is gone, too
                 writer.write_eof()
         except ConnectionError as error:
             by = sender if is_reading else receiver
-            self._end(connection, by, error.strerror or type(error).__name__)
+            self._note_end(connection, by, error.strerror or type(error).__name__)
             writer.transport.abort()
 
-    def _end(self, connection: _Connection, by: Side, how: str) -> None:
+    def _note_end(self, connection: _Connection, by: Side, how: str) -> None:
         """Note how a connection ended, unless a close frame was recorded before."""
-        self._recorder.call(connection.end, by, how)
+        self._recorder.call(connection.note_end, by, how)
 
-    def _tell_end(self, connection: _Connection, at: int) -> None:
+    def _record_end(self, connection: _Connection, at: int) -> None:
         if connection.ended_by is not None:
-            self._writer.event(connection.number, "close", *connection.ended_by, at)
+            self._writer.add_event(connection.number, "close", *connection.ended_by, at)
 
     def _make_parser(self, sender: Side) -> FrameParser:
         max_size = self._chassis.max_frame_size

@@ -35,7 +35,7 @@ from woosh_robot_agent.tools.options import (
 )
 from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.layout import RecordingError
-from woosh_robot_agent.tools.recording.proxy import RecordingProxy
+from woosh_robot_agent.tools.recording.proxy import READ_PERIOD, RecordingProxy
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 if TYPE_CHECKING:  # needs ROS
@@ -221,7 +221,8 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         writer = RecordingWriter(options.output, config.address, limits, on_early_end)
     except OSError as error:
         raise RecordingError(_cannot_create(error)) from None
-    proxy = RecordingProxy(config, writer, *(() if options.listen else (_OWN_READ_PERIOD,)))
+    read_period = READ_PERIOD if options.listen else _OWN_READ_PERIOD
+    proxy = RecordingProxy(config, writer, read_period)
     ros_recorder = None
     async with AsyncExitStack() as stack:
         stack.callback(writer.close)

@@ -172,16 +172,16 @@ class ReplayedChassis:
                     await asyncio.sleep(max(0.0, due - loop.time()))
                 if step.kind is StepKind.COMMAND:
                     recorded[step.type] += 1
-                await self._do(step, recorded[step.type])
+                await self._carry_out(step, recorded[step.type])
             self.rounds += 1
             _LOG.info("end of the recording%s", ", starting again" if self._loop else "")
             if not self._loop:
                 return
             self._base = None
-            await self._flush()
+            await self._wait_until_received()
             self._drop_clients()
 
-    async def _do(self, step: Step, commands: int) -> None:
+    async def _carry_out(self, step: Step, commands: int) -> None:
         """Carry out one step.
 
         Args:
@@ -194,7 +194,7 @@ class ReplayedChassis:
             await self._listen()
         elif step.kind is StepKind.LOST:
             _LOG.info("%.3f s: dropping the connection, as recorded", step.t)
-            await self._flush()
+            await self._wait_until_received()
             await self._go_offline()
         elif step.kind is StepKind.SUBSCRIBED:
             await self._wait_for_client(subscribed=True)
@@ -226,10 +226,9 @@ class ReplayedChassis:
     def _push(self, step: Step) -> None:
         for client, codec in list(self._clients.items()):
             if step.subscribed:
-                subscribed = client.topics.get(step.type)
-                if subscribed is None:
+                if step.type not in client.topics:
                     continue
-                codec = subscribed
+                codec = client.topics[step.type]  # that of the client's subscription
             client.send(transcode(step.frame, codec))
 
     # Clients
@@ -246,7 +245,7 @@ class ReplayedChassis:
             self._listeners.append(listener)
         self.port, self.tcp_port = (listener.port for listener in self._listeners)
 
-    async def _flush(self) -> None:
+    async def _wait_until_received(self) -> None:
         """Wait until the clients have received all frames, with a timeout."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _FLUSH_TIMEOUT

@@ -1,4 +1,4 @@
-"""Find the frames in the bytes of a connection between others, and record them in a thread."""
+"""Parse the bytes that the proxy forwards into frames, and record the frames in a thread."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from websockets.frames import Opcode
 
@@ -47,17 +47,6 @@ class UnreadableError(Exception):
     """The stream cannot be parsed from here on."""
 
 
-class FrameParser(Protocol):
-    """Parser of one direction of one connection."""
-
-    def feed(self, data: bytes) -> Iterator[ParsedFrame]:
-        """Yield the frames that these further bytes complete.
-
-        Raises:
-            UnreadableError: the stream cannot be parsed from here on.
-        """
-
-
 class WebSocketParser:
     """Parser of one direction of a WebSocket connection, beginning with the HTTP header.
 
@@ -75,6 +64,11 @@ class WebSocketParser:
         self._is_text = False
 
     def feed(self, data: bytes) -> Iterator[ParsedFrame]:
+        """Yield the frames that these further bytes complete.
+
+        Raises:
+            UnreadableError: the stream cannot be parsed from here on.
+        """
         if self._header is not None:
             header, end, data = (self._header + data).partition(_END_OF_HEADER)
             if not end:
@@ -118,6 +112,7 @@ class DelimitedParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[ParsedFrame]:
+        """Do the same as `WebSocketParser.feed`."""
         self._buffer += data
         while (prefix := self._parse_size()) is not None:
             size, begin = prefix
@@ -139,6 +134,9 @@ class DelimitedParser:
         if len(self._buffer) >= _MAX_VARINT:
             raise UnreadableError("invalid size of a frame: not a varint")
         return None
+
+
+FrameParser = WebSocketParser | DelimitedParser
 
 
 def _close_text(data: bytes) -> bytes:
@@ -178,9 +176,9 @@ class Direction:
 
 
 class FrameRecorder:
-    """Collects bytes, and finds and records the frames in them several times a second.
+    """Collects bytes, and parses and records the frames in them several times a second.
 
-    Frames are found and recorded in a separate thread, so that a slow disk does not delay the
+    Frames are parsed and recorded in a separate thread, so that a slow disk does not delay the
     forwarding. Everything is recorded in the order of the calls. The time of a frame is the time of
     the call that completed it.
 
@@ -209,9 +207,9 @@ class FrameRecorder:
         elif self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(_BATCH_PERIOD, self.record)
 
-    def event(self, connection: int, kind: EventKind, by: Side, text: str = "") -> None:
+    def add_event(self, connection: int, kind: EventKind, by: Side, text: str = "") -> None:
         """Record an event."""
-        self.call(self._writer.event, connection, kind, by, text, self._writer.now())
+        self.call(self._writer.add_event, connection, kind, by, text, self._writer.now())
 
     def flush(self) -> None:
         """Record the collected bytes, and pass everything on to the operating system."""
@@ -259,7 +257,7 @@ class FrameRecorder:
                 if frame.close:
                     direction.on_close(frame.data.decode(errors="replace").strip())
                 else:
-                    self._writer.frame(
+                    self._writer.add_frame(
                         number, sender, frame.data, text=frame.text, received=received
                     )
         except UnreadableError as error:
@@ -270,7 +268,7 @@ class FrameRecorder:
 
     def _give_up(self, direction: Direction, reason: str) -> None:
         direction.parser = None
-        self._writer.event(direction.connection, "unreadable", direction.sender, reason)
+        self._writer.add_event(direction.connection, "unreadable", direction.sender, reason)
         _LOG.warning(
             "no longer recording frames from the %s on connection %d, only forwarding them: %s",
             direction.sender,

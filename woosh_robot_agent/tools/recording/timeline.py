@@ -30,11 +30,6 @@ class DecodedRecord(NamedTuple):
     envelope: Envelope | None
 
 
-def decode_records(records: Iterable[Record]) -> list[DecodedRecord]:
-    """Decode the envelopes of all frames."""
-    return [DecodedRecord(record, _decode(record)) for record in records]
-
-
 def _decode(record: Record) -> Envelope | None:
     if isinstance(record, Event) or record.invalid:
         return None
@@ -277,7 +272,7 @@ class Playback:
 def prepare(recording: Recording) -> Playback:
     """Decode a recording into a timeline and answers."""
     records = recording.records
-    decoded = decode_records(records)
+    decoded = [DecodedRecord(record, _decode(record)) for record in records]
     answers = RecordedAnswers(decoded)
     steps = list(make_timeline(decoded, main_connections(records)))
     if not records:

@@ -100,15 +100,15 @@ class MessageDecoder:
             envelope = codec.decode(frame)
             if envelope.ok is False:
                 return None
-            found = self._find(sender, envelope)
+            found = self._class_and_channel(sender, envelope)
             if found is None:
                 return None
             cls, channel = found
-            return DecodedFrame(channel, codec.body(envelope, cls), _sent(envelope))
+            return DecodedFrame(channel, codec.body(envelope, cls), _sent_at(envelope))
         except FrameError:
             return None
 
-    def _find(self, sender: Side, envelope: Envelope) -> tuple[Any, Channel] | None:
+    def _class_and_channel(self, sender: Side, envelope: Envelope) -> tuple[Any, Channel] | None:
         name = envelope.type
         if name == SUBSCRIPTION_TYPE:
             name = full_name(Subscription)
@@ -124,7 +124,7 @@ class MessageDecoder:
         return self._channels[key]
 
 
-def _sent(envelope: Envelope) -> int | None:
+def _sent_at(envelope: Envelope) -> int | None:
     timestamp = envelope.timestamp
     if timestamp is None or not 0 < timestamp < _MAX_TIMESTAMP:
         return None

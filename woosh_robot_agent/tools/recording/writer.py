@@ -58,7 +58,7 @@ class _Thinned:
 
 
 class RecordingWriter:
-    """Write a recording: frames, connection events, decoded messages, and views.
+    """Writes a recording: frames, connection events, decoded messages, and views.
 
     A view is a message for display in Foxglove. A crash loses what was written since the last
     `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must keep
@@ -86,13 +86,14 @@ class RecordingWriter:
         self.answered = False
         self.refusal = ""
         self._seen = 0
-        """Number of frames passed to `frame`."""
+        """Number of frames passed to `add_frame`."""
         self._log = LogOnce(_LOG)
         self._decoder = MessageDecoder()
         self._finder = MapFinder()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="maps")
         self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
         self._preparing: list[Future[PreparedMap | None]] = []
+        """Maps that are prepared in the thread `_worker`; None for an unusable one."""
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
         """The last map with each name, which every new file begins with."""
         self._states: dict[str, View] = {}
@@ -128,7 +129,7 @@ class RecordingWriter:
         """Return the Unix time in ns, by a monotonic clock."""
         return time.monotonic_ns() + self._clock_offset
 
-    def frame(
+    def add_frame(
         self,
         connection: int,
         sender: Side,
@@ -160,14 +161,16 @@ class RecordingWriter:
             except UnicodeDecodeError:
                 message.invalid_text, frame = data, None
         now = self.now() if received is None else received
-        decoded = None if frame is None else self._decode(sender, frame)
+        decoded = None
+        if frame is not None:
+            decoded = self._guard("decode", self._decoder.decode, sender, frame)
         sent = None if decoded is None else decoded.sent
         if self._files.add(FRAMES, now, message.SerializeToString(), sent) and decoded is not None:
             self._files.add(decoded.channel, now, decoded.message.SerializeToString(), sent)
             if sender == "chassis":
                 self._guard("view", self._add_views, decoded.message, now)
 
-    def event(
+    def add_event(
         self, connection: int, kind: EventKind, by: Side, text: str = "", at: int | None = None
     ) -> None:
         """Write an event that happened at the time `at`, by `now`; by default at this moment."""
@@ -179,15 +182,15 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Pass everything written so far on to the operating system."""
-        self._add_waiting()
+        self._add_waiting_views()
         self._add_maps()
-        if self._files.pending:
+        if self._files.has_pending:
             self._files.flush()
 
     def close(self) -> None:
         """Complete and close the current file."""
         self._worker.shutdown()
-        self._add_waiting()
+        self._add_waiting_views()
         self._add_maps()
         self._files.close()
 
@@ -196,9 +199,6 @@ class RecordingWriter:
         self.close()
         for path in self.paths:
             path.unlink()
-
-    def _decode(self, sender: Side, frame: str | bytes) -> Any:
-        return self._guard("decode", self._decoder.decode, sender, frame)
 
     def _guard(self, what: str, work: Callable[..., Any], *arguments: Any) -> Any:
         """Call a function; log an error, because a bug in it must not cut the connection."""
@@ -223,7 +223,7 @@ class RecordingWriter:
             self._preparing.append(self._worker.submit(prepare_map, found, now))
         general = message.genral if isinstance(message, RobotInfo) else message
         if isinstance(general, General):
-            self._note_robot(general)
+            self._set_robot(general)
 
     def _add_views_of(self, message: Message, now: int) -> None:
         for view in views_of(message, now):
@@ -234,7 +234,7 @@ class RecordingWriter:
     def _add_view(self, view: View, now: int) -> None:
         self._files.add(view.channel, now, view.message.SerializeToString())
 
-    def _add_waiting(self) -> None:
+    def _add_waiting_views(self) -> None:
         """Write the views of the messages that wait because of `_VIEW_PERIOD`."""
         now = self.now()
         for thinned in self._thinned.values():
@@ -260,7 +260,7 @@ class RecordingWriter:
             if prepared.view is not None:
                 self._add_view(prepared.view, now)
 
-    def _note_robot(self, general: General) -> None:
+    def _set_robot(self, general: General) -> None:
         robot = {
             "serial_number": str(general.serial_number),
             "model": general.display_model or general.urdf_name,
