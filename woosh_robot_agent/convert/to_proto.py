@@ -66,9 +66,10 @@ def _set_proto(
     indent: str = "",
     path: str = "",
 ) -> None:
-    """Write source that copies a field from the ROS message in `origin` to the one in `p`.
+    """Write source that copies a field of a ROS message to the protobuf message `p`.
 
     Args:
+        origin: name of the variable that holds the ROS message in the generated function.
         indent: indentation inside of the function.
         path: path of the field for errors; by default its name.
     """

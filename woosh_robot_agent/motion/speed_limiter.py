@@ -172,8 +172,15 @@ class SpeedLimiter:
 
 
 def _limit_request(limit: float, *, in_action: bool) -> Message:
-    """Return the request that sets a limit, for a navigation in MoveBase or in a task."""
-    speed = limit if math.isfinite(limit) else 0.0
+    """Return the request that sets a limit.
+
+    There is no request for the speed alone: it also sets accurate arrival and obstacle avoidance.
+
+    Args:
+        limit: maximum speed, in m/s; infinite to remove the limit.
+        in_action: True if the action MoveBase navigates, False if a task does.
+    """
+    speed = limit if math.isfinite(limit) else 0.0  # 0: the robot's own maximum
     if in_action:
         mode = NavigationMode(mode=NavigationMode.kAccurateAvoid, max_speed=speed)
         return CallAction(nav_mode=mode)

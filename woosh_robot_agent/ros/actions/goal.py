@@ -1,7 +1,7 @@
 """A goal's phases, timing, outcome, reports and events, and the interface of its kind.
 
 A report identifies a task by its id, which clients may reuse, and any other action only by its
-type. So a report with the name of a goal may belong to an earlier goal, even to one of another
+type. So a report that matches a goal may belong to an earlier goal, even to one of another
 program. `Attribution` decides to which goal a report belongs.
 """
 
@@ -35,7 +35,8 @@ class Phase(Enum):
     """The chassis cancelled the goal without a request of its client. The goal waits until it is
     known whether a newer goal replaced it."""
     ORDERING = "ordering"
-    """An order about the running goal, such as a pause, was sent. The goal ends with the answer."""
+    """This goal is an order about the running goal, such as a pause. The order was sent, and this
+    goal ends with its answer."""
     ENDED = "ended"
     """The result is known, and does not change any more."""
 

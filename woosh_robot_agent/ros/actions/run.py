@@ -87,12 +87,14 @@ class _RefusedError(Exception):
 class GoalRun:
     """One goal, from its acceptance by the action server to its end.
 
-    Events are handled one at a time by `_follow`, the only reader of the queue. Requests run in
-    separate tasks, so handling an event never waits for an answer.
+    One coroutine at a time reads the queue of events: `_follow` if the goal starts something,
+    `_next_cancel` if it is an order about the running goal. `_follow` sends requests in separate
+    tasks, so handling an event never waits for an answer.
 
     Args:
         client: gets the reports and the end.
         kind: behaviour of this kind of goal.
+        context: objects shared by the goals of one action.
     """
 
     def __init__(self, client: GoalClient, kind: GoalKind, context: GoalContext) -> None:
@@ -108,6 +110,7 @@ class GoalRun:
         self._timing = context.timing()
         self._clock = loop.time
         self._events: asyncio.Queue[Event] = asyncio.Queue()
+        """Events that are not handled yet, oldest first."""
         self._attribution = kind.attribution
         self._last_report: Message | None = None
         """The last report on this goal."""
@@ -141,9 +144,8 @@ class GoalRun:
 
     def post(self, event: Event) -> None:
         """Queue an event for the goal; in the link thread."""
-        if isinstance(
-            event, CancelRequested
-        ):  # reports that are already queued take it into account
+        # set here, so that it also applies to reports that are already queued
+        if isinstance(event, CancelRequested):
             self._cancellation.requested = True
         self._events.put_nowait(event)
 
@@ -200,6 +202,7 @@ class GoalRun:
             self.accepted.set_result(False)
 
     async def _send(self) -> End:
+        """Send the goal and return its end. A refusal is an end, too, with its explanation."""
         try:
             match self._kind.request():
                 case Start(message):
@@ -207,7 +210,7 @@ class GoalRun:
                 case Order() as order:
                     return await self._send_order(order)
         except _RefusedError as error:
-            self._advance(Step.END)
+            self._advance(Step.END)  # now: the explanation takes a while, and older goals wait
             reason = await self._context.explain(self._kind.request_type)
             text = f"{error} ({reason})" if reason else str(error)
             return self._aborted(text, Cause.REFUSAL)

@@ -69,7 +69,7 @@ class Nav2Layer:
         SpeedLimit(part, self._context.driving)
 
     def start(self) -> None:
-        """Create the other actions and the services."""
+        """Create the other actions and the services, and start AssistedTeleop."""
         part = self._context.part
         for action in _ACTIONS:
             if hasattr(nav2_actions, BY_NAME[action.name].type.partition("/")[2]):

@@ -13,7 +13,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from woosh_robot_agent.data_files import DataFileError
-from woosh_robot_agent.simulator.scenes.robot_files import Read, map_names, read_robot_scene
+from woosh_robot_agent.simulator.scenes.robot_files import FileReader, map_names, read_robot_scene
 from woosh_robot_agent.simulator.scenes.scene import SCENE_INDEX, Scene
 from woosh_robot_agent.simulator.scenes.scene_yaml import SCENE_FILE, read_maps, read_scene_yaml
 from woosh_robot_agent.simulator.world.geometry import Point, Pose
@@ -71,7 +71,7 @@ def read_robot_folder(folder: Path) -> dict[str, bytes]:
 
 
 def read_handwritten_scene(
-    name: str, names: Collection[str], read: Read, *, use_own_name: bool = False
+    name: str, names: Collection[str], read: FileReader, *, use_own_name: bool = False
 ) -> Scene | None:
     """Read a `scene.yaml`, or maps of map_server; return None if there are neither.
 

@@ -48,7 +48,7 @@ from woosh_robot_agent.simulator.world.maps import Map
 if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
     from woosh_robot_agent.simulator.world.grid import Grid, KeepOut
 
-Read = Callable[[str], bytes]
+FileReader = Callable[[str], bytes]
 """Returns the content of the file with the given name, or raises `DataFileError`."""
 
 MAX_MAPS = 50

@@ -22,7 +22,7 @@ from woosh_robot_agent.simulator.scenes.robot_files import (
     MAX_MAPS,
     MAX_MARKS,
     MAX_TASKS,
-    Read,
+    FileReader,
     check_map_name,
     check_pixels,
     check_sides,
@@ -208,7 +208,7 @@ class SceneEntry:
     tasks: TasksEntry | None = None
 
 
-def read_scene_yaml(name: str, read: Read, *, use_own_name: bool) -> Scene:
+def read_scene_yaml(name: str, read: FileReader, *, use_own_name: bool) -> Scene:
     """Read the scene that `scene.yaml` describes.
 
     Args:
@@ -223,7 +223,7 @@ def read_scene_yaml(name: str, read: Read, *, use_own_name: bool) -> Scene:
     return _scene(entry, (entry.name if use_own_name else "") or name, read)
 
 
-def read_maps(names: Collection[str], read: Read) -> list[Map]:
+def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
     """Read the maps of map_server among some files.
 
     Raises:
@@ -245,7 +245,7 @@ def read_maps(names: Collection[str], read: Read) -> list[Map]:
     return maps
 
 
-def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
+def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
     maps: list[Map] = []
     # From 1, because robots report the map id 0 with a pose that belongs to no map.
     given = [each.id for each in entry.maps]
@@ -274,7 +274,7 @@ def _scene(entry: SceneEntry, name: str, read: Read) -> Scene:
     return scene
 
 
-def _map(entry: MapEntry, id_: int, read: Read, content: Any = None) -> Map:
+def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Map:
     """Return the map that an entry describes.
 
     Args:
@@ -314,7 +314,7 @@ def _map(entry: MapEntry, id_: int, read: Read, content: Any = None) -> Map:
     )
 
 
-def _grid(name: str, content: Any, read: Read) -> Grid:
+def _grid(name: str, content: Any, read: FileReader) -> Grid:
     # numpy, scipy and Pillow load in a third of a second, which only pictures need.
     from woosh_robot_agent.simulator.scenes.map_server import read_grid
 

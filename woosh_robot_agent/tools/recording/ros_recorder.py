@@ -42,7 +42,7 @@ def definition(name: str) -> str:
     from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
     parts: list[str] = []
-    for each in _with_used(name):
+    for each in _with_dependencies(name):
         package, short = each.split("/")
         try:
             path = Path(get_package_share_directory(package)) / "msg" / f"{short}.msg"
@@ -53,8 +53,8 @@ def definition(name: str) -> str:
     return "\n".join(parts)
 
 
-def _with_used(name: str) -> list[str]:
-    """Return a type and all types that it uses, each once."""
+def _with_dependencies(name: str) -> list[str]:
+    """Return a type and all types that it uses, directly or not, each once."""
     found = [name]
     for each in found:  # which grows
         try:

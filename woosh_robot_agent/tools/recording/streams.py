@@ -238,6 +238,7 @@ class FrameRecorder:
             self._waiting.popleft()[0].result()
 
     def _hand_over(self, size: int, work: Callable[..., None], *arguments: Any) -> None:
+        """Run work in the thread; block while more than `_MAX_WAITING` bytes wait for it."""
         self._waiting.append((self._thread.submit(work, *arguments), size))
         while self._waiting and self._waiting[0][0].done():
             self._waiting.popleft()[0].result()  # raises the error of the work, if any

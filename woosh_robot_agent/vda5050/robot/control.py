@@ -35,7 +35,7 @@ class Controller:
 
     Attributes:
         paused: True if the robot has reported that it is paused.
-        stays_paused: True if it is paused and was not resumed since.
+        stays_paused: True if it is paused, and no resumption was sent that may still take effect.
     """
 
     def __init__(

@@ -164,7 +164,7 @@ class TaskRunner:
 
     @property
     def stays_paused(self) -> bool:
-        """True while the task is paused and was not resumed since."""
+        """True while the task is paused, and no resumption was sent that may still take effect."""
         return self._controller.stays_paused
 
     def start(self, request: ExecTask) -> None:
