@@ -27,9 +27,9 @@ export function Dock() {
 function Owner() {
   const keys = useRef(/** @type {HTMLElement | null} */ (null));
   useEffect(() => {
-    const observer = new IntersectionObserver(
-      ([{ isIntersecting }]) => isIntersecting || keysOff(),
-    );
+    const observer = new IntersectionObserver((seen) => {
+      if (seen.some(({ isIntersecting }) => !isIntersecting)) keysOff();
+    });
     observer.observe(/** @type {HTMLElement} */ (keys.current));
     return () => {
       observer.disconnect();

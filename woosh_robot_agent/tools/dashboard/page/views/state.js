@@ -148,7 +148,7 @@ function Line({ text, about }) {
   return html`<li>
     <div>
       <p class="bad">${text}</p>
-      <small>${about.filter(Boolean).join(" ")}</small>
+      ${about.filter(Boolean).map((each) => html`<small key=${each}>${each}</small>`)}
     </div>
   </li>`;
 }
