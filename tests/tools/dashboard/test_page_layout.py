@@ -488,22 +488,29 @@ _HIDDEN = """(selector) => {
   ).map((each) => JSON.stringify(each));
 }"""
 """Lists the lines of an element's text that something lies over."""
+_UNDER_NOTICES = """(selector) => {
+  const {x, y, width, height} = document.querySelector(selector).getBoundingClientRect();
+  return document.elementFromPoint(x + width / 2, y + height / 2).closest(".notices") !== null;
+}"""
 
 
 @pytest.mark.parametrize(
     ("width", "height", "larger"),
-    [(390, 844, 1), (360, 640, 1), (768, 1024, 1), (640, 360, 0), (844, 390, 0)],
+    [
+        *[(390, 844, True), (360, 640, True), (768, 1024, True)],
+        *[(640, 360, False), (844, 390, False)],
+    ],
 )
 def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
-    shared_browser: SharedBrowser, width: int, height: int, larger: int
+    shared_browser: SharedBrowser, width: int, height: int, larger: bool
 ) -> None:
     def is_seen(selector: str) -> bool:
         assert text(browser, selector)
-        return bool(script(browser, f"({_HIDDEN})('{selector}').length") == 0)
+        return bool(script(browser, f"({_HIDDEN})('{selector}').length === 0"))
 
     with served(1) as page_, opened(shared_browser, page_.url, width, height) as browser:
         press(browser, "#tab-tasks")
-        for _ in range(larger):
+        if larger:
             press(browser, ".panel [aria-label=Larger]")
         top = "document.querySelector('#panel').getBoundingClientRect().top"
         begin = script(browser, top)
@@ -512,7 +519,7 @@ def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
         eventually(lambda: is_seen("#notice summary b"), "the banner over the sheet")
         size = f".panel [aria-label={'Smaller' if larger else 'Larger'}]"
         script(browser, "document.querySelector('.panel').scrollTo(0, 0)")
-        eventually(lambda: not script(browser, f"({_COVERED_BY_NOTICES})('{size}')"), "the handle")
+        eventually(lambda: not script(browser, f"({_UNDER_NOTICES})('{size}')"), "the handle")
         page_.robots[0].set_emergency_stop(False)
         eventually(lambda: not text(browser, "#notice"), "the end of the banner")
         eventually(lambda: script(browser, top) == begin, "the former place")
@@ -530,9 +537,3 @@ def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
             element(browser, f"#tab-{tab}").click()
             assert "last known state" in text(browser, ".stale"), tab
             assert script(browser, "document.querySelector('#panel.old') !== null"), tab
-
-
-_COVERED_BY_NOTICES = """(selector) => {
-  const {x, y, width, height} = document.querySelector(selector).getBoundingClientRect();
-  return document.elementFromPoint(x + width / 2, y + height / 2).closest(".notices") !== null;
-}"""
