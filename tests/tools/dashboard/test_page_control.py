@@ -674,7 +674,7 @@ async def test_a_robot_that_stops_obeying_ends_the_press(
     }
     reason = "mode" if fault == "key_switch" else "has not answered the stick"
     async with controlled(chassis) as viewer:
-        async with viewer.holds(0.3):
+        async with viewer.holds(0.3, again=(TOO_SLOW,)):
             await eventually(lambda: is_driving(chassis))
             injected = chassis.inject(fault, **options[fault])
             await viewer.until(lambda _: any(reason in each for each in viewer.refusals))
