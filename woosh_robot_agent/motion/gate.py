@@ -333,6 +333,11 @@ class MotionGate:
         return time.monotonic() < self._drives_until
 
     @property
+    def holds_back(self) -> bool:
+        """True if velocities are held back, because the chassis has not answered an earlier one."""
+        return self._velocities.is_answer_overdue
+
+    @property
     def owner(self) -> str:
         """Name of the goal, task or action that drives the robot; empty if there is none."""
         return _GOAL if self._open_goals() else self._reported_owner.name

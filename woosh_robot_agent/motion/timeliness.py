@@ -210,7 +210,7 @@ class LatestWins(Generic[T]):
         self._newest += 1
         serial = self._newest
         self.withdraw(_NEWER)
-        if moves and self._is_answer_overdue():
+        if moves and self.is_answer_overdue:
             await self._hold(published + limit - now())
             if serial != self._newest:
                 raise SupersededError(NOT_SENT(reason=_NEWER))
@@ -219,7 +219,7 @@ class LatestWins(Generic[T]):
             return await send(published + limit - now() if moves else math.inf)
         finally:
             del self._unanswered[serial]
-            if not self._is_answer_overdue():
+            if not self.is_answer_overdue:
                 self._release()
 
     @property
@@ -236,7 +236,9 @@ class LatestWins(Generic[T]):
         if self._held is not None and not self._held.done():
             self._held.set_result(None)
 
-    def _is_answer_overdue(self) -> bool:
+    @property
+    def is_answer_overdue(self) -> bool:
+        """True if a velocity is unanswered for so long that newer ones are held back."""
         since = asyncio.get_running_loop().time() - self._timing().unanswered
         return any(sent < since for sent in self._unanswered.values())
 

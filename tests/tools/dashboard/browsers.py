@@ -199,7 +199,7 @@ def text(driver: Any, selector: str) -> str:
 def is_enabled(driver: Any, selector: str) -> bool:
     """Return True if there is a control that can be pressed."""
     found = f"document.querySelector({json.dumps(selector)})"
-    return bool(script(driver, f"{found}?.disabled === false && !{found}.ariaDisabled"))
+    return bool(script(driver, f"{found}?.matches(':enabled:not([aria-disabled=true])')"))
 
 
 def press(driver: Any, selector: str) -> None:

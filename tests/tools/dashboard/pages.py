@@ -35,6 +35,8 @@ except ImportError:  # before websockets 13
 
 TOO_SLOW = str(control.TOO_SLOW)
 """Reason of a refusal over a slow connection; on a busy machine it may come for a moment."""
+MOMENTARY = (TOO_SLOW, "no data", str(control.UNANSWERED))
+"""Reasons that end a press of the stick on a busy machine."""
 _CONTROL = [field.name for field in fields(ControlConfig)]
 
 
@@ -198,15 +200,17 @@ class Page:
         await self.send(**{"do": "drive", **velocity, **changed})
 
     @asynccontextmanager
-    async def holds(self, linear: float, angular: float = 0.0) -> AsyncIterator[None]:
-        """Press the stick and hold it; press it again only if a connection was too slow."""
+    async def holds(
+        self, linear: float, angular: float = 0.0, again: Sequence[str] = MOMENTARY
+    ) -> AsyncIterator[None]:
+        """Press the stick and hold it; press it again only after a refusal for a reason `again`."""
         self.press += 1
         held = True
 
         async def repeat() -> None:
             known = len(self.refusals)
             while held:
-                if any(each == TOO_SLOW or "no data" in each for each in self.refusals[known:]):
+                if any(reason in each for each in self.refusals[known:] for reason in again):
                     known = len(self.refusals)
                     self.press += 1
                 await self.drive(linear, angular)

@@ -660,3 +660,29 @@ async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
             chassis.drop()
             await closing
     assert f"the robot at ws://127.0.0.1:{chassis.port} was not stopped" in caplog.text
+
+
+@pytest.mark.parametrize("fault", ["lose_answer", "delay", "key_switch"])
+@aio
+async def test_a_robot_that_stops_obeying_ends_the_press(
+    chassis: SimulatorThread, fault: str
+) -> None:
+    options = {
+        "lose_answer": {"type": TWIST},
+        "delay": {"seconds": 1.5},
+        "key_switch": {"requests": "accepted"},
+    }
+    reason = "mode" if fault == "key_switch" else "has not answered the stick"
+    async with controlled(chassis) as viewer:
+        async with viewer.holds(0.3, again=(TOO_SLOW,)):
+            await eventually(lambda: is_driving(chassis))
+            injected = chassis.inject(fault, **options[fault])
+            await viewer.until(lambda _: any(reason in each for each in viewer.refusals))
+            await eventually(lambda: is_stopped_by_zero(chassis))
+            injected.clear()
+            before = len(chassis.received)
+            await passed(viewer, 2.0)
+            sent = [each.message for each in chassis.received[before:] if each.type == TWIST]
+            assert all(each == Twist() for each in sent)
+        if fault != "lose_answer":  # the lost answer is awaited until its timeout
+            await hold(viewer, lambda: is_driving(chassis))

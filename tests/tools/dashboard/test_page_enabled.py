@@ -11,9 +11,11 @@ import pytest
 from tests.tools.dashboard.browsers import (
     SharedBrowser,
     SimulatedPage,
+    actions,
     click_at,
     element,
     eventually,
+    hold_stick,
     is_enabled,
     open_page,
     press,
@@ -221,3 +223,51 @@ def test_keep_pose_shows_that_it_runs(robot: SimulatedPage, browser: Any) -> Non
     eventually(lambda: "Keep pose: sent" in text(browser, "#answer"), "the sending")
     assert not is_enabled(browser, "#keep-pose")
     assert "Set pose" not in text(browser, "#notice")
+
+
+def test_a_press_that_was_aimed_at_continue_starts_no_new_drive(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    start_task(browser, robot)
+    eventually(lambda: script(browser, "connection.command('pause')")["ok"], "the pause")
+    eventually(lambda: is_enabled(browser, ".doing #continue"), "the paused task")
+    click_at(browser, 1.0, -6.0)
+    eventually(lambda: "m" in text(browser, "#now p + p"), "the next place")
+    script(
+        browser,
+        """new MutationObserver(() => {
+          const go = document.querySelector("#go");
+          if (go) globalThis.wasOff ??= [go, document.querySelector("#dismiss")]
+            .every((each) => each.matches(":disabled"));
+        }).observe(document.body, {childList: true, subtree: true})""",
+    )
+    eventually(lambda: script(browser, "connection.command('cancel')")["ok"], "the cancel")
+    eventually(lambda: is_enabled(browser, "#go"), "Go, a moment later")
+    assert script(browser, "globalThis.wasOff")
+
+
+def test_a_way_is_planned_anew_once_the_robot_stands_elsewhere(
+    robot: SimulatedPage, browser: Any
+) -> None:
+    click_at(browser, 1.0, -6.0)
+    eventually(lambda: is_enabled(browser, "#go"), "the preview")
+    eventually(lambda: script(browser, "store.target.value.plan?.length > 0"), "the way")
+    script(browser, "globalThis.former = store.target.value.plan.path[0]")
+    hold_stick(browser, robot)
+    moved = "Math.hypot(store.pose.value.x - former[0], store.pose.value.y - former[1]) > 0.6"
+    eventually(lambda: hold_stick(browser, robot) or script(browser, moved), "0.6 m")
+    actions(browser).release().perform()
+    near = """store.target.value.plan?.path?.length &&
+      Math.hypot(store.pose.value.x - store.target.value.plan.path[0][0],
+                 store.pose.value.y - store.target.value.plan.path[0][1]) < 0.3"""
+    eventually(lambda: script(browser, near), "the way from where the robot stands")
+
+
+def test_the_menu_of_layers_closes_when_the_focus_leaves_it(browser: Any) -> None:
+    press(browser, "#layers")
+    eventually(lambda: element(browser, ".menu").is_displayed(), "the menu")
+    script(browser, "document.querySelector('.menu label:last-child').click()")
+    assert element(browser, ".menu").is_displayed()
+    script(browser, "document.querySelector('.menu input').focus()")
+    script(browser, "document.querySelector('#map').focus()")
+    eventually(lambda: script(browser, "!document.querySelector('.menu')"), "its end")

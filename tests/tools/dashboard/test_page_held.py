@@ -190,3 +190,26 @@ def test_another_robot_is_not_driven_by_the_keys_of_the_former(
             key(browser, kind, "ArrowUp")
             assert not script(browser, _HELD)
         assert second.counts[full_name(Twist)] == 0
+
+
+@pytest.mark.parametrize("end", ["mark", "pose", "hidden"])
+def test_keys_whose_switch_goes_out_of_sight_are_off(
+    robot: SimulatedPage, browser: Any, end: str
+) -> None:
+    show(browser, "go")
+    press(browser, "#keyboard")
+    assert script(browser, "store.keyboard.value")
+    if end == "mark":
+        press(browser, "#marks li:nth-child(2) button")
+    elif end == "pose":
+        show(browser, "map")
+        press(browser, "#set-pose")
+    else:
+        browser.switch_to.new_window("tab")
+        browser.switch_to.window(browser.window_handles[1])
+    eventually(lambda: not script(browser, "store.keyboard.value"), "the keys to be off")
+    eventually(lambda: "arrow keys drive no more" in text(browser, "#answer"), "why")
+    key(browser, "rawKeyDown", "ArrowUp")
+    assert not script(browser, _HELD)
+    key(browser, "keyUp", "ArrowUp")
+    assert robot.call(lambda simulator: simulator.counts[full_name(Twist)]) == 0

@@ -476,3 +476,64 @@ def test_stop_works_for_a_finger_while_another_one_holds_the_stick(
         eventually(lambda: "stopped" in text(browser, "#answer"), "the answer")
         assert script(browser, "store.held.value === null")
         touch(browser, "touchEnd")
+
+
+_HIDDEN = """(selector) => {
+  const target = document.querySelector(selector);
+  const range = document.createRange();
+  range.selectNodeContents(target);
+  return [...range.getClientRects()].filter(({x, y, width, height}) =>
+    [[.1, .5], [.5, .5], [.9, .5]].some(([right, down]) =>
+      !target.contains(document.elementFromPoint(x + right * width, y + down * height)))
+  ).map((each) => JSON.stringify(each));
+}"""
+"""Lists the lines of an element's text that something lies over."""
+_UNDER_NOTICES = """(selector) => {
+  const {x, y, width, height} = document.querySelector(selector).getBoundingClientRect();
+  return document.elementFromPoint(x + width / 2, y + height / 2).closest(".notices") !== null;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "larger"),
+    [
+        *[(390, 844, True), (360, 640, True), (768, 1024, True)],
+        *[(640, 360, False), (844, 390, False)],
+    ],
+)
+def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
+    shared_browser: SharedBrowser, width: int, height: int, larger: bool
+) -> None:
+    def is_seen(selector: str) -> bool:
+        assert text(browser, selector)
+        return bool(script(browser, f"({_HIDDEN})('{selector}').length === 0"))
+
+    with served(1) as page_, opened(shared_browser, page_.url, width, height) as browser:
+        press(browser, "#tab-tasks")
+        if larger:
+            press(browser, ".panel [aria-label=Larger]")
+        top = "document.querySelector('#panel').getBoundingClientRect().top"
+        begin = script(browser, top)
+        page_.robots[0].set_emergency_stop(True)
+        eventually(lambda: "emergency stop" in text(browser, "#notice"), "the banner")
+        eventually(lambda: is_seen("#notice summary b"), "the banner over the sheet")
+        size = f".panel [aria-label={'Smaller' if larger else 'Larger'}]"
+        script(browser, "document.querySelector('.panel').scrollTo(0, 0)")
+        eventually(lambda: not script(browser, f"({_UNDER_NOTICES})('{size}')"), "the handle")
+        page_.robots[0].set_emergency_stop(False)
+        eventually(lambda: not text(browser, "#notice"), "the end of the banner")
+        eventually(lambda: script(browser, top) == begin, "the former place")
+        page_.robots[0].inject("freeze")
+        press(browser, "#stop")
+        eventually(lambda: text(browser, "#alarm"), "the alarm")
+        eventually(lambda: is_seen("#alarm summary span"), "the alarm over the sheet")
+        assert script(browser, _CUT) == []
+        # the number of alarms leads to them
+        press(browser, "button.chip")
+        eventually(lambda: "STOP is not confirmed" in text(browser, "#problems"), "the list")
+        assert "No data for" in text(browser, "#problems")
+        assert "not known" in text(browser, "#new-task")
+        for tab in ("go", "tasks", "state", "map", "setup"):
+            element(browser, f"#tab-{tab}").click()
+            assert "last known state" in text(browser, ".stale"), tab
+            assert script(browser, "document.querySelector('#panel.old') !== null"), tab

@@ -58,6 +58,9 @@ SPEED_LIMIT = "speedLimit"
 """Name of the command that limits the speed of the robot."""
 TOO_SLOW = Text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
+UNANSWERED = Text("reason.unanswered")
+"""Reason that ends a press of the stick: the robot has not answered a velocity for too long."""
+_OTHER_MODE = Text("reason.otherMode")
 _VELOCITY_REFUSED = Sentence("refusal.velocity", "the robot refused the velocity")
 _BECAUSE = Sentence("refusal.because", "{text} ({reason})")
 _STOP_TIMEOUT = 2.0
@@ -108,8 +111,9 @@ class Control:
        connection is slow in one direction or the other, and neither a velocity nor a command that
        may start a motion is sent. The same holds for a time before the last stop, of which the
        viewer did not know.
-    6. Each press of the stick has a number. A stop, a refused velocity, a robot that sends nothing
-       or a gap between the velocities ends the press. Only another press drives again.
+    6. Each press of the stick has a number. A stop, a refused velocity, a velocity that the robot
+       does not answer, another control mode, a robot that sends nothing or a gap between the
+       velocities ends the press. Only another press drives again.
     7. A robot that hangs may execute a command later. While it sends nothing, it gets no command
        that may start a motion.
     8. The page sends a place with the map that it shows. The robot gets the place only if it uses
@@ -160,6 +164,8 @@ class Control:
         """Loop time of the last stop."""
         self._press = -1
         """Number of the press that drives; -1 if no press drives."""
+        self._press_mode = 0
+        """Control mode of the robot at the begin of the press `_press`."""
         self._driven_at = -math.inf
         """Loop time of the last velocity of the press `_press`."""
         self._stick_task: asyncio.Task[None] | None = None
@@ -245,6 +251,7 @@ class Control:
             return
         if press != self._press:
             self._press = press
+            self._press_mode = self._robot.view.info.mode.ctrl
             self._stick.drive(0.0, 0.0, 0.0)  # after a stop, the driver waits for a zero
         self._driven_at = asyncio.get_running_loop().time()
         self._stick.drive(linear, 0.0, angular)
@@ -311,6 +318,10 @@ class Control:
             return reason
         if press == self._press and self._gap > self._config.stick_timeout:
             return TOO_SLOW
+        if press == self._press and self._press_mode != self._robot.view.info.mode.ctrl:
+            return _OTHER_MODE
+        if self._gate.holds_back:
+            return UNANSWERED
         owner = self._gate.owner
         return Text("reason.running", owner=owner) if owner else None
 

@@ -6,6 +6,7 @@ import { Connection } from "./connection.js";
 import * as store from "./store.js";
 
 const DOUBLE_CLICK = 500; // milliseconds within which a repeated command is not sent
+const REPLAN = 0.5; // metres from where a way was planned, beyond which it is planned anew
 const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
 
 export const connection = new Connection(received, receivedScan, (problem) => {
@@ -138,9 +139,10 @@ export function release() {
 
 /**
  * Show how the robot would drive to a place, before the viewer sends it there.
- * @param {import("./store.js").Target} target
+ * @param {import("./store.js").Target} chosen
  */
-export async function setTarget(target) {
+export async function setTarget(chosen) {
+  const target = { ...chosen, from: store.pose.value };
   store.target.value = target;
   if (!target.pose || !store.mayControl.value) return;
   const { ok, text, data } = await connection.command("plan", target.pose);
@@ -153,6 +155,14 @@ effect(() => {
   const target = store.target.peek();
   if (!store.outdated.value && target?.plan && "error" in target.plan)
     setTarget({ ...target, plan: null }); // the answer may have been lost with the connection
+});
+
+effect(() => {
+  const pose = store.pose.value;
+  const target = store.target.peek();
+  if (!pose || pose.linear || pose.angular || !target?.plan || !target.from) return;
+  const { x, y } = target.from;
+  if (Math.hypot(pose.x - x, pose.y - y) > REPLAN) setTarget({ ...target, plan: null });
 });
 
 /** @param {import("./store.js").Mark} mark */

@@ -1,7 +1,7 @@
 // Driving by hand: the velocities, the arrow keys, and the events that end a press of the stick or of a key.
 
 import { effect } from "./vendor/preact.js";
-import { connection, stop } from "./commands.js";
+import { connection, stop, tell } from "./commands.js";
 import * as store from "./store.js";
 
 const PERIOD = 50; // milliseconds between two velocities
@@ -62,13 +62,24 @@ function pointerDown({ target }) {
   if (!(target instanceof Element && target.closest("#stick"))) store.letGo();
 }
 
+/** Switch the arrow keys off, because the viewer can no longer see that they drive. */
+export function keysOff() {
+  if (!store.keyboard.value) return;
+  store.keyboard.value = false;
+  tell(true, { key: "keyboard.off", values: {} });
+}
+
 addEventListener("keydown", keyDown, { capture: true });
 addEventListener("keyup", keyUp, { capture: true });
 addEventListener("pointerdown", pointerDown, { capture: true });
 addEventListener("focusin", store.letGo);
 addEventListener("blur", store.letGo);
 addEventListener("pagehide", store.letGo);
-document.addEventListener("visibilitychange", () => document.hidden && store.letGo());
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden) return;
+  store.letGo();
+  keysOff();
+});
 effect(() => {
   if (store.outdated.value) store.letGo();
 });

@@ -119,6 +119,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {Pose} [pose]
  * @property {{path: number[][], length: number} | {error: import("./texts.js").Value} | null} plan null while it is asked
  * @property {TaskKind} [kind] what shall be done there, as far as it is known
+ * @property {Point | null} [from] where the robot was when the way was asked
  */
 /** @typedef {{type: string, number: number, direction: string}} TaskKind */
 /**

@@ -1,14 +1,16 @@
 // The current task of the robot, and the stick, whose place on the screen never changes.
 
-import { html, useEffect, useRef } from "../vendor/preact.js";
+import { html, useEffect, useRef, useState } from "../vendor/preact.js";
 import { gives, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
+import { keysOff } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
 import { degrees, goalText, Icon, placeText } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
+const SETTLE = 1000; // milliseconds for which buttons that replace others are off
 const TURN = Math.PI / 180; // radians by which a button turns the pose
 const HALF = 132; // half of the stick's width, in percent of its knob's
 
@@ -23,6 +25,17 @@ export function Dock() {
 }
 
 function Owner() {
+  const keys = useRef(/** @type {HTMLElement | null} */ (null));
+  useEffect(() => {
+    const observer = new IntersectionObserver((seen) => {
+      if (seen.some(({ isIntersecting }) => !isIntersecting)) keysOff();
+    });
+    observer.observe(/** @type {HTMLElement} */ (keys.current));
+    return () => {
+      observer.disconnect();
+      keysOff();
+    };
+  }, []);
   const owner = store.control.value?.owner ?? null;
   const isMine = store.mine.value;
   const text = !owner
@@ -36,6 +49,7 @@ function Owner() {
       type="button"
       class="quiet"
       id="keyboard"
+      ref=${keys}
       aria-pressed=${store.keyboard.value}
       title=${t("keyboard.title")}
       aria-label=${t("keyboard.title")}
@@ -95,6 +109,26 @@ function stateText() {
   return tOr(`state.${state}`, state);
 }
 
+let shownButtons = 0; // number of `Buttons` that are shown
+
+/**
+ * Buttons below what is shown. In place of others, they are off for a moment: a press that was aimed
+ * at those does nothing.
+ * @param {{children?: unknown}} props
+ */
+function Buttons({ children }) {
+  const [off, setOff] = useState(shownButtons > 0);
+  useEffect(() => {
+    shownButtons++;
+    const timer = setTimeout(() => setOff(false), SETTLE);
+    return () => {
+      shownButtons--;
+      clearTimeout(timer);
+    };
+  }, []);
+  return html`<fieldset class="act" disabled=${off}>${children}</fieldset>`;
+}
+
 function PoseDraft() {
   const draft = store.draft.value;
   /** @param {number} angle */
@@ -107,7 +141,7 @@ function PoseDraft() {
         ${draft ? `${placeText(draft)} · ${degrees(draft.theta)}. ${t("pose.laser")}` : t("pose.drag")}
       </p>
     </div>
-    <div class="act">
+    <${Buttons}>
       <button
         type="button"
         aria-label=${t("pose.left")}
@@ -134,7 +168,7 @@ function PoseDraft() {
         ${t("pose.confirm")}
       </button>
       <${Dismiss} />
-    </div>`;
+    <//>`;
 }
 
 function Dismiss() {
@@ -177,10 +211,10 @@ function Preview() {
       <b>${to}${way && html` <span class="way">${way}</span>`}</b>
       <p>${reason ? say(reason) : about.filter(Boolean).join(" · ")}</p>
     </div>
-    <div class="act">
+    <${Buttons}>
       ${may && html`<${TaskOptions} key=${`${to} ${JSON.stringify(target.kind)}`} target=${target} command=${command} />`}
       <${Dismiss} />
-    </div>`;
+    <//>`;
 }
 
 function Running() {
@@ -194,7 +228,7 @@ function Running() {
       text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
       more=${target && [...targetTexts(target), reason && say(reason)].filter(Boolean).join(" · ")}
     />
-    <div class="act">${taskButtons()}</div>`;
+    <${Buttons}>${taskButtons()}<//>`;
 }
 
 function Stick() {

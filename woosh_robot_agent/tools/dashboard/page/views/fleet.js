@@ -32,7 +32,7 @@ function Card({ card, index }) {
       <span>${battery ? `${battery.power} %` : ""}</span>
     </span>
     <span class="state ${tone}"><span class="dot"></span>${state}</span>
-    ${card.connected && card.moves && html`<small class="accent">${t("fleet.moves")}</small>`}
+    ${card.connected && !card.silence && card.moves && html`<small class="accent">${t("fleet.moves")}</small>`}
     ${card.problems > 0 && html`<small class="bad">${alarmCount(card.problems)}</small>`}
     ${order && html`<${OrderLines} order=${order} />`}
     <small>${card.address}</small>

@@ -40,6 +40,7 @@ export function openTab(name) {
     store.tab.value = name;
     if (store.sheet.value === "closed") store.sheet.value = "half";
   });
+  document.querySelector(".panel")?.scrollTo(0, 0);
 }
 
 /** @param {string} name */
@@ -95,6 +96,7 @@ export function Panel() {
   const name = known.includes(store.tab.value) ? store.tab.value : "go";
   const size = isCompact ? store.sheet.value : "half";
   const full = size === "full";
+  const old = store.outdated.value && !["fleet", "simulator"].includes(name);
   return html`<aside
     class="panel ${isCompact ? `over ${size}` : ""}"
     aria-label=${t("panel.name")}
@@ -121,7 +123,14 @@ export function Panel() {
         </button>
       </div>`
     }
-    <div id="panel" role="tabpanel" aria-labelledby=${`tab-${name}`} tabindex="-1">
+    <p class="stale" hidden=${!old}>${t("notice.outdated")}</p>
+    <div
+      id="panel"
+      class=${old ? "old" : ""}
+      role="tabpanel"
+      aria-labelledby=${`tab-${name}`}
+      tabindex="-1"
+    >
       <${TABS[name].view} key=${name} />
     </div>
   </aside>`;

@@ -81,6 +81,20 @@ export function shortLabel(index) {
   return store.robots.value.length > 1 ? robotLabel(index).split(" · ")[0] : "";
 }
 
+/** @param {number} robot index */
+export function ofRobot(robot) {
+  const label = shortLabel(robot);
+  return label && ` (${label})`;
+}
+
+/**
+ * Return the alarm of robots whose stop is not confirmed.
+ * @param {number[]} robots indices
+ */
+export function alarmText(robots) {
+  return t("alarm.stop") + robots.map(ofRobot).join("");
+}
+
 /**
  * Return a place in metres.
  * @param {{x: number, y: number}} place

@@ -8,7 +8,7 @@ import * as store from "../store.js";
 import { clock, meaningOf, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
 import { openTab, useMatches } from "./panel.js";
-import { Icon, objectionText, placeText, shortLabel, tiny, toneOf } from "./parts.js";
+import { alarmText, Icon, objectionText, ofRobot, placeText, tiny, toneOf } from "./parts.js";
 import { outcomeText, TONES } from "./tasks.js";
 
 /** @typedef {[string, () => void]} Action  text of a button, and what it does */
@@ -112,7 +112,12 @@ function Layers() {
     zones: Boolean(known?.zones?.length || known?.lanes?.length),
     others: store.robots.value.length > 1,
   };
-  return html`<div class="layers" ref=${box}>
+  /** Close the menu when the focus goes to something else. @param {FocusEvent} event */
+  const leave = ({ relatedTarget }) => {
+    const next = /** @type {Node | null} */ (relatedTarget);
+    if (next && !box.current?.contains(next)) setOpen(false);
+  };
+  return html`<div class="layers" ref=${box} onFocusOut=${leave}>
     <button
       type="button"
       id="layers"
@@ -172,7 +177,7 @@ function Notices() {
       html`<div class="alarm" id="alarm" role="alert">
         <details>
           <summary>
-            <span> ${t("alarm.stop")}${alarms.map(([robot]) => ofRobot(robot)).join("")} </span>
+            <span>${alarmText(alarms.map(([robot]) => robot))}</span>
           </summary>
           ${alarms.map(([robot, text]) => html`<p key=${robot}>${t("alarm.reason", { reason: text })}${ofRobot(robot)}</p>`)}
           <p>${t("alarm.advice")}</p>
@@ -203,12 +208,22 @@ function Notices() {
   </div>`;
 }
 
-/** Tell the map what lies over it: the notices, and on a small screen the panel. */
+/**
+ * Tell the map what lies over it: the notices, and on a small screen the panel. Tell the panel what
+ * lies over it: the notices. Its content stays at its place, and can be scrolled to below them.
+ */
 function leaveFree() {
   const canvas = map?.canvas.getBoundingClientRect();
   if (!canvas) return;
   const notices = document.querySelector(".notices")?.getBoundingClientRect();
-  const sheet = document.querySelector(".panel.over")?.getBoundingClientRect();
+  const panel = /** @type {HTMLElement | null} */ (document.querySelector(".panel.over"));
+  const sheet = panel?.getBoundingClientRect();
+  if (panel && sheet) {
+    const under = notices?.height && sheet.height ? Math.max(0, notices.bottom - sheet.top) : 0;
+    const { paddingTop } = getComputedStyle(panel);
+    panel.style.setProperty("--under", `${under}px`);
+    panel.scrollTop += under - parseFloat(paddingTop);
+  }
   const covered = sheet && sheet.height ? sheet : { top: canvas.bottom, right: canvas.left };
   const below = sheet && sheet.width >= canvas.width;
   map?.setInset({
@@ -217,12 +232,6 @@ function leaveFree() {
     bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,
     left: below ? 0 : Math.max(0, covered.right - canvas.left),
   });
-}
-
-/** @param {number} robot index */
-function ofRobot(robot) {
-  const label = shortLabel(robot);
-  return label && ` (${label})`;
 }
 
 /**

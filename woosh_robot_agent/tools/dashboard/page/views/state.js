@@ -5,7 +5,7 @@ import { connection } from "../commands.js";
 import * as store from "../store.js";
 import { meaningOf, moment, say, t, tOr } from "../texts.js";
 import { linkText } from "./bar.js";
-import { degrees, LEVELS, objectionText, placeText } from "./parts.js";
+import { alarmText, degrees, LEVELS, objectionText, placeText } from "./parts.js";
 import { Plot } from "./plot.js";
 
 /** @typedef {[number, number | null, number | null, number | null]} Sample  Unix time in s, speed in
@@ -37,9 +37,11 @@ export function State() {
     loadHistory();
   }, [store.you.value, store.chosen.value]);
   const robot = store.robot.value;
-  if (!robot?.known) return html`<section><p class="faint">${t("notice.unknown")}</p></section>`;
-  return html`<${Summary} robot=${robot} />
-    <${Problems} problems=${robot.problems} />
+  if (!robot?.known)
+    return html`<${Problems} problems=${[]} />
+      <section><p class="faint">${t("notice.unknown")}</p></section>`;
+  return html`<${Problems} problems=${robot.problems} />
+    <${Summary} robot=${robot} />
     <${Plots} />
     <${Codes} />
     <${Details} />`;
@@ -83,12 +85,13 @@ function Summary({ robot }) {
 
 /** @param {{robot: store.Robot}} props */
 function NewTask({ robot }) {
-  if (!robot.objections.length) {
+  const old = store.outdated.value;
+  if (!robot.objections.length && !old) {
     if (robot.taskable === null) return null;
     return html`<p id="new-task" class="verdict ok">${t("newTask.accepted")}</p>`;
   }
   return html`<div id="new-task" class="verdict warn">
-    <b>${t("newTask.rejected")}</b>
+    <b>${t(old ? "newTask.unknown" : "newTask.rejected")}</b>
     <ul>
       ${robot.objections.map((each) => {
         const { reason, remedy } = objectionText(each);
@@ -121,15 +124,33 @@ function batteryTrend() {
   return Math.round((change * 3600) / (last[0] - first[0]));
 }
 
-/** @param {{problems: store.Code[]}} props */
+/** All that the bar counts as alarms. @param {{problems: store.Code[]}} props */
 function Problems({ problems }) {
-  if (!problems.length) return null;
+  const alarms = [...store.alarms.value];
+  const old = store.outdated.value;
+  if (!problems.length && !alarms.length && !old) return null;
+  const { short, long } = linkText();
   return html`<section>
     <h2>${t("problems.name")}</h2>
     <ul class="rows" id="problems">
+      ${alarms.map(([robot, reason]) => {
+        const about = [t("alarm.reason", { reason }), t("alarm.advice")];
+        return html`<${Line} key=${robot} text=${alarmText([robot])} about=${about} />`;
+      })}
+      ${old && html`<${Line} text=${short} about=${[long, t("notice.outdated")]} />`}
       ${problems.map((code) => html`<${CodeLine} key=${code.code} code=${code} />`)}
     </ul>
   </section>`;
+}
+
+/** @param {{text: string, about: string[]}} props */
+function Line({ text, about }) {
+  return html`<li>
+    <div>
+      <p class="bad">${text}</p>
+      ${about.filter(Boolean).map((each) => html`<small key=${each}>${each}</small>`)}
+    </div>
+  </li>`;
 }
 
 /** @param {{code: store.Code, time?: number}} props */
