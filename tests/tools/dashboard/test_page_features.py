@@ -165,10 +165,10 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
             name = "emergency_stop"
             await viewer.until(lambda parts: parts["fleet"][1]["objection"]["name"] == name)
             other.stop_listening()
-            await viewer.until(lambda parts: not parts["fleet"][1]["connected"])
+            await viewer.until(lambda parts: parts["fleet"][1]["link"] == "lost")
             # a frozen robot is noticed though nobody watches it
             other.listen()
-            await viewer.until(lambda parts: parts["fleet"][1]["connected"])
+            await viewer.until(lambda parts: parts["fleet"][1]["link"] == "connected")
             other.inject("freeze")
             await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
 

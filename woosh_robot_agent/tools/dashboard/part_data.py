@@ -134,7 +134,7 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
     twist = info.pose_speed.twist
     return {
         "address": chassis.config.address,
-        "connected": chassis.state is LinkState.READY,
+        "link": link_state(chassis),
         "silence": silence,
         "known": view.has_robot_info,
         "id": info.robot_id or info.genral.serial_number,
@@ -146,6 +146,13 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),
     }
+
+
+def link_state(chassis: ChassisClient) -> str:
+    """Return the state of the link: `connected`, `lost`, or `not connected` if it never was."""
+    if chassis.state is LinkState.READY:
+        return "connected"
+    return "lost" if chassis.stats.connects else "not connected"
 
 
 def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:

@@ -22,6 +22,7 @@ from woosh_robot_agent.link import (
     OtherRobotError,
 )
 from woosh_robot_agent.motion.requests import only_reads
+from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
 from woosh_robot_agent.pb.util import robot_pb2 as robot
@@ -219,10 +220,15 @@ class Robot:
         return [moment, speed, battery, delay]
 
     async def _update_map(self) -> None:
+        asking: asyncio.Task[None] | None = None
         while True:
             await self.parts.wait_watched()
             info = self.view.info
             self.map.update(info.scene, info.state == robot.kMapping)
+            # robots push the path only when it changes, which may have been before the connection
+            unknown = is_running(info.task_proc) and self.view.values.value(NavPath) is None
+            if unknown and (asking is None or asking.done()):
+                asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
 
     async def _scan(self) -> None:
@@ -259,16 +265,16 @@ class Robot:
             received = self.chassis.stats.rx
             silence = now - heard_at
             if silence > _PROBE_AFTER and (asking is None or asking.done()):
-                asking = loop.create_task(self._ask(), name="dashboard probe")
+                asking = loop.create_task(self._ask(RobotState), name="dashboard probe")
             if int(silence) != self.silence:
                 self.silence = int(silence)
                 self.parts.publish("link")
 
-    async def _ask(self) -> None:
-        """Request something small."""
-        state = await self._request(RobotState)
-        if state is not None:
-            self._received(state)
+    async def _ask(self, cls: type[Message]) -> None:
+        """Request a value, and use the answer like a push."""
+        value = await self._request(cls)
+        if value is not None:
+            self._received(value)
 
     async def _request(self, cls: type[M]) -> M | None:
         """Request a value; return None without an answer: the page shows the state of the link."""
@@ -291,10 +297,9 @@ class Robot:
         advice = (
             "" if ready or isinstance(error, OtherRobotError) else link_arguments(chassis.config)
         )
-        state = "lost" if chassis.stats.connects else "not connected"
         return {
             "good": ready and not self.silence,
-            "state": "connected" if ready else state,
+            "state": part_data.link_state(chassis),
             "since": int(chassis.since * 1000),
             "silence": self.silence if ready else 0,
             "error": "" if ready or error is None else value_data(said_by(error)),

@@ -259,7 +259,8 @@ class Dashboard:
         """Return a picture of the map of a robot.
 
         Its path is `/map/ROBOT/NUMBER.png`, or for the keep-out areas `/keepout/ROBOT/NUMBER.png`.
-        NUMBER tells pictures apart.
+        ROBOT is the index of the robot.
+        NUMBER is ignored: it only gives each picture a path of its own, so that the browser loads it.
         """
         for index, robot in enumerate(self.robots):
             picture = robot.map.picture

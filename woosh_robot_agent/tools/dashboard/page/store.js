@@ -86,7 +86,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
 /**
  * @typedef {object} Card
  * @property {string} address
- * @property {boolean} connected
+ * @property {string} link as in `Link`, the state
  * @property {number} silence
  * @property {boolean} known
  * @property {number} id

@@ -22,21 +22,18 @@ export function Go() {
   });
   const may = store.mayControl.value;
   const hasMap = Boolean(store.map.value?.resolution);
+  const parks = marks.some(({ type }) => type === "parkspot");
   return html`${
       may &&
       html`<section class="pair">
-        <button type="button" id="charge" onClick=${charge}>
-          <${Icon} name="charge" />${t("type.charge")}
-        </button>
-        <button
-          type="button"
-          id="park"
-          disabled=${!marks.some(({ type }) => type === "parkspot")}
-          onClick=${() => choose("parkspot")}
-        >
-          <${Icon} name="park" />${t("type.parking")}
-        </button>
-      </section>`
+          <button type="button" id="charge" onClick=${charge}>
+            <${Icon} name="charge" />${t("type.charge")}
+          </button>
+          <button type="button" id="park" disabled=${!parks} onClick=${() => choose("parkspot")}>
+            <${Icon} name="park" />${t("type.parking")}
+          </button>
+        </section>
+        ${!parks && html`<p class="faint" id="no-parking">${t("marks.noParking")}</p>`}`
     }
     <section>
       <h2>${t("marks.name")}</h2>
