@@ -53,8 +53,10 @@ _PROBE_AFTER = 0.5
 A standing robot pushes nothing, and scans may be rare.
 """
 _BUSY = 0.3
-"""A check that is late by more than this was delayed by this program, in seconds. That delay does
-not count as silence of the robot."""
+"""Delay of a check beyond which this program was busy, in seconds.
+
+Such a delay does not count as silence of the robot.
+"""
 _NO_PATH = Sentence("plan.noPath", "the robot answered with {type}, not with a path")
 _REFUSED_PATH = Sentence("plan.refused", "{reason} ({text})")
 _UNREACHABLE = Sentence(
@@ -65,13 +67,13 @@ READ_ONLY = Text("reason.readOnly")
 
 
 class Robot:
-    """A robot that viewers watch. Used in one asyncio event loop.
+    """A robot that viewers watch: its link, and the parts about it. Used in one event loop.
 
     While nobody watches, no scans and no maps are requested.
 
     Args:
         config: address and timeouts of the robot.
-        shared: parts of all robots, which each viewer watches.
+        shared: parts about all robots together, which every viewer watches.
         control: True if the robot may be commanded. Otherwise the client of the link refuses every
             request that could change or move something.
         scan_rate: rate at which scans are requested, in Hz.
@@ -80,12 +82,13 @@ class Robot:
     Attributes:
         chassis: the link.
         view: state of the robot as received so far.
-        requests: puts the robot's id into requests, if an id is configured.
+        requests: completes requests with the robot's id, if an id is configured.
         map: the map of the robot.
-        parts: the parts of the page for this robot.
-        silence: whole seconds for which the robot has sent nothing although it is connected;
-            measured while somebody watches any robot.
-        order: returns the order that a fleet manager has given the robot; None without an order.
+        parts: the parts about this robot, which its viewers watch.
+        silence: time for which the robot has been connected but has sent nothing, in whole seconds;
+            measured only while somebody watches any robot.
+        order: function that returns the order of a fleet manager to the robot; None without one.
+            The owner of the dashboard replaces it.
     """
 
     def __init__(
@@ -149,12 +152,12 @@ class Robot:
 
     @property
     def no_data(self) -> Text | None:
-        """Text that the robot has sent nothing for some seconds; None if it sends frames."""
+        """Reason that the robot has sent nothing for some seconds; None if it sends frames."""
         return Text("reason.noData", seconds=self.silence) if self.silence else None
 
     @property
     def history(self) -> dict[str, Any]:
-        """Time, speed, battery and delay of the link in the last half hour, for the page."""
+        """Answer to the command `history`: the samples of the last half hour, as in `_sample`."""
         return {"period": SAMPLE_PERIOD, "samples": list(self._samples)}
 
     async def plan(self, args: Args) -> tuple[str, dict[str, Any] | None]:

@@ -277,7 +277,7 @@ class Dashboard:
     # WebSockets
 
     async def _serve(self, request: web.BaseRequest) -> web.WebSocketResponse:
-        """Serve a viewer until it leaves."""
+        """Serve a viewer until it disconnects."""
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT,
             heartbeat=_HEARTBEAT,
@@ -452,7 +452,7 @@ class Dashboard:
 
 
 def _reachable(host: str) -> str:
-    """Return an address at which other machines reach a server that listens on `host`.
+    """Return the address at which other machines reach a server that listens on `host`.
 
     For the wildcard address, that is the address of this machine in its default network.
     """

@@ -126,9 +126,9 @@ function Language() {
   </button>`;
 }
 
-/** Return an address that may be broken before its port. @param {string} label */
+/** Return a label that is broken, if it must be, before the port of its address. @param {string} label */
 function breakable(label) {
-  return label.split(/(?=:\d+$)/).map((each, index) => [index > 0 && html`<wbr />`, each]);
+  return label.split(/(?<=:)(?=\d+$)/).map((each, index) => [index > 0 && html`<wbr />`, each]);
 }
 
 function Stop() {

@@ -1,7 +1,7 @@
 // Marks to go to, and the kinds of tasks that can be done there.
 
 import { html, useState } from "../vendor/preact.js";
-import { gives } from "../allowed.js";
+import { gives, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
@@ -102,6 +102,8 @@ export function TaskOptions({ target, command }) {
   const [kind, setKind] = useState(`${known.type} ${known.number}`);
   const [direction, setDirection] = useState(known.direction);
   const [type, number] = kind.split(" ");
+  const reason = refusal(command);
+  const refused = reason && reason.key !== "reason.pending"; // the reason takes the place of the direction
   const named = store.map.value?.taskTypes ?? [];
   const kinds = TYPES.flatMap((each) => {
     const kindsOfType = named.filter((one) => one.type === each);
@@ -136,6 +138,7 @@ export function TaskOptions({ target, command }) {
     }
     ${
       type === "carry" &&
+      !refused &&
       html`<select
         id="direction"
         aria-label=${t("target.direction")}
