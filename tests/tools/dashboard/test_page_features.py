@@ -85,7 +85,6 @@ async def test_a_refused_control_mode_is_explained(chassis: SimulatorThread) -> 
         await viewer.until(lambda parts: parts["robot"]["control"] == "manual")
         ok, text = await viewer.command("controlMode", mode="auto")
         assert not ok
-        assert "not auto mode" in text
         assert "manual mode, set by its key switch" in text
 
 

@@ -369,11 +369,9 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         )
         check("a long answer")
         element(browser, "#answer").click()
-        assert script(
-            browser,
-            "(({scrollWidth, clientWidth, scrollHeight, clientHeight}) => scrollWidth <= clientWidth"
-            " && scrollHeight <= clientHeight)(document.querySelector('#answer'))",
-        )
+        shown = "{scrollWidth, clientWidth, scrollHeight, clientHeight}"
+        fits = "scrollWidth <= clientWidth && scrollHeight <= clientHeight"
+        assert script(browser, f"(({shown}) => {fits})(document.querySelector('#answer'))")
         script(browser, "document.activeElement.blur()")
         press(browser, "#tab-go")
         press(browser, "#marks button")

@@ -260,7 +260,7 @@ class Dashboard:
 
         Its path is `/map/ROBOT/NUMBER.png`, or for the keep-out areas `/keepout/ROBOT/NUMBER.png`.
         ROBOT is the index of the robot.
-        NUMBER is ignored: it only gives each picture a path of its own, so that the browser loads it.
+        NUMBER is ignored: it gives each picture its own path, so that the browser loads it.
         """
         for index, robot in enumerate(self.robots):
             picture = robot.map.picture
