@@ -99,13 +99,17 @@ def test_a_repeated_press_of_pause_starts_nothing(
         assert script(driver, _BOXES) == boxes
 
 
-def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(robot: SimulatedPage, browser: Any) -> None:
+@pytest.mark.parametrize("reload", [False, True])
+def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
+    robot: SimulatedPage, browser: Any, reload: bool
+) -> None:
     def watch() -> None:
         eventually(lambda: text(browser, "#answer").endswith("stopping"), "the stop")
         eventually(lambda: text(browser, "#alarm"), "the alarm of the other's stop")
         assert "NOT STOPPED" in text(browser, "#answer")
-        browser.refresh()
-        eventually(lambda: text(browser, "#alarm"), "the alarm after a reload")
+        if reload:
+            browser.refresh()
+            eventually(lambda: text(browser, "#alarm"), "the alarm after a reload")
 
     async def stop_meanwhile() -> None:
         async with page(robot.url) as other:
@@ -118,6 +122,7 @@ def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(robot: SimulatedPage, brow
     asyncio.run(stop_meanwhile())
     robot.call(lambda simulator: (setattr(simulator, "speed", 1.0), simulator.clear_faults()))
     eventually(lambda: not text(browser, "#alarm"), "the robot to be seen to stand still")
+    assert reload or "The alarm has ended" in text(browser, "#answer")
 
 
 def test_a_go_is_off_while_it_is_sent_and_a_task_keeps_its_buttons(
