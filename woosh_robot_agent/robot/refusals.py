@@ -182,6 +182,10 @@ def _for_change(info: RobotInfo) -> list[Objection]:
     return [*busy_objections(info), *_objections_among(info, EMERGENCY_STOP, *CONTROL_MODES)]
 
 
+def _for_control_mode(info: RobotInfo) -> list[Objection]:
+    return _among(info, *CONTROL_MODES)
+
+
 def _for_mapping(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that makes a map."""
     return [*_for_deployment(info), *_objections_among(info, *CONTROL_MODES)]
@@ -232,6 +236,7 @@ _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProx
         "woosh.robot.InitRobot": _for_change,
         "woosh.robot.SwitchMap": _for_change,
         "woosh.robot.SwitchWorkMode": _for_change,
+        "woosh.robot.SwitchControlMode": _for_control_mode,
         "woosh.robot.BuildMap": _for_mapping,
         "woosh.robot.Deployment": _for_deployment,
     }

@@ -580,6 +580,8 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Any) -> None:
     press(browser, "#save-map")
     eventually(lambda: "ground" in text(browser, "#maps"), "the new map in the list")
     eventually(lambda: is_enabled(browser, "#collect-mark"), "the next step")
+    assert "collect it" in text(browser, "#mapping [aria-current=step]")
+    assert script(browser, "document.querySelector('#map-name').value") == ""
     row = next(
         each
         for each in browser.find_elements("css selector", "#maps li")
@@ -587,6 +589,7 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Any) -> None:
     )
     if "in use" not in row.text:
         row.find_element("css selector", "button").click()
+        assert row.find_element("css selector", "b").rect["height"] < 30  # one line
         row.find_element("css selector", "button.primary").click()
     eventually(lambda: script(browser, "store.robot.value.map") == "ground", "the new map in use")
 

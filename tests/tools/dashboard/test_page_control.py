@@ -397,7 +397,8 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
             await eventually(lambda: is_driving(chassis))
             ok, text = await (driver if who == "driver" else other).command("stop")
             assert ok, text
-            await driver.until(lambda _: {"stopping", "stopped"} <= set(driver.refusals))
+            by = "" if who == "driver" else f" by viewer {other.parts['hello']['you']}"
+            await driver.until(lambda _: {"stopping", f"stopped{by}"} <= set(driver.refusals))
             await passed(driver, MotionTiming().hold)
             await eventually(lambda: is_stopped_by_zero(chassis))
         sent = chassis.counts[TWIST]

@@ -101,13 +101,17 @@ def test_a_repeated_press_of_pause_starts_nothing(
         assert script(driver, _BOXES) == boxes
 
 
-def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(robot: SimulatedPage, browser: Any) -> None:
+@pytest.mark.parametrize("reload", [False, True])
+def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
+    robot: SimulatedPage, browser: Any, reload: bool
+) -> None:
     def watch() -> None:
         eventually(lambda: text(browser, "#answer").endswith("stopping"), "the stop")
         eventually(lambda: text(browser, "#alarm"), "the alarm of the other's stop")
         assert "NOT STOPPED" in text(browser, "#answer")
-        browser.refresh()
-        eventually(lambda: text(browser, "#alarm"), "the alarm after a reload")
+        if reload:
+            browser.refresh()
+            eventually(lambda: text(browser, "#alarm"), "the alarm after a reload")
 
     async def stop_meanwhile() -> None:
         async with page(robot.url) as other:
@@ -120,6 +124,7 @@ def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(robot: SimulatedPage, brow
     asyncio.run(stop_meanwhile())
     robot.call(lambda simulator: (setattr(simulator, "speed", 1.0), simulator.clear_faults()))
     eventually(lambda: not text(browser, "#alarm"), "the robot to be seen to stand still")
+    assert reload or "The alarm has ended" in text(browser, "#answer")
 
 
 def test_a_go_is_off_while_it_is_sent_and_a_task_keeps_its_buttons(
@@ -196,6 +201,8 @@ def test_what_another_viewer_controls_is_off(robot: SimulatedPage, browser: Any)
         eventually(lambda: not is_enabled(browser, ".doing #pause"), "Pause to be off")
         assert "off" in element(browser, "#stick").get_attribute("class").split()
         assert is_enabled(browser, "#stop")
+        show(browser, "state")
+        eventually(lambda: "0.5 m/s" in text(browser, "#facts"), "the other's speed limit")
 
     async def control_meanwhile() -> None:
         async with page(robot.url) as other:
@@ -211,6 +218,52 @@ def test_what_another_viewer_controls_is_off(robot: SimulatedPage, browser: Any)
     start_task(browser, robot)
     asyncio.run(control_meanwhile())
     eventually(lambda: is_enabled(browser, ".doing #pause"), "the end of the other's control")
+    press(browser, ".doing #cancel")
+    eventually(lambda: "Speed limit: 0.5 m/s" in text(browser, "#now"), "the limit in the dock")
+
+
+def test_what_is_off_says_why(robot: SimulatedPage, browser: Any) -> None:
+    def shown_with(name: str, change: str, selector: str) -> str:
+        """Return a text that the page shows after a change of what the robot has reported."""
+        shown = f"document.querySelector('{selector}')?.innerText"
+        changed = f"store.{name}.value = {{...store.{name}.value, {change}}}"
+        later = "setTimeout(() => requestAnimationFrame(() => setTimeout(resolve)))"
+        return str(
+            script(browser, f"({changed}, new Promise((resolve) => {later}).then(() => {shown}))")
+        )
+
+    press(browser, "#layers")
+    assert "this page shows one robot" in text(browser, ".menu")
+    press(browser, "#layers")
+    assert is_enabled(browser, "#park")
+    assert "no parking place" in shown_with("map", "marks: []", "#no-parking")
+    start_task(browser, robot)
+    show(browser, "map")
+    assert not is_enabled(browser, "#maps li:not(.chosen) button")
+    press(browser, ".doing #pause")
+    eventually(lambda: is_enabled(browser, ".doing #continue"), "the paused task")
+    deployed = "objections: [{name: 'deployment'}]"
+    assert "in deployment mode" in shown_with("robot", deployed, "#now")
+
+
+def test_a_button_that_is_off_looks_off_and_a_mark_ends_set_pose(browser: Any) -> None:
+    colours = """((button) => {
+      const {backgroundColor, color} = getComputedStyle(button);
+      const probe = document.body.appendChild(document.createElement("i"));
+      probe.style.cssText = "background: var(--raised); color: var(--faint)";
+      const wanted = {...getComputedStyle(probe)};
+      probe.remove();
+      return backgroundColor === wanted.backgroundColor && color === wanted.color;
+    })(document.querySelector("%s"))"""
+    show(browser, "map")
+    press(browser, "#set-pose")
+    eventually(lambda: text(browser, "#confirm"), "the tool")
+    assert script(browser, colours % "#confirm")
+    show(browser, "go")
+    press(browser, "#marks li:nth-child(2) button")
+    eventually(lambda: is_enabled(browser, "#go"), "the way")
+    assert not script(browser, colours % "#go")
+    assert script(browser, "store.tool.value") == "go"
 
 
 def test_keep_pose_shows_that_it_runs(robot: SimulatedPage, browser: Any) -> None:

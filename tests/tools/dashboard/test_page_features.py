@@ -61,6 +61,34 @@ async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -
 
 
 @aio
+async def test_the_path_of_a_task_that_runs_already_is_known(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        assert (await viewer.command("goMark", mark="A2"))[0]
+        await viewer.until(lambda parts: parts["path"])
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["path"])
+
+
+@aio
+async def test_a_robot_that_was_never_connected_is_not_lost(chassis: SimulatorThread) -> None:
+    chassis.stop_listening()
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["fleet"][0]["link"] == "not connected")
+
+
+@aio
+async def test_a_refused_control_mode_is_explained(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await ready(viewer)
+        chassis.inject("key_switch")
+        await viewer.until(lambda parts: parts["robot"]["control"] == "manual")
+        ok, text = await viewer.command("controlMode", mode="auto")
+        assert not ok
+        assert "manual mode, set by its key switch" in text
+
+
+@aio
 async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         await eventually(lambda: len(running.robots[0].history["samples"]) > 1)
@@ -165,10 +193,10 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
             name = "emergency_stop"
             await viewer.until(lambda parts: parts["fleet"][1]["objection"]["name"] == name)
             other.stop_listening()
-            await viewer.until(lambda parts: not parts["fleet"][1]["connected"])
+            await viewer.until(lambda parts: parts["fleet"][1]["link"] == "lost")
             # a frozen robot is noticed though nobody watches it
             other.listen()
-            await viewer.until(lambda parts: parts["fleet"][1]["connected"])
+            await viewer.until(lambda parts: parts["fleet"][1]["link"] == "connected")
             other.inject("freeze")
             await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
 

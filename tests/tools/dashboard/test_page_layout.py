@@ -368,6 +368,11 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
             " values: {text: 'a long reason '.repeat(30)}}}",
         )
         check("a long answer")
+        element(browser, "#answer").click()
+        shown = "{scrollWidth, clientWidth, scrollHeight, clientHeight}"
+        fits = "scrollWidth <= clientWidth && scrollHeight <= clientHeight"
+        assert script(browser, f"(({shown}) => {fits})(document.querySelector('#answer'))")
+        script(browser, "document.activeElement.blur()")
         press(browser, "#tab-go")
         press(browser, "#marks button")
         eventually(lambda: is_enabled(browser, "#go"), "the preview")
@@ -419,6 +424,27 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
             assert element(browser, "#alarm").rect == line
         eventually(lambda: not text(browser, "#alarm"), "the end of the alarm")
         check("after the alarm")
+
+
+def test_long_names_of_two_robots_leave_room_in_the_bar(shared_browser: SharedBrowser) -> None:
+    port_lines = """((label) => {
+      const range = document.createRange();
+      range.selectNodeContents([...label.childNodes].findLast((each) => each.nodeType === 3));
+      return range.getClientRects().length;
+    })(document.querySelector("#stop small"))"""
+    with contextlib.ExitStack() as running:
+        same = quick_config(port=0, tcp_port=0)
+        robots = [running.enter_context(SimulatorThread(same)) for _ in range(2)]
+        _, url = running.enter_context(program(*robots))
+        browser = running.enter_context(opened(shared_browser, url, 1024, 768))
+        eventually(lambda: "127.0.0.1" in text(browser, "#stop"), "the robot that STOP stops")
+        assert script(browser, port_lines) == 1
+        robots[0].stop_listening()
+        eventually(lambda: "lost" in text(browser, "#link"), "the loss of the link")
+        assert script(browser, _CUT) == []
+        set_screen(browser, 768, 1024, mobile=True)
+        eventually(lambda: script(browser, "innerWidth") == 768, "the small screen")
+        assert script(browser, port_lines) == 1
 
 
 @pytest.mark.parametrize("width", [360, 390])

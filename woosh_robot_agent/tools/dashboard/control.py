@@ -207,7 +207,7 @@ class Control:
             CommandError: the command is refused.
         """
         if name == STOP:
-            return self._stop()
+            return self._stop(viewer)
         command = COMMANDS.get(name)
         if command is None and name != SPEED_LIMIT:
             raise CommandError(Text("reason.unknownCommand"))
@@ -325,14 +325,15 @@ class Control:
         owner = self._gate.owner
         return Text("reason.running", owner=owner) if owner else None
 
-    async def _stop(self) -> Outcome:
+    async def _stop(self, viewer: Viewer) -> Outcome:
         driving = self.owner, self._press
         report = await self._gate.stop(_STOP_TIMEOUT)
         self.alarm.answered(report)
         key = "reply.stopped" if report.success else "reply.notStopped"
         text = Text(key, text=report.message)
         if driving == (self.owner, self._press):  # a press that began meanwhile goes on
-            self._end_press(text)
+            by_other = self.owner is not viewer and report.success
+            self._end_press(Text("reply.stoppedBy", name=viewer.name) if by_other else text)
         return Outcome(report.success, text)
 
     async def _execute(self, name: str, request: Message) -> Outcome:

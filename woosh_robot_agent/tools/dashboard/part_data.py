@@ -20,7 +20,6 @@ from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
-    Battery,
     DeviceState,
     HardwareState,
     NavPath,
@@ -52,9 +51,9 @@ _MAX_MARKS = 2000
 _MAX_ZONES = 500
 """Maximum number of zones, and of lanes, on the page."""
 _MAX_TYPES = 50
-"""Maximum number of kinds of tasks on the page."""
+"""Maximum number of task kinds on the page."""
 _MAX_NAME = 60
-"""Maximum length of the name of a kind of tasks."""
+"""Maximum length of the name of a task kind."""
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
@@ -88,7 +87,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "state": enum_name(robot.State, info.state),
         "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
-        "emergencyStop": is_emergency_stop(info),
+        "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
         "taskable": accepts_task(info),
         "objections": [_objection(each) for each in all_objections(info)],
         "battery": _battery(info),
@@ -134,7 +133,7 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
     twist = info.pose_speed.twist
     return {
         "address": chassis.config.address,
-        "connected": chassis.state is LinkState.READY,
+        "link": link_state(chassis),
         "silence": silence,
         "known": view.has_robot_info,
         "id": info.robot_id or info.genral.serial_number,
@@ -146,6 +145,13 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),
     }
+
+
+def link_state(chassis: ChassisClient) -> str:
+    """Return the state of the link: `connected`, `lost`, or `not connected` if it never was."""
+    if chassis.state is LinkState.READY:
+        return "connected"
+    return "lost" if chassis.stats.connects else "not connected"
 
 
 def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
@@ -161,11 +167,6 @@ def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
         "outline": outline_data(info),
         **{name: pose[name] for name in ("x", "y", "theta")},
     }
-
-
-def is_emergency_stop(info: RobotInfo) -> bool:
-    """Return True if the emergency stop is pressed."""
-    return bool(info.device_state.hardware & DeviceState.kEmgBtn)
 
 
 def codes_data(view: RobotView, clock_offset: float | None) -> list[dict[str, Any]]:
@@ -284,7 +285,6 @@ def _battery(info: RobotInfo) -> dict[str, Any] | None:
     return {
         "power": battery.power,
         "charging": is_charging(battery),
-        "kind": enum_name(Battery.ChargeState, battery.charge_state),
         "temperature": battery.temp_max,
         "cycles": battery.charge_cycle,
         "low": info.setting.power.low,
@@ -348,10 +348,11 @@ def now() -> int:
 
 
 _HEADER = struct.Struct("<4x7f")
-"""Pose x, y, theta of the robot; offset x, y of the laser; first angle, angle between two rays.
+"""Header of the message for a scan, which the ranges follow; all is little-endian.
 
-The first four bytes are zero, and the ranges follow: whole millimetres, as 16-bit integers. The
-range 0 stands for no reflection. All is little-endian, in metres and radians.
+Four zero bytes; x, y and theta of the robot's pose; x and y of the laser in the robot's frame; the
+first angle and the angle between two rays; in metres and radians. The ranges are whole millimetres,
+as 16-bit integers; 0 means no reflection.
 """
 _MAX_RAYS = 10_000
 """Maximum number of rays that are sent."""
@@ -372,7 +373,7 @@ def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | N
     if not all(map(math.isfinite, values)):
         return None
     low, high = max(0.0, scan.range_min), min(scan.range_max or _MAX_RANGE, _MAX_RANGE)
-    # a comparison with NaN is False
+    # a range that is not a number becomes 0, because each comparison with it is False
     measured = [int(r * 1000.0) if low <= r <= high else 0 for r in scan.ranges[:_MAX_RAYS]]
     ranges = array.array("H", measured)
     if sys.byteorder == "big":

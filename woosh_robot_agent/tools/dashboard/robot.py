@@ -22,6 +22,7 @@ from woosh_robot_agent.link import (
     OtherRobotError,
 )
 from woosh_robot_agent.motion.requests import only_reads
+from woosh_robot_agent.motion.wheel_owner import is_running
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
 from woosh_robot_agent.pb.util import robot_pb2 as robot
@@ -52,8 +53,10 @@ _PROBE_AFTER = 0.5
 A standing robot pushes nothing, and scans may be rare.
 """
 _BUSY = 0.3
-"""A check that is late by more than this was delayed by this program, in seconds. That delay does
-not count as silence of the robot."""
+"""Delay of a check beyond which this program was busy, in seconds.
+
+Such a delay does not count as silence of the robot.
+"""
 _NO_PATH = Sentence("plan.noPath", "the robot answered with {type}, not with a path")
 _REFUSED_PATH = Sentence("plan.refused", "{reason} ({text})")
 _UNREACHABLE = Sentence(
@@ -64,13 +67,13 @@ READ_ONLY = Text("reason.readOnly")
 
 
 class Robot:
-    """A robot that viewers watch. Used in one asyncio event loop.
+    """A robot that viewers watch: its link, and the parts about it. Used in one event loop.
 
     While nobody watches, no scans and no maps are requested.
 
     Args:
         config: address and timeouts of the robot.
-        shared: parts of all robots, which each viewer watches.
+        shared: parts about all robots together, which every viewer watches.
         control: True if the robot may be commanded. Otherwise the client of the link refuses every
             request that could change or move something.
         scan_rate: rate at which scans are requested, in Hz.
@@ -79,12 +82,13 @@ class Robot:
     Attributes:
         chassis: the link.
         view: state of the robot as received so far.
-        requests: puts the robot's id into requests, if an id is configured.
+        requests: completes requests with the robot's id, if an id is configured.
         map: the map of the robot.
-        parts: the parts of the page for this robot.
-        silence: whole seconds for which the robot has sent nothing although it is connected;
-            measured while somebody watches any robot.
-        order: returns the order that a fleet manager has given the robot; None without an order.
+        parts: the parts about this robot, which its viewers watch.
+        silence: time for which the robot has been connected but has sent nothing, in whole seconds;
+            measured only while somebody watches any robot.
+        order: function that returns the order of a fleet manager to the robot; None without one.
+            The owner of the dashboard replaces it.
     """
 
     def __init__(
@@ -148,12 +152,12 @@ class Robot:
 
     @property
     def no_data(self) -> Text | None:
-        """Text that the robot has sent nothing for some seconds; None if it sends frames."""
+        """Reason that the robot has sent nothing for some seconds; None if it sends frames."""
         return Text("reason.noData", seconds=self.silence) if self.silence else None
 
     @property
     def history(self) -> dict[str, Any]:
-        """Time, speed, battery and delay of the link in the last half hour, for the page."""
+        """Answer to the command `history`: the samples of the last half hour, as in `_sample`."""
         return {"period": SAMPLE_PERIOD, "samples": list(self._samples)}
 
     async def plan(self, args: Args) -> tuple[str, dict[str, Any] | None]:
@@ -219,10 +223,15 @@ class Robot:
         return [moment, speed, battery, delay]
 
     async def _update_map(self) -> None:
+        asking: asyncio.Task[None] | None = None
         while True:
             await self.parts.wait_watched()
             info = self.view.info
             self.map.update(info.scene, info.state == robot.kMapping)
+            # robots push the path only when it changes, which may have been before the connection
+            unknown = is_running(info.task_proc) and self.view.values.value(NavPath) is None
+            if unknown and (asking is None or asking.done()):
+                asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
 
     async def _scan(self) -> None:
@@ -259,16 +268,16 @@ class Robot:
             received = self.chassis.stats.rx
             silence = now - heard_at
             if silence > _PROBE_AFTER and (asking is None or asking.done()):
-                asking = loop.create_task(self._ask(), name="dashboard probe")
+                asking = loop.create_task(self._ask(RobotState), name="dashboard probe")
             if int(silence) != self.silence:
                 self.silence = int(silence)
                 self.parts.publish("link")
 
-    async def _ask(self) -> None:
-        """Request something small."""
-        state = await self._request(RobotState)
-        if state is not None:
-            self._received(state)
+    async def _ask(self, cls: type[Message]) -> None:
+        """Request a value, and use the answer like a push."""
+        value = await self._request(cls)
+        if value is not None:
+            self._received(value)
 
     async def _request(self, cls: type[M]) -> M | None:
         """Request a value; return None without an answer: the page shows the state of the link."""
@@ -291,10 +300,9 @@ class Robot:
         advice = (
             "" if ready or isinstance(error, OtherRobotError) else link_arguments(chassis.config)
         )
-        state = "lost" if chassis.stats.connects else "not connected"
         return {
             "good": ready and not self.silence,
-            "state": "connected" if ready else state,
+            "state": part_data.link_state(chassis),
             "since": int(chassis.since * 1000),
             "silence": self.silence if ready else 0,
             "error": "" if ready or error is None else value_data(said_by(error)),

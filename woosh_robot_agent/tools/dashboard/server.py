@@ -259,7 +259,8 @@ class Dashboard:
         """Return a picture of the map of a robot.
 
         Its path is `/map/ROBOT/NUMBER.png`, or for the keep-out areas `/keepout/ROBOT/NUMBER.png`.
-        NUMBER tells pictures apart.
+        ROBOT is the index of the robot.
+        NUMBER is ignored: it gives each picture its own path, so that the browser loads it.
         """
         for index, robot in enumerate(self.robots):
             picture = robot.map.picture
@@ -276,7 +277,7 @@ class Dashboard:
     # WebSockets
 
     async def _serve(self, request: web.BaseRequest) -> web.WebSocketResponse:
-        """Serve a viewer until it leaves."""
+        """Serve a viewer until it disconnects."""
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT,
             heartbeat=_HEARTBEAT,
@@ -451,7 +452,7 @@ class Dashboard:
 
 
 def _reachable(host: str) -> str:
-    """Return an address at which other machines reach a server that listens on `host`.
+    """Return the address at which other machines reach a server that listens on `host`.
 
     For the wildcard address, that is the address of this machine in its default network.
     """

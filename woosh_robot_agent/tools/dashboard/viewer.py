@@ -28,7 +28,7 @@ class Viewer:
         socket: the WebSocket.
         transport: connection of the WebSocket.
         number: number of the viewer, from 1.
-        shared: parts of all robots, which each viewer watches.
+        shared: parts about all robots together, which every viewer watches.
         may_control: True if the viewer may command robots.
 
     Attributes:
@@ -36,7 +36,7 @@ class Viewer:
         may_control: True if the viewer may command robots.
         robot: the robot that the viewer watches; None at first.
         visible: False while the page is hidden.
-        commands: tasks of the commands that wait for their answer.
+        commands: asyncio tasks of the commands in flight.
         heard_at: loop time of the last message from the page.
         ended_press: number of the last press of the stick that has ended; see `Control`.
     """

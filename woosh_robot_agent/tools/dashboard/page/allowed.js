@@ -69,6 +69,7 @@ function refusalOf({ task, objections }, name) {
     case "setPose":
       return objection("mapping") ?? drives;
     case "keepPose":
+    case "switchMap":
       return objection("mapping") ?? (doing ? text("objection.busy.reason") : null);
     default:
       return null;

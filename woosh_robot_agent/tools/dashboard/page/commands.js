@@ -120,6 +120,15 @@ function checkAlarm() {
   if (ends) setUnanswered(store.chosen.value, "");
 }
 
+let alarms = store.alarms.peek(); // those before the last change
+effect(() => {
+  const answer = store.answer.peek();
+  const reason = answer && !store.alarms.value.has(answer.robot) && alarms.get(answer.robot);
+  alarms = store.alarms.value;
+  const failed = answer && (answer.text.key === "reply.notStopped" || answer.text === reason);
+  if (reason && failed) tell(true, { key: "alarm.ended", values: {} }, answer.robot);
+});
+
 /** @param {number} index */
 export function chooseRobot(index) {
   if (index === store.chosen.value) return;
@@ -142,6 +151,7 @@ export function release() {
  * @param {import("./store.js").Target} chosen
  */
 export async function setTarget(chosen) {
+  if (store.tool.value === "pose") forgetTarget();
   const target = { ...chosen, from: store.pose.value };
   store.target.value = target;
   if (!target.pose || !store.mayControl.value) return;

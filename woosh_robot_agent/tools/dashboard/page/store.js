@@ -31,7 +31,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {boolean} light
  */
 /**
- * @typedef {{power: number, charging: boolean, kind: string, temperature: number, cycles: number,
+ * @typedef {{power: number, charging: boolean, temperature: number, cycles: number,
  *   low: number}} Battery
  */
 /**
@@ -86,7 +86,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
 /**
  * @typedef {object} Card
  * @property {string} address
- * @property {boolean} connected
+ * @property {string} link as in `Link`, the state
  * @property {number} silence
  * @property {boolean} known
  * @property {number} id

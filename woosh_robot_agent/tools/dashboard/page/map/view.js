@@ -99,6 +99,7 @@ export class View {
   fit(places) {
     const cos = Math.cos(this.angle);
     const sin = Math.sin(this.angle);
+    // in metres along the axes of the screen
     const across = places.map(({ x, y }) => x * cos - y * sin);
     const up = places.map(({ x, y }) => x * sin + y * cos);
     const [left, right] = [Math.min(...across), Math.max(...across)];
@@ -108,7 +109,9 @@ export class View {
     const height = Math.max(1, this.height - inset.top - inset.bottom);
     const scale = MARGIN * Math.min(width / (right - left || 1), height / (high - low || 1));
     this.scale = Math.min(MAX_SCALE, Math.max(MIN_SCALE, scale));
-    const [a, b] = [(left + right) / 2, (low + high) / 2];
-    this.put({ x: a * cos + b * sin, y: b * cos - a * sin }, this.middle);
+    const middle = { across: (left + right) / 2, up: (low + high) / 2 };
+    const x = middle.across * cos + middle.up * sin;
+    const y = middle.up * cos - middle.across * sin;
+    this.put({ x, y }, this.middle);
   }
 }

@@ -34,8 +34,9 @@ function Name() {
       onChange=${(/** @type {any} */ event) => chooseRobot(Number(event.currentTarget.value))}
     >
       ${store.robots.value.map((_, index) => {
-        const { connected, moves } = cards[index] ?? {};
-        const also = connected && moves && index !== store.chosen.value && t("fleet.moves");
+        const { link, moves } = cards[index] ?? {};
+        const also =
+          link === "connected" && moves && index !== store.chosen.value && t("fleet.moves");
         const shown = [robotLabel(index), also].filter(Boolean).join(" · ");
         return html`<option key=${index} value=${String(index)}>${shown}</option>`;
       })}
@@ -78,10 +79,15 @@ function BatteryChip() {
 function ModeChip() {
   const robot = store.robot.value;
   const control = robot?.control ?? "unknown";
-  return html`<div class="chip mode ${control === "auto" ? "" : "warn"}" title=${t("robot.mode")}>
+  const work = robot?.work;
+  const hinders = control === "auto" && work && work !== "task"; // where only one has room
+  return html`<div
+    class="chip mode ${control === "auto" && !hinders ? "" : "warn"}"
+    title=${t("robot.mode")}
+  >
     <${Icon} name="auto" />
-    <span>${tOr(`control.${control}`, control)}</span>
-    <small class="wide">${robot?.work && tOr(`work.${robot.work}`, robot.work)}</small>
+    <span class=${hinders ? "wide" : ""}>${tOr(`control.${control}`, control)}</span>
+    <small class=${hinders ? "" : "wide"}>${work && tOr(`work.${work}`, work)}</small>
   </div>`;
 }
 
@@ -120,6 +126,11 @@ function Language() {
   </button>`;
 }
 
+/** Return a label that is broken, if it must be, before the port of its address. @param {string} label */
+function breakable(label) {
+  return label.split(/(?<=:)(?=\d+$)/).map((each, index) => [index > 0 && html`<wbr />`, each]);
+}
+
 function Stop() {
   const pointer = useRef(/** @type {number | null} */ (null)); // id of the last pointer on STOP
   return html`<button
@@ -138,6 +149,6 @@ function Stop() {
       pointer.current = null;
     }}
   >
-    ${t("stop.name")}<small>${shortLabel(store.chosen.value)}</small><kbd>Esc</kbd>
+    ${t("stop.name")}<small>${breakable(shortLabel(store.chosen.value))}</small><kbd>Esc</kbd>
   </button>`;
 }

@@ -73,9 +73,11 @@ function Doing() {
   if (store.tool.value === "pose" && !drives) return html`<${PoseDraft} />`;
   if (task?.running) return html`<${Running} />`;
   if (store.target.value) return html`<${Preview} />`;
+  const limit = store.control.value?.speedLimit;
   const hints = [
     !refusal("go") && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
     !refusal("drive") && store.robot.value?.control === "auto" && t("dock.hintDrive"),
+    limit && t("dock.limit", { limit }),
   ];
   return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
 }
@@ -221,12 +223,13 @@ function Running() {
   const running = store.tasks.value.find((each) => each.running);
   const task = store.robot.value?.task;
   const target = store.target.value;
-  const reason = target && refusal(target.command);
+  const reason =
+    (task?.state === "paused" && refusal("continue")) || (target && refusal(target.command));
   if (!task) return null;
   return html`<${Now}
       title=${running ? goalText(running) : stateText()}
       text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
-      more=${target && [...targetTexts(target), reason && say(reason)].filter(Boolean).join(" · ")}
+      more=${[...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
     />
     <${Buttons}>${taskButtons()}<//>`;
 }

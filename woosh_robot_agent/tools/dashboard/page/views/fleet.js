@@ -32,7 +32,7 @@ function Card({ card, index }) {
       <span>${battery ? `${battery.power} %` : ""}</span>
     </span>
     <span class="state ${tone}"><span class="dot"></span>${state}</span>
-    ${card.connected && !card.silence && card.moves && html`<small class="accent">${t("fleet.moves")}</small>`}
+    ${card.link === "connected" && !card.silence && card.moves && html`<small class="accent">${t("fleet.moves")}</small>`}
     ${card.problems > 0 && html`<small class="bad">${alarmCount(card.problems)}</small>`}
     ${order && html`<${OrderLines} order=${order} />`}
     <small>${card.address}</small>
@@ -43,8 +43,8 @@ function Card({ card, index }) {
  * @param {store.Card} card
  * @returns {[string, string]} class and text
  */
-function stateOf({ connected, silence, known, objection, level, state, task }) {
-  if (!connected) return ["bad", t("link.lost")];
+function stateOf({ link, silence, known, objection, level, state, task }) {
+  if (link !== "connected") return ["bad", t(`link.${link}`)];
   if (silence) return ["bad", t("link.noData", { seconds: silence })];
   if (!known) return ["", t("link.connecting")];
   if (objection) return [toneOf(objection), objectionText(objection).reason];

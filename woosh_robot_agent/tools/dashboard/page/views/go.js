@@ -1,7 +1,7 @@
 // Marks to go to, and the kinds of tasks that can be done there.
 
 import { html, useState } from "../vendor/preact.js";
-import { gives } from "../allowed.js";
+import { gives, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
@@ -22,21 +22,18 @@ export function Go() {
   });
   const may = store.mayControl.value;
   const hasMap = Boolean(store.map.value?.resolution);
+  const parks = marks.some(({ type }) => type === "parkspot");
   return html`${
       may &&
       html`<section class="pair">
-        <button type="button" id="charge" onClick=${charge}>
-          <${Icon} name="charge" />${t("type.charge")}
-        </button>
-        <button
-          type="button"
-          id="park"
-          disabled=${!marks.some(({ type }) => type === "parkspot")}
-          onClick=${() => choose("parkspot")}
-        >
-          <${Icon} name="park" />${t("type.parking")}
-        </button>
-      </section>`
+          <button type="button" id="charge" onClick=${charge}>
+            <${Icon} name="charge" />${t("type.charge")}
+          </button>
+          <button type="button" id="park" disabled=${!parks} onClick=${() => choose("parkspot")}>
+            <${Icon} name="park" />${t("type.parking")}
+          </button>
+        </section>
+        ${!parks && html`<p class="faint" id="no-parking">${t("marks.noParking")}</p>`}`
     }
     <section>
       <h2>${t("marks.name")}</h2>
@@ -105,6 +102,8 @@ export function TaskOptions({ target, command }) {
   const [kind, setKind] = useState(`${known.type} ${known.number}`);
   const [direction, setDirection] = useState(known.direction);
   const [type, number] = kind.split(" ");
+  const reason = refusal(command);
+  const refused = reason && reason.key !== "reason.pending"; // the reason takes the place of the direction
   const named = store.map.value?.taskTypes ?? [];
   const kinds = TYPES.flatMap((each) => {
     const kindsOfType = named.filter((one) => one.type === each);
@@ -139,6 +138,7 @@ export function TaskOptions({ target, command }) {
     }
     ${
       type === "carry" &&
+      !refused &&
       html`<select
         id="direction"
         aria-label=${t("target.direction")}

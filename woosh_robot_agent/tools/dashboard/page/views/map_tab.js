@@ -1,11 +1,17 @@
 // The robot's place and its maps: set pose, switch map, make a map.
 
-import { html, useState } from "../vendor/preact.js";
+import { effect, html, signal, useState } from "../vendor/preact.js";
 import { gives } from "../allowed.js";
 import { run, startPose } from "../commands.js";
 import * as store from "../store.js";
 import { t } from "../texts.js";
 import { Icon } from "./parts.js";
+
+/** True once a map has been saved here, until another one is begun or deployment mode ends. */
+const saved = signal(false);
+effect(() => {
+  if (store.robot.value?.work !== "deploy") saved.value = false;
+});
 
 export function MapTab() {
   const may = store.mayControl.value;
@@ -75,9 +81,18 @@ function Mapping({ mapping }) {
   const [scene, setScene] = useState(robot?.scene ?? "");
   const [name, setName] = useState("");
   const deploying = robot?.work === "deploy";
-  const step = mapping ? 3 : deploying ? 2 : 1;
+  const ready = deploying && !mapping;
+  const step = mapping ? 3 : ready ? (saved.value ? 4 : 2) : 1;
   /** @param {string} type */
-  const begin = (type) => run("buildMap", { type, scene, map: name });
+  const begin = (type) => {
+    saved.value = false;
+    run("buildMap", { type, scene, map: name });
+  };
+  const save = async () => {
+    if (!(await run("saveMap"))) return;
+    saved.value = true;
+    setName("");
+  };
   return html`<section id="mapping">
     <h2>${t("mapping.name")}</h2>
     <ol class="steps">
@@ -98,7 +113,7 @@ function Mapping({ mapping }) {
       <li aria-current=${step === 2 ? "step" : undefined}>
         <p>${t("mapping.begin")}</p>
         ${
-          step === 2 &&
+          ready &&
           html`<label class="field">
               ${t("mapping.scene")}
               <input
@@ -121,7 +136,7 @@ function Mapping({ mapping }) {
               <button
                 type="button"
                 id="add-map"
-                class="primary"
+                class=${step === 2 ? "primary" : ""}
                 ...${gives("buildMap", Boolean(scene && name))}
                 onClick=${() => begin("add")}
               >
@@ -148,7 +163,7 @@ function Mapping({ mapping }) {
               id="save-map"
               class="primary"
               ...${gives("saveMap")}
-              onClick=${() => run("saveMap")}
+              onClick=${save}
             >
               ${t("command.saveMap")}
             </button>
@@ -161,10 +176,10 @@ function Mapping({ mapping }) {
           </div>`
         }
       </li>
-      <li>
+      <li aria-current=${step === 4 ? "step" : undefined}>
         <p>${t("mapping.marks")}</p>
         ${
-          step === 2 &&
+          ready &&
           html`<button
             type="button"
             id="collect-mark"
@@ -178,7 +193,7 @@ function Mapping({ mapping }) {
       <li>
         <p>${t("mapping.use")}</p>
         ${
-          step === 2 &&
+          ready &&
           html`<button
             type="button"
             id="task-mode"
@@ -207,7 +222,7 @@ function Confirmed({ command, label, question, onConfirm }) {
     setAsks(false);
     onConfirm();
   };
-  return html`<span class="act">
+  return html`<span class="act asks">
     <button type="button" class="primary" ...${gives(command)} onClick=${confirm}>
       ${question}
     </button>

@@ -106,11 +106,12 @@ function Layers() {
   }, [open]);
   const shown = store.layers.value;
   const known = store.map.value;
-  /** @type {Record<string, boolean>} */
-  const exists = {
-    keepout: Boolean(known?.keepout),
-    zones: Boolean(known?.zones?.length || known?.lanes?.length),
-    others: store.robots.value.length > 1,
+  const absent = t("layer.absent");
+  /** @type {Record<string, string>} why a layer is empty, by its name */
+  const empty = {
+    keepout: known?.keepout ? "" : absent,
+    zones: known?.zones?.length || known?.lanes?.length ? "" : absent,
+    others: store.robots.value.length > 1 ? "" : t("layer.alone"),
   };
   /** Close the menu when the focus goes to something else. @param {FocusEvent} event */
   const leave = ({ relatedTarget }) => {
@@ -143,15 +144,17 @@ function Layers() {
         </label>
         ${Object.entries(shown).map(
           ([name, on]) =>
-            html`<label key=${name} class=${exists[name] === false ? "absent" : ""}>
+            html`<label key=${name} class=${empty[name] ? "absent" : ""}>
               <input
                 type="checkbox"
                 name=${name}
                 checked=${on}
-                disabled=${exists[name] === false}
+                disabled=${Boolean(empty[name])}
                 onChange=${() => (store.layers.value = { ...shown, [name]: !on })}
               />
-              ${t(`layer.${name}`)}
+              <span
+                >${t(`layer.${name}`)}${empty[name] && html`<small>${empty[name]}</small>`}</span
+              >
             </label>`,
         )}
       </fieldset>`
@@ -319,7 +322,9 @@ function Line() {
     tone = TONES[task.state];
   }
   return html`<div class="line">
-    <p id="answer" role="status" class=${tone} title=${said}>${said}</p>
+    <p id="answer" role="status" class=${tone} title=${said} tabindex=${said ? 0 : undefined}>
+      ${said}
+    </p>
     <p id="pointed" aria-hidden="true">${at && placeText(at)}</p>
   </div>`;
 }

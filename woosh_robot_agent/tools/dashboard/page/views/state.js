@@ -50,7 +50,7 @@ export function State() {
 /** @param {{robot: store.Robot}} props */
 function Summary({ robot }) {
   const pose = store.pose.value;
-  const driver = store.control.value?.driver;
+  const { driver, speedLimit } = store.control.value ?? {};
   return html`<section>
     <${NewTask} robot=${robot} />
     <dl class="facts-list" id="facts">
@@ -74,6 +74,11 @@ function Summary({ robot }) {
       <dd>${pose ? `${placeText(pose)} · ${degrees(pose.theta)}` : "–"}</dd>
       <dt>${t("robot.speed")}</dt>
       <dd>${pose ? `${pose.linear.toFixed(2)} m/s · ${degrees(pose.angular)}/s` : "–"}</dd>
+      ${
+        speedLimit &&
+        html`<dt>${t("setup.limit")}</dt>
+          <dd>${speedLimit} m/s</dd>`
+      }
       ${robot.actions.map(
         ({ name, state, text }) =>
           html`<dt key=${name}>${name}</dt>
