@@ -23,8 +23,10 @@ def set_state(chassis: SimulatorThread) -> Callable[..., None]:
 
     def change(**values: object) -> None:
         def do(simulator: object) -> None:
+            readiness = simulator.chassis.readiness  # type: ignore[attr-defined]
             for name, value in values.items():
-                setattr(simulator.chassis.readiness, name, value)  # type: ignore[attr-defined]
+                assert hasattr(readiness, name)
+                setattr(readiness, name, value)
 
         chassis.call(do)
 

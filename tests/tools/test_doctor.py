@@ -263,8 +263,8 @@ def test_unreadable_answer_fails(chassis):
 
 
 STATES = [
-    ({"ctrl": robot.kManual}, ["mode", "taskable"], "mode", "key switch"),
-    ({"ctrl": robot.kMaintain}, ["mode", "taskable"], "mode", "maintenance"),
+    ({"requested_control": robot.kManual}, ["mode", "taskable"], "mode", "key switch"),
+    ({"requested_control": robot.kMaintain}, ["mode", "taskable"], "mode", "maintenance"),
     ({"work": robot.kDeployMode}, ["mode", "taskable"], "mode", "SwitchWorkMode"),
     ({"initialised": False}, ["initialisation", "taskable"], "initialisation", "InitRobot"),
     ({"located": False}, ["localisation", "taskable"], "localisation", "SetRobotPose"),
@@ -297,7 +297,9 @@ def test_initialisation_hidden_by_a_fault_is_skipped(chassis, set_state):
 
 
 def test_one_check_can_name_several_reasons(chassis, set_state):
-    set_state(ctrl=robot.kManual, work=robot.kDeployMode, initialised=False, located=False)
+    set_state(
+        requested_control=robot.kManual, work=robot.kDeployMode, initialised=False, located=False
+    )
     report = examine(chassis.port)
     assert "mode" in report.failed
     for text in ("manual", "deployment"):
@@ -352,7 +354,7 @@ def test_clocks_that_differ_are_a_warning():
 
 
 def test_advice_follows_a_failed_check(chassis, set_state, capsys):
-    set_state(ctrl=robot.kManual)
+    set_state(requested_control=robot.kManual)
     assert main(["--ip", f"127.0.0.1:{chassis.port}"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"robot at ws://127.0.0.1:{chassis.port}"
@@ -361,7 +363,7 @@ def test_advice_follows_a_failed_check(chassis, set_state, capsys):
 
 
 def test_json_has_all_checks(chassis, set_state, capsys):
-    set_state(ctrl=robot.kManual)
+    set_state(requested_control=robot.kManual)
     assert main(["--ip", f"127.0.0.1:{chassis.port}", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert (found["address"], found["ok"]) == (f"ws://127.0.0.1:{chassis.port}", False)
