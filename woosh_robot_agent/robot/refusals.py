@@ -183,7 +183,7 @@ def _for_change(info: RobotInfo) -> list[Objection]:
 
 
 def _for_control_mode(info: RobotInfo) -> list[Objection]:
-    return _among(info, *CONTROL_MODES)
+    return _objections_among(info, *CONTROL_MODES)
 
 
 def _for_mapping(info: RobotInfo) -> list[Objection]:

@@ -22,7 +22,7 @@ from woosh_robot_agent.link import (
     OtherRobotError,
 )
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.motion.wheel_owner import is_running
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
 from woosh_robot_agent.pb.util import robot_pb2 as robot
@@ -229,7 +229,7 @@ class Robot:
             info = self.view.info
             self.map.update(info.scene, info.state == robot.kMapping)
             # robots push the path only when it changes, which may have been before the connection
-            unknown = is_running(info.task_proc) and self.view.values.value(NavPath) is None
+            unknown = is_unfinished(info.task_proc) and self.view.values.value(NavPath) is None
             if unknown and (asking is None or asking.done()):
                 asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
