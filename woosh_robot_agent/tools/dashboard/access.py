@@ -37,7 +37,7 @@ SECURITY_HEADERS = MappingProxyType(
 )
 """Headers of each response: the page loads nothing from other hosts, and no page may embed it."""
 _NO_HOST = Sentence("http.noHost", "the request has no valid Host header")
-_OTHER_NAME = Sentence("http.otherName", "open this page at {url}, not by another name")
+_OTHER_HOST = Sentence("http.otherName", "open this page at {url}, not under another host name")
 _NO_TOKEN = Sentence(
     "http.noToken", "the address needs a token: use an address that the program printed"
 )
@@ -126,7 +126,7 @@ class Access:
         if len(hosts) != 1 or not _HOST.fullmatch(hosts[0]):
             return _NO_HOST()
         if not self.tokens and not _names_this_machine(hosts[0]):
-            return _OTHER_NAME(url=f"{self.scheme}://127.0.0.1:{self.port}")
+            return _OTHER_HOST(url=f"{self.scheme}://127.0.0.1:{self.port}")
         if self.role(request) is None:
             return _NO_TOKEN()
         return ""

@@ -1,6 +1,6 @@
 """A dashboard in the process of a simulated chassis, which can also change the simulated world.
 
-The simulator imports this module by its name, because it belongs to a lower layer.
+The simulator belongs to a lower layer, so it imports this module on demand, by its name.
 """
 
 from __future__ import annotations

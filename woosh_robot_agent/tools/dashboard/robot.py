@@ -21,6 +21,7 @@ from woosh_robot_agent.link import (
     LinkState,
     OtherRobotError,
 )
+from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
@@ -194,17 +195,23 @@ class Robot:
         self._shared.changed()
 
     async def _run(self) -> None:
-        try:
-            await asyncio.gather(
+        loops = [
+            asyncio.ensure_future(each)
+            for each in (
                 self.parts.publish_changes(self._update_period),
                 self.parts.publish_each_second(),
                 self._update_map(),
-                self._scan(),
-                self._listen(),
+                self._request_scans(),
+                self._measure_silence(),
                 self._record_samples(),
             )
+        ]
+        try:
+            await asyncio.gather(*loops)
         except Exception:
             _LOG.exception("the page no longer shows %s", self.chassis.config.address)
+        finally:
+            await cancel_and_wait(*loops)
 
     async def _record_samples(self) -> None:
         while True:
@@ -234,7 +241,7 @@ class Robot:
                 asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
 
-    async def _scan(self) -> None:
+    async def _request_scans(self) -> None:
         loop = asyncio.get_running_loop()
         due = -math.inf
         while True:
@@ -248,7 +255,7 @@ class Robot:
                 if frame is not None:
                     self.parts.put(SCAN, frame)
 
-    async def _listen(self) -> None:
+    async def _measure_silence(self) -> None:
         """Measure the silence of the robot, and update the viewers after each second of silence."""
         loop = asyncio.get_running_loop()
         received, heard_at = 0, loop.time()

@@ -236,6 +236,7 @@ function text(context, content, x, y, colours, align = "left") {
 }
 
 /**
+ * Write a name to the upper right of a pose.
  * @param {CanvasRenderingContext2D} context
  * @param {View} view
  * @param {Pose} pose
