@@ -7,10 +7,7 @@ import random
 from collections.abc import Iterator
 from typing import Any
 
-import pytest
-
 from tests.link.link_peer import aio, config, eventually, serve, soon
-from woosh_robot_agent.link import transport as transport_module
 from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.link.transport import ClientSocket, open_transport
 
@@ -26,12 +23,8 @@ def frames(count: int) -> Iterator[str | list[str]]:
         yield shuffled.choice([text, text, text, [text, "a", "b"], text + "x" * LARGE])
 
 
-@pytest.mark.parametrize("time_slice", [5.0, 0.0])
 @aio
-async def test_frames_keep_their_order_however_they_arrive(
-    time_slice: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(transport_module, "TIME_SLICE", time_slice)
+async def test_frames_keep_their_order_however_they_arrive() -> None:
     count = 300
     go_on = asyncio.Event()
 
@@ -43,7 +36,7 @@ async def test_frames_keep_their_order_however_they_arrive(
                 go_on.clear()
 
     seen: list[int] = []
-    taken: list[tuple[int, bool]] = []
+    taken: list[int] = []
 
     def note(data: str | bytes) -> int:
         seen.append(int(data.split()[0]))
@@ -54,15 +47,14 @@ async def test_frames_keep_their_order_however_they_arrive(
     async with serve(chassis, "127.0.0.1", 0, compression=None) as server:
         port = server.sockets[0].getsockname()[1]
         transport = await open_transport(config(port))
-        transport.take_at_once(lambda data, is_first: taken.append((note(data), is_first)))
+        transport.take_at_once(lambda data: taken.append(note(data)))
         reader = asyncio.ensure_future(read(transport, note))
         await eventually(lambda: len(seen) == count)
         reader.cancel()
         await transport.close()
     assert seen == list(range(count))
-    assert bool(taken) == (CAN_TAKE and time_slice > 0.0)
+    assert bool(taken) == CAN_TAKE
     assert len(taken) < count
-    assert all(is_first for number, is_first in taken if number % 50 == 0)
 
 
 async def read(transport: Any, note: Any) -> None:

@@ -35,7 +35,7 @@ from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import COUNTED_PUSHES
 from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with_timeout
-from woosh_robot_agent.link.transport import TIME_SLICE, Transport, TransportClosedError
+from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.sentences import NOT_SENT, Sentence, said_by
@@ -202,6 +202,9 @@ _MAX_SN = 2**31 - 1
 _SMALL_FRAME = 4096
 """Length up to which a frame is sent without the writer, in characters or bytes. Transports with an
 empty buffer take frames of this size at once."""
+_TIME_SLICE = 0.005
+"""Time after which the reader lets other tasks run, in seconds, so that a flood does not starve
+them."""
 
 _MAX_ASIDE = 2
 """Maximum number of large frames that wait to be decoded. Until one is decoded, no further frame is
@@ -560,14 +563,14 @@ class Connection:
             now = self._loop.time()
             if self._transport.waited:  # other tasks have just had their turn
                 slice_started = now
-            elif now - slice_started > TIME_SLICE:
+            elif now - slice_started > _TIME_SLICE:
                 await asyncio.sleep(0)
                 slice_started = self._loop.time()
 
-    def _take(self, data: bytes, alone: bool) -> None:
+    def _take(self, data: bytes) -> None:
         """Receive a small frame that has just arrived; see `Transport.take_at_once`."""
         try:
-            self._receive(self._codec.decode(data), alone)
+            self._receive(self._codec.decode(data), alone=True)
         except FrameError as error:
             self._count_bad(error)
         except Exception as error:

@@ -33,9 +33,6 @@ _GOT_TOO_BIG = Sentence(
     "link.gotTooBig", "{text} (a frame is over the limit; raise max_frame_size)"
 )
 _CUT = Sentence("link.cut", "closed in the middle of a frame")()
-TIME_SLICE = 0.005
-"""Time after which the reading of frames lets other tasks run, in seconds, so that a flood does not
-starve them."""
 CHUNK = 256 * 1024
 """Size of the pieces in which large frames are read and written, in bytes."""
 
@@ -97,16 +94,15 @@ class Transport(FrameConnection, Protocol):
     def waited(self) -> bool:
         """True if the last frame arrived after `recv` was called; False if that is not known."""
 
-    def take_at_once(self, take: Callable[[bytes, bool], None]) -> None:
-        """Pass frames that arrive while `recv` waits to a function instead of returning them.
+    def take_at_once(self, take: Callable[[bytes], None]) -> None:
+        """Pass a frame that arrives while `recv` waits to a function instead of returning it.
 
-        This saves a turn of the event loop for each frame. Large and fragmented frames, and what
-        arrives behind them or after `TIME_SLICE`, are still returned by `recv`, in order. So are
-        all frames if the transport cannot do it.
+        This saves a turn of the event loop. Large and fragmented frames, and all but the first of
+        those that arrive together, are still returned by `recv`, in order. So are all frames if the
+        transport cannot do it.
 
         Args:
-            take: called with a frame, and True if it is the first of those that arrived together;
-                must not raise.
+            take: called with a frame; must not raise.
         """
 
 
@@ -209,7 +205,7 @@ class TcpTransport:
         except OSError as error:
             raise TransportClosedError(str(error) or type(error).__name__) from None
 
-    def take_at_once(self, take: Callable[[bytes, bool], None]) -> None:
+    def take_at_once(self, take: Callable[[bytes], None]) -> None:
         pass
 
     async def ping(self) -> bool:
@@ -326,7 +322,7 @@ class WebSocketTransport:
         self.waited = self.received != before  # otherwise the frame had arrived already
         return data
 
-    def take_at_once(self, take: Callable[[bytes, bool], None]) -> None:
+    def take_at_once(self, take: Callable[[bytes], None]) -> None:
         self._socket.take = take
 
     async def ping(self) -> bool:
@@ -391,37 +387,28 @@ class _ClientSocket(ClientSocket):
 
     progress_at = 0.0
     received = 0
-    take: Callable[[bytes, bool], None] | None = None
+    take: Callable[[bytes], None] | None = None
     reader_waits = False
     queued = 0
     _bytes_since_progress = 0
-    _slice_ends = 0.0
-    """Loop time from which frames of this turn are queued."""
     _is_first = True
-    """True until a frame of this turn has been passed on."""
+    """True until a message of the received bytes has begun."""
 
     def data_received(self, data: bytes) -> None:
-        now = self.loop.time()
         self.received += len(data)
         self._bytes_since_progress += len(data)
         if self._bytes_since_progress >= _PROGRESS:
-            self.progress_at, self._bytes_since_progress = now, 0
-        self._slice_ends, self._is_first = now + TIME_SLICE, True
+            self.progress_at, self._bytes_since_progress = self.loop.time(), 0
+        self._is_first = True
         super().data_received(data)
 
     def process_event(self, event: Any) -> None:
         """Handle a frame; called by websockets 13 and later."""
         if isinstance(event, Frame) and event.opcode in _MESSAGE_STARTS:
-            if (
-                self.take is not None
-                and self.reader_waits
-                and not self.queued
-                and event.fin
-                and len(event.data) < LARGE
-                and self.loop.time() < self._slice_ends
-            ):
-                is_first, self._is_first = self._is_first, False
-                self.take(bytes(event.data), is_first)
+            is_first, self._is_first = self._is_first, False
+            may_take = is_first and self.reader_waits and not self.queued
+            if may_take and self.take is not None and event.fin and len(event.data) < LARGE:
+                self.take(bytes(event.data))
                 return
             self.queued += 1
         super().process_event(event)
