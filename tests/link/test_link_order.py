@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
-from tests.link.link_peer import aio, config, eventually, serve, soon
+from tests.link.link_peer import aio, config, eventually, serve, soon, turns
 from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.link.transport import ClientSocket, open_transport
 
@@ -30,7 +30,7 @@ async def test_frames_keep_their_order_however_they_arrive() -> None:
 
     async def chassis(socket: Any) -> None:
         for number, frame in enumerate(frames(count)):
-            await socket.send(frame)
+            await socket.send(frame if isinstance(frame, str) else in_turns(frame))
             if number % 50 == 49:  # the reader empties its queue, and takes frames at once again
                 await soon(go_on.wait())
                 go_on.clear()
@@ -55,6 +55,13 @@ async def test_frames_keep_their_order_however_they_arrive() -> None:
     assert seen == list(range(count))
     assert bool(taken) == CAN_TAKE
     assert len(taken) < count
+
+
+async def in_turns(parts: list[str]) -> AsyncIterator[str]:
+    """Yield the fragments of a message; the reader waits for the next one meanwhile."""
+    for part in parts:
+        await turns()
+        yield part
 
 
 async def read(transport: Any, note: Any) -> None:
