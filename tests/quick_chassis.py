@@ -1,11 +1,12 @@
-"""Simulated chassis for tests that are not about the delays of a real robot: options and speed."""
+"""Options, speed and changed answers of simulated chassis for tests that need no delays."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from woosh_robot_agent.link.protos import message_type
-from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
@@ -24,3 +25,14 @@ def execute(chassis: Chassis, type_name: str, **fields: Any) -> Answer:
 def set_speed(chassis: SimulatorThread, speed: float) -> None:
     """Change the simulated seconds per real second; it takes effect after the current step."""
     chassis.call(lambda simulator: setattr(simulator, "speed", speed))
+
+
+def edit_bodies(chassis: SimulatorThread, cls: Any, edit: Callable[[Any], object]) -> None:
+    """Let a function change the bodies of a class in all frames of the chassis."""
+
+    def intercept(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, cls):
+            edit(frame.body)
+        return [frame]
+
+    chassis.intercept(intercept)

@@ -15,8 +15,7 @@ from typing import Any
 
 import pytest
 
-from tests.quick_chassis import quick_config
-from tests.tools.answers import edit_bodies
+from tests.quick_chassis import edit_bodies, quick_config
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import OperationState, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import robot_pb2 as robot

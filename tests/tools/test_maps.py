@@ -24,11 +24,10 @@ import yaml
 from PIL import Image
 
 from tests.fact_files import FOLDER
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import edit_bodies, quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from tests.simulator.test_sim_map_library import scene_data, scenes, send_files
 from tests.simulator.test_sim_uploads import NAV2, floor_png
-from tests.tools.answers import edit_bodies
 from tests.tools.test_tool_programs import TIMEOUT, address, end, start
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse, SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage

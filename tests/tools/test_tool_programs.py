@@ -19,8 +19,8 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import edit_bodies
 from tests.simulator.sim_wire import JsonClient
-from tests.tools.answers import edit_bodies
 from tests.tools.test_recording import add_numbered
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link import LinkConfig

@@ -104,17 +104,16 @@ def on_parameters_set(
 def count_services(node: Any, name: str) -> int:
     """Return the number of servers of a service.
 
-    Humble cannot count them, so each other node is asked for its services.
+    Humble cannot count them, so each node is asked for its services.
 
     Args:
+        node: any node.
         name: absolute name of the service.
     """
     if hasattr(node, "count_services"):
         return int(node.count_services(name))
-    others = node.get_node_names_and_namespaces()
-    others.remove((node.get_name(), node.get_namespace()))  # another may have the same name
-    count: int = sum(service.srv_name == name for service in node.services)
-    for each in others:
+    count = 0
+    for each in node.get_node_names_and_namespaces():
         try:
             count += name in dict(node.get_service_names_and_types_by_node(*each))
         except NodeNameNonExistentError:  # it has just left the graph

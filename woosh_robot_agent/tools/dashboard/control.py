@@ -59,7 +59,6 @@ SPEED_LIMIT = "speedLimit"
 TOO_SLOW = Text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
 UNANSWERED = Text("reason.unanswered")
-"""Reason that ends a press of the stick: the robot has not answered a velocity for too long."""
 _OTHER_MODE = Text("reason.otherMode")
 _VELOCITY_REFUSED = Sentence("refusal.velocity", "the robot refused the velocity")
 _BECAUSE = Sentence("refusal.because", "{text} ({reason})")
@@ -165,7 +164,7 @@ class Control:
         self._press = -1
         """Number of the press that drives; -1 if no press drives."""
         self._press_mode = 0
-        """Control mode of the robot at the begin of the press `_press`."""
+        """Control mode of the robot at the beginning of the press `_press`."""
         self._driven_at = -math.inf
         """Loop time of the last velocity of the press `_press`."""
         self._stick_task: asyncio.Task[None] | None = None
@@ -316,10 +315,11 @@ class Control:
         """Return the reason why a press of the stick may not drive; None if it may."""
         if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason
-        if press == self._press and self._gap > self._config.stick_timeout:
-            return TOO_SLOW
-        if press == self._press and self._press_mode != self._robot.view.info.mode.ctrl:
-            return _OTHER_MODE
+        if press == self._press:
+            if self._gap > self._config.stick_timeout:
+                return TOO_SLOW
+            if self._press_mode != self._robot.view.info.mode.ctrl:
+                return _OTHER_MODE
         if self._gate.holds_back:
             return UNANSWERED
         owner = self._gate.owner

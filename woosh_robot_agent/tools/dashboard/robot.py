@@ -200,7 +200,7 @@ class Robot:
             for each in (
                 self.parts.publish_changes(self._update_period),
                 self.parts.publish_each_second(),
-                self._update_map(),
+                self._update_map_and_path(),
                 self._request_scans(),
                 self._measure_silence(),
                 self._record_samples(),
@@ -229,7 +229,7 @@ class Robot:
         delay = None if stats.round_trip is None else round(stats.round_trip * 1000.0, 1)
         return [moment, speed, battery, delay]
 
-    async def _update_map(self) -> None:
+    async def _update_map_and_path(self) -> None:
         asking: asyncio.Task[None] | None = None
         while True:
             await self.parts.wait_watched()

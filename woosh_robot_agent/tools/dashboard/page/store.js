@@ -50,7 +50,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {Code | null} code
  * @property {string} scene empty if it is not known on which map the task is
  * @property {string} map
- * @property {number} begun Unix time in milliseconds; 0 if the begin was not seen
+ * @property {number} begun Unix time in milliseconds; 0 if its start was not seen
  * @property {number} changed
  * @property {string} by
  * @property {{name?: string, args?: Record<string, any>}} command
