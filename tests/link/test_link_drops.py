@@ -9,9 +9,12 @@ import pytest
 
 from tests.link.link_peer import Packed, aio, ask, eventually, linked
 from woosh_robot_agent.link import TooManyRequestsError
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import DropLog
+from woosh_robot_agent.link.subscriptions import LATEST_DEPTH
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
 CODE = "woosh.robot.count.StatusCode"
 QUIET = 0.2
@@ -66,6 +69,21 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
     levels, texts = zip(*about(caplog, CODE), strict=True)
     assert levels == (logging.WARNING, logging.INFO)
     assert texts[1].startswith(f"{dropped} pushes of {CODE} were dropped")
+
+
+@aio
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+async def test_no_push_of_a_burst_is_dropped_if_the_consumer_is_quick(kind: str) -> None:
+    async with linked(kind) as (_peer, client, wire):
+        seen: list[int] = []
+        client.subscribe(PoseSpeed, lambda message: seen.append(message.mileage))
+        pushes = range(10 * LATEST_DEPTH)
+        for number in pushes:  # without a pause, so that many are read together
+            packed = PoseSpeed(mileage=number).SerializeToString()
+            await wire.push(full_name(PoseSpeed), packed if kind == "tcp" else {"mileage": number})
+        await eventually(lambda: seen[-1:] == [pushes[-1]])
+        assert not client.stats.dropped_pushes
+        assert seen == list(pushes)
 
 
 @aio

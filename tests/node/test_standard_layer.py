@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
+from tests.node.test_parameters import change
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARTS, StandardSettings
 from woosh_robot_agent.ros.standard import diagnostics
@@ -107,6 +112,18 @@ def test_a_part_that_failed_runs_again(
     client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10)).wait_count(2)
     restarts = [each for each in logs.messages if "restarting it" in each.getMessage()]
     assert [str(each.exc_info[1]) for each in restarts] == ["once"]
+
+
+def test_stamps_follow_the_parameter_use_sim_time(connect, client):
+    connect(use_sim_time=True)
+    clock = client.publisher(Clock, "/clock")
+    clock.publish(Clock(clock=Time(sec=100)))
+    scans = client.echo_with(LaserScan, "scan", QoSProfile(depth=10))
+    scans.wait(lambda scan: scan.header.stamp.sec == 99)  # between request and answer
+    odom = client.echo_with(Odometry, "odom", QoSProfile(depth=10))
+    odom.wait(lambda message: message.header.stamp == Time(sec=100))
+    change(client, use_sim_time=False)
+    odom.wait(lambda message: abs(message.header.stamp.sec - time.time()) < 10.0)
 
 
 @pytest.mark.parametrize("name", ["map_frame", "odom_frame", "base_frame", "scan_frame"])

@@ -206,6 +206,9 @@ _TIME_SLICE = 0.005
 """Time after which the reader lets other tasks run, in seconds, so that a flood does not starve
 them."""
 
+_MAX_BURST = 25
+"""Number of frames after which the reader lets other tasks run, so that the pushes among them are
+delivered before their queue overflows."""
 _MAX_ASIDE = 2
 """Maximum number of large frames that wait to be decoded. Until one is decoded, no further frame is
 read, so that the chassis has to wait, too."""
@@ -551,6 +554,7 @@ class Connection:
     async def _read(self) -> None:
         """Receive frames until the connection ends."""
         slice_started = self._loop.time()
+        burst = 0
         while True:
             try:
                 data = await self._transport.recv()
@@ -561,11 +565,12 @@ class Connection:
             except FrameError as error:
                 self._count_bad(error)
             now = self._loop.time()
+            burst += 1
             if self._transport.waited:  # other tasks have just had their turn
-                slice_started = now
-            elif now - slice_started > _TIME_SLICE:
+                slice_started, burst = now, 0
+            elif burst >= _MAX_BURST or now - slice_started > _TIME_SLICE:
                 await asyncio.sleep(0)
-                slice_started = self._loop.time()
+                slice_started, burst = self._loop.time(), 0
 
     def _take(self, data: bytes) -> None:
         """Receive a small frame that has just arrived; see `Transport.take_at_once`."""

@@ -103,9 +103,8 @@ class CmdVel(Part):
 
 def stamp_objection(context: PartContext, stamp: Any) -> str:
     """Return why a velocity with this stamp is not sent; empty if it may be."""
-    now = context.robot.node.get_clock().now().nanoseconds
     # the stamp may be before 1970, which rclpy's Time refuses
-    age = (now - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
+    age = (context.now_ns() - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
     limit = context.settings().cmd_vel_max_age
     if not limit or abs(age) <= limit:
         return ""

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from builtin_interfaces.msg import Time
+
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.parameters import StandardSettings
 from woosh_robot_agent.robot.watch import Watch
@@ -55,9 +57,18 @@ class PartContext:
         settings = self.settings()
         return settings.frame_prefix + str(getattr(settings, f"{which}_frame"))
 
-    def now(self) -> Any:
-        """Return the node's current time as builtin_interfaces/Time."""
-        return self.robot.node.get_clock().now().to_msg()
+    def now(self) -> Time:
+        """Return the node's current time."""
+        seconds, nanoseconds = divmod(self.now_ns(), 1_000_000_000)
+        return Time(sec=seconds, nanosec=nanoseconds)
+
+    def now_ns(self) -> int:
+        """Return the node's current time, in nanoseconds since 1970 unless time is simulated."""
+        node = self.robot.node
+        # rclpy's clock takes a hundred times as long as the system's
+        if node.get_parameter("use_sim_time").value:
+            return int(node.get_clock().now().nanoseconds)
+        return time.time_ns()
 
     def publisher(self, name: str, subscribers: Subscribers | None = None) -> Any:
         """Return a publisher for a topic in `endpoints.STANDARD`; the link thread may use it.

@@ -38,7 +38,6 @@ class Scan(Part):
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._clock = context.robot.node.get_clock()
         self._reused = LaserScan()
         """The message for all scans: creating a new message takes as long as filling it."""
         self._log = LogOnce(_LOG)
@@ -87,8 +86,8 @@ class Scan(Part):
             if self._scan is not None:
                 # the scan was measured between request and answer; take the middle
                 age = int((loop.time() - sent) / 2 * _SECOND)
-                stamp = self._clock.now().nanoseconds - age
-                self._scan.publish(self._filled(_CONVERTER.read(answer.raw), stamp))
+                scan = self._filled(_CONVERTER.read(answer.raw), self._context.now_ns() - age)
+                self._scan.publish(scan)
         except FrameError:  # the link has counted and logged it
             return
         except ValueError as error:
