@@ -32,6 +32,7 @@ import asyncio
 import itertools
 import json
 import os
+import selectors
 import sys
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
@@ -373,4 +374,6 @@ async def main() -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(main())
+    # `select` waits exactly; the default selector rounds timeouts up to milliseconds, so that the
+    # answers of `delay` would be late
+    asyncio.SelectorEventLoop(selectors.SelectSelector()).run_until_complete(main())
