@@ -19,8 +19,8 @@ _WINDOW = 10.0
 """Minimum time for which the smallest clock difference is remembered, in seconds; the maximum is
 twice as long.
 
-For that time, messages count as old after a clock was set forward, or from a sender whose clock is
-behind the clocks of the other senders.
+For that time, messages count as old after this computer's clock was set forward, or from a sender
+whose clock is behind the clocks of other senders.
 """
 _PERIOD = 0.25
 """Period of the heartbeat, in seconds."""
@@ -51,11 +51,10 @@ class MotionTiming:
 class SenderClock:
     """Times at which messages were sent, from the source times that their senders gave them.
 
-    The clocks of two computers may differ by any amount, and neither is trusted. The smallest
-    difference seen lately between the time of receipt and the source time is taken for the
-    difference of the clocks. The rest of a message's difference is its transit time. For the first
-    message, a difference of less than `_WINDOW` counts as transit time only: the message may be
-    late.
+    The clocks of two computers may differ by any amount, and neither is trusted. Each message has a
+    difference between the time of receipt and the source time. The smallest one of the last seconds
+    is taken for the difference of the clocks; what another message has more is its transit time.
+    The first message may be late: a difference of less than `_WINDOW` counts as its transit time.
     """
 
     def __init__(self) -> None:
@@ -105,7 +104,7 @@ class StallWatch:
         timing: returns the current `MotionTiming`.
 
     Attributes:
-        ended: loop time at which the last stall had ended at the latest; -inf before the first.
+        ended: loop time at which the end of the last stall was noticed; -inf before the first.
         duration: duration of the last stall, in seconds.
     """
 

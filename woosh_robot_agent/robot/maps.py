@@ -123,7 +123,7 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
 
     Args:
         area: the map.
-        stem: names of the files without their suffixes.
+        stem: name of the files without suffix.
 
     Raises:
         MapError: the robot has not sent a usable map.
