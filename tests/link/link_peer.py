@@ -1,7 +1,6 @@
 """A scripted chassis for the link's tests, and the runner of asynchronous tests.
 
-It does not use the transports and codecs of the link: frames are literal text, or bytes that are
-put together here.
+It does not use the transports and codecs of the link.
 """
 
 from __future__ import annotations
@@ -11,12 +10,13 @@ import functools
 import gc
 import json
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
 from woosh_robot_agent.link import Answer, ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 
 try:
     from websockets.asyncio.server import serve
@@ -113,7 +113,6 @@ class Wire:
         self.frames: asyncio.Queue[Frame] = asyncio.Queue()
         self.seen: list[Frame] = []
         self.gone = asyncio.Event()
-        self.frozen = False
 
     async def raw(self, data: str | bytes) -> None:
         raise NotImplementedError
@@ -141,17 +140,13 @@ class Wire:
     async def push(self, type_name: str, body: Any = None) -> None:
         await self.send({"type": type_name, "body": {} if body is None else body})
 
-    def took(self, data: Any) -> Frame:
-        frame = self.parse(data)
-        self.seen.append(frame)
-        return frame
-
     async def serve(self, receive: Callable[[], Awaitable[Any]], ended: Any) -> None:
         """Receive frames until the connection ends."""
         self.peer.joined(self)
         try:
             while True:
-                frame = self.took(await receive())
+                frame = self.parse(await receive())
+                self.seen.append(frame)
                 if self.peer.script is not None and await self.peer.script(self, frame):
                     continue
                 if frame["type"] == INFO and self.peer.auto:
@@ -166,11 +161,9 @@ class Wire:
     def freeze(self) -> None:
         """Stop reading: the client gets neither answers nor pongs."""
         self.transport.pause_reading()
-        self.frozen = True
 
     def thaw(self) -> None:
         self.transport.resume_reading()
-        self.frozen = False
 
     def abort(self) -> None:
         self.transport.abort()
@@ -193,79 +186,45 @@ class JsonWire(Wire):
         return frame
 
 
-class Packed:
-    """Encoder and decoder of woosh.commu_pack.MessagePackJson, without the protobuf library."""
+def varint(value: int) -> bytes:
+    """Return a number as a protobuf varint."""
+    out = b""
+    while value > 127:
+        out += bytes([value % 128 + 128])
+        value //= 128
+    return out + bytes([value])
 
-    @staticmethod
-    def varint(value: int) -> bytes:
-        out = b""
-        while value > 127:
-            out += bytes([value % 128 + 128])
-            value //= 128
-        return out + bytes([value])
 
-    @classmethod
-    def chunk(cls, number: int, data: bytes) -> bytes:
-        return cls.varint(number * 8 + 2) + cls.varint(len(data)) + data
+def packed(frame: Frame) -> bytes:
+    """Return a frame in the protobuf encoding; `body` is a serialized message or empty."""
+    fields = {name: value for name, value in frame.items() if name != "body" and value}
+    pack = MessagePackJson(**fields)
+    if (body := frame.get("body")) is not None:
+        pack.body.type_url = f"type.googleapis.com/{frame['type']}"
+        pack.body.value = body or b""
+    return pack.SerializeToString()
 
-    @classmethod
-    def pack(cls, frame: Frame) -> bytes:
-        out = cls.chunk(1, frame["type"].encode()) if frame.get("type") else b""
-        if (body := frame.get("body")) is not None:
-            body = b"" if body == {} else body
-            url = f"type.googleapis.com/{frame['type']}".encode()
-            out += cls.chunk(2, cls.chunk(1, url) + (cls.chunk(2, body) if body else b""))
-        if frame.get("ok"):
-            out += cls.varint(101 * 8) + b"\x01"
-        if frame.get("msg"):
-            out += cls.chunk(102, frame["msg"].encode())
-        if frame.get("sn"):
-            out += cls.varint(201 * 8) + cls.varint(frame["sn"])
-        return out
 
-    @classmethod
-    def fields(cls, data: bytes) -> Iterator[tuple[int, Any]]:
-        position = 0
+def delimited(frame: Frame) -> bytes:
+    """Return a frame as TCP carries it."""
+    data = packed(frame)
+    return varint(len(data)) + data
 
-        def number() -> int:
-            nonlocal position
-            value = shift = 0
-            while True:
-                byte = data[position]
-                position += 1
-                value |= (byte & 127) << shift
-                shift += 7
-                if byte < 128:
-                    return value
 
-        while position < len(data):
-            key = number()
-            value: Any = number()
-            if key % 8 == 2:
-                position += value
-                value = data[position - value : position]
-            else:
-                assert key % 8 == 0
-            yield key // 8, value
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Frame:
-        names = {1: "type", 2: "body", 101: "ok", 102: "msg", 201: "sn"}
-        frame: Frame = {names[number]: value for number, value in cls.fields(data)}
-        frame["type"] = frame["type"].decode()
-        body = dict(cls.fields(frame.get("body", b"")))
-        frame["url"] = body.get(1, b"").decode()
-        frame["body"] = body.get(2, b"")
-        return frame
+def unpacked(data: bytes) -> Frame:
+    """Return a frame in the protobuf encoding, with the fields that are set."""
+    pack = MessagePackJson.FromString(data)
+    frame: Frame = {field.name: value for field, value in pack.ListFields()}
+    return {**frame, "url": pack.body.type_url, "body": pack.body.value}
 
 
 class PackedWire(JsonWire):
     async def send(self, frame: Frame) -> None:
-        await self.raw(Packed.pack(frame))
+        await self.raw(packed(frame))
 
     def parse(self, data: Any) -> Frame:
         assert isinstance(data, bytes), "protobuf goes in binary frames"
-        return Packed.unpack(data)
+        return unpacked(data)
 
 
 class TcpWire(Wire):
@@ -280,11 +239,10 @@ class TcpWire(Wire):
         await self.writer.drain()
 
     async def send(self, frame: Frame) -> None:
-        data = Packed.pack(frame)
-        await self.raw(Packed.varint(len(data)) + data)
+        await self.raw(delimited(frame))
 
     def parse(self, data: Any) -> Frame:
-        return Packed.unpack(data)
+        return unpacked(data)
 
     async def receive(self) -> bytes:
         size = shift = 0
@@ -423,7 +381,6 @@ class RawServer:
 
     def __init__(self, handle: Callable[[Any, Any], Awaitable[None]]) -> None:
         self.handle = handle
-        self.times: list[float] = []
         self.open: list[Any] = []
 
     async def __aenter__(self) -> RawServer:
@@ -432,7 +389,6 @@ class RawServer:
         return self
 
     async def _handle(self, reader: Any, writer: Any) -> None:
-        self.times.append(asyncio.get_running_loop().time())
         self.open.append(writer)
         try:
             await self.handle(reader, writer)
