@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import AsyncIterator
+from types import ModuleType
 from typing import Any
+
+import pytest
 
 from tests.link.link_peer import Frame, Peer, Wire, eventually
 from woosh_robot_agent.link import Answer
@@ -21,6 +25,17 @@ READY = {
     "deviceState": {"software": 1},
     "poseSpeed": {"pose": {"x": 1.0, "y": 2.0, "theta": 3.0}, "mapId": 3},
 }
+
+
+class StoppedClock:
+    """Takes the place of the module `time` in another module; the test sets the monotonic time."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> None:
+        self.now = time.monotonic()
+        monkeypatch.setattr(module, "time", self)
+
+    def monotonic(self) -> float:
+        return self.now
 
 
 class Rig:
