@@ -347,7 +347,7 @@ def _service_row(service: Query | Command) -> tuple[str, ...]:
 def _row(
     endpoint: Query | Command | Topic | Action, ros_type: str, folder: str, message: str
 ) -> tuple[str, ...]:
-    """Return the cells of an endpoint. An asterisk: the manufacturer's agent lacks the endpoint."""
+    """Return an endpoint's cells; an asterisk marks one that the manufacturer's agent lacks."""
     name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
     return (name, ros_type.replace("/", f"/{folder}/"), message)
 

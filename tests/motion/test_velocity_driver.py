@@ -306,7 +306,7 @@ def paced(arrivals: list[float]) -> list[float]:
     times, pace = [], Pace()
     for arrival in arrivals:
         times.append(max(arrival, pace.due(RATE)))
-        pace.sent(times[-1], RATE)
+        pace.note_sent(times[-1], RATE)
     return times
 
 

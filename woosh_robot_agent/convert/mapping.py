@@ -105,7 +105,7 @@ def mirrored_fields(ros_class: Any, proto_class: Any) -> list[tuple[str, str, An
     types = dict(ros_class.get_fields_and_field_types())
     types.pop("has_field", None)
     fields = proto_class.DESCRIPTOR.fields_by_name
-    for group in oneofs(proto_class):
+    for group in proto_class.DESCRIPTOR.oneofs:  # an `optional` field has one, too
         if types.pop(group.name, None) is None:
             raise TypeError(f"{ros_class.__name__} lacks the oneof {group.name}")
     for name in types:
@@ -126,11 +126,6 @@ def presence_bits(ros_class: Any, proto_class: Any) -> dict[str, int] | None:
         and field.message_type is not None
         and item_type(types[field.name]) is None
     }
-
-
-def oneofs(proto_class: Any) -> list[Any]:
-    """Return the oneofs of a class, including the oneof of each `optional` field."""
-    return list(proto_class.DESCRIPTOR.oneofs)
 
 
 def item_type(ros_type: str) -> str | None:

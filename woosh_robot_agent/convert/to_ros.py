@@ -25,7 +25,6 @@ from woosh_robot_agent.convert.mapping import (
     item_type,
     message_class,
     mirrored_fields,
-    oneofs,
     presence_bits,
 )
 from woosh_robot_agent.link.codecs.json_codec import (
@@ -264,7 +263,7 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
         _set(made, name, ros_type, field, origin, optional=optional)
     if bits is not None:
         made.set("has_field", "has")
-    for group in oneofs(proto_class):
+    for group in proto_class.DESCRIPTOR.oneofs:
         inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
         types = inner_class.get_fields_and_field_types()
         inner = MessageSource(source, "o", inner_class)

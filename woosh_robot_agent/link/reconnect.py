@@ -262,7 +262,7 @@ async def handshake(
 
 
 def _sender(answer: Answer) -> RobotIdentity | None:
-    """Return the identity of the robot that sent a RobotInfo; None if it cannot be read."""
+    """Return the identity in a RobotInfo; None if it cannot be read."""
     info = answer.body
     return RobotIdentity.of(info) if answer.ok and isinstance(info, RobotInfo) else None
 

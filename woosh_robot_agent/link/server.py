@@ -264,7 +264,7 @@ class HttpConnection(asyncio.Protocol):
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
         self._open_timer = loop.call_later(open_timeout, lambda: self.transport.abort())
 
-    def opened(self, max_message: int | None = None) -> None:
+    def note_opened(self, max_message: int | None = None) -> None:
         """Note that the first request has arrived, or that the handshake is complete.
 
         Args:
@@ -274,7 +274,7 @@ class HttpConnection(asyncio.Protocol):
         if max_message is not None:
             self._max_unread = max_message + CHUNK
 
-    def message_read(self) -> None:
+    def note_message_read(self) -> None:
         """Note that a message or a ping has been read from the WebSocket."""
         self._unread = 0
 
@@ -357,7 +357,7 @@ class WebSocketServerTransport:
     async def recv(self) -> str | bytes:
         while True:
             message = await self._socket.receive()
-            self._connection.message_read()
+            self._connection.note_message_read()
             if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
                 data: str | bytes = message.data
                 return data
@@ -469,7 +469,7 @@ async def serve_websocket(
         try:
             if request.headers.get("Upgrade", "").lower() == "websocket":
                 return await serve_socket(request, connection)
-            connection.opened()
+            connection.note_opened()
             return await respond(request, connection)
         except (web.HTTPException, ConnectionError):  # a bad handshake, or the client has gone
             raise
@@ -486,7 +486,7 @@ async def serve_websocket(
             timeout=_CLOSE_TIMEOUT, autoping=False, compress=False, max_msg_size=max_size
         )
         await socket.prepare(request)
-        connection.opened(max_size)
+        connection.note_opened(max_size)
         await handler(WebSocketServerTransport(socket, connection))
         return socket
 

@@ -64,7 +64,7 @@ class SenderClock:
         """Smallest difference since `_since`, and in the window before, in seconds."""
 
     def published(self, source: float, received: float, taken: float) -> float:
-        """Return the monotonic time at which a message was sent.
+        """Return the monotonic time at which a message was sent, and learn from its times.
 
         Args:
             source: Unix time at which the message was sent, by the sender's clock; 0 if unknown.

@@ -39,7 +39,7 @@ class Pace:
         """Return the time from which the next message may be sent, at a rate in Hz."""
         return self._slot + (1.0 - _EARLY) / rate
 
-    def sent(self, now: float, rate: float) -> None:
+    def note_sent(self, now: float, rate: float) -> None:
         """Note that a message was sent."""
         slot = self._slot + 1.0 / rate
         self._slot = slot if now < slot + _LATE / rate else now
@@ -288,7 +288,7 @@ class VelocityDriver:
     def _send(self, velocity: Twist, published: float | None = None) -> None:
         """Send a velocity; `published` is None for a zero of the driver itself."""
         self._waiting = None
-        self._pace.sent(asyncio.get_running_loop().time(), self._limits().rate)
+        self._pace.note_sent(asyncio.get_running_loop().time(), self._limits().rate)
         self._driving = may_move(velocity)
         task = start_task(self._request(velocity, published), self._name)
         self._requests.add(task)
