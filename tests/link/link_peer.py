@@ -104,88 +104,6 @@ def config(port: int, **changes: Any) -> LinkConfig:
     return LinkConfig(**{**values, **changes})
 
 
-class Wire:
-    """The chassis's end of one connection."""
-
-    def __init__(self, peer: Any, transport: Any) -> None:
-        self.peer = peer
-        self.transport = transport
-        self.frames: asyncio.Queue[Frame] = asyncio.Queue()
-        self.seen: list[Frame] = []
-        self.gone = asyncio.Event()
-
-    async def raw(self, data: str | bytes) -> None:
-        raise NotImplementedError
-
-    async def send(self, frame: Frame) -> None:
-        raise NotImplementedError
-
-    def parse(self, data: Any) -> Frame:
-        raise NotImplementedError
-
-    async def next(self, type_name: str | None = None) -> Frame:
-        """Wait for the next frame from the client, or the next one of the given type."""
-        while True:
-            frame = await soon(self.frames.get())
-            if type_name in (None, frame["type"]):
-                return frame
-
-    async def answer(
-        self, frame: Frame, body: Any = None, ok: Any = True, msg: str = "", **changes: Any
-    ) -> None:
-        reply = {"type": frame["type"], "body": {} if body is None else body, "ok": ok, "msg": msg}
-        reply["sn"] = frame["sn"]
-        await self.send({**reply, **changes})
-
-    async def push(self, type_name: str, body: Any = None) -> None:
-        await self.send({"type": type_name, "body": {} if body is None else body})
-
-    async def serve(self, receive: Callable[[], Awaitable[Any]], ended: Any) -> None:
-        """Receive frames until the connection ends."""
-        self.peer.joined(self)
-        try:
-            while True:
-                frame = self.parse(await receive())
-                self.seen.append(frame)
-                if self.peer.script is not None and await self.peer.script(self, frame):
-                    continue
-                if frame["type"] == INFO and self.peer.auto:
-                    await self.answer(frame, self.peer.info)
-                else:
-                    self.frames.put_nowait(frame)
-        except ended:
-            pass
-        finally:
-            self.gone.set()
-
-    def freeze(self) -> None:
-        """Stop reading: the client gets neither answers nor pongs."""
-        self.transport.pause_reading()
-
-    def thaw(self) -> None:
-        self.transport.resume_reading()
-
-    def abort(self) -> None:
-        self.transport.abort()
-
-
-class JsonWire(Wire):
-    def __init__(self, peer: Any, socket: Any) -> None:
-        super().__init__(peer, socket.transport)
-        self.socket = socket
-
-    async def raw(self, data: str | bytes) -> None:
-        await self.socket.send(data)
-
-    async def send(self, frame: Frame) -> None:
-        await self.raw(json.dumps(frame))
-
-    def parse(self, data: Any) -> Frame:
-        assert isinstance(data, str), "JSON goes in text frames"
-        frame: Frame = json.loads(data)
-        return frame
-
-
 def varint(value: int) -> bytes:
     """Return a number as a protobuf varint."""
     out = b""
@@ -211,47 +129,96 @@ def delimited(frame: Frame) -> bytes:
     return varint(len(data)) + data
 
 
-def unpacked(data: bytes) -> Frame:
+def from_text(data: str | bytes) -> Frame:
+    assert isinstance(data, str), "JSON goes in text frames"
+    frame: Frame = json.loads(data)
+    return frame
+
+
+def unpacked(data: str | bytes) -> Frame:
     """Return a frame in the protobuf encoding, with the fields that are set."""
+    assert isinstance(data, bytes), "protobuf goes in binary frames"
     pack = MessagePackJson.FromString(data)
     frame: Frame = {field.name: value for field, value in pack.ListFields()}
     return {**frame, "url": pack.body.type_url, "body": pack.body.value}
 
 
-class PackedWire(JsonWire):
+CODECS: dict[str, tuple[Callable[[Frame], str | bytes], Callable[[str | bytes], Frame]]] = {
+    "json": (json.dumps, from_text),
+    "protobuf": (packed, unpacked),
+    "tcp": (delimited, unpacked),
+}
+"""Encoder and decoder of a frame, by kind of the `Peer`."""
+KINDS = list(CODECS)
+
+
+class Wire:
+    """The chassis's end of one connection.
+
+    Args:
+        peer: the chassis.
+        transport: the transport of asyncio under the connection.
+        raw: writes data as they are.
+    """
+
+    def __init__(
+        self, peer: Peer, transport: Any, raw: Callable[[str | bytes], Awaitable[None]]
+    ) -> None:
+        self.peer = peer
+        self.transport = transport
+        self.raw = raw
+        self._encode, self._decode = CODECS[peer.kind]
+        self.frames: asyncio.Queue[Frame] = asyncio.Queue()
+        self.seen: list[Frame] = []
+        self.gone = asyncio.Event()
+
     async def send(self, frame: Frame) -> None:
-        await self.raw(packed(frame))
+        await self.raw(self._encode(frame))
 
-    def parse(self, data: Any) -> Frame:
-        assert isinstance(data, bytes), "protobuf goes in binary frames"
-        return unpacked(data)
-
-
-class TcpWire(Wire):
-    def __init__(self, peer: Any, reader: asyncio.StreamReader, writer: Any) -> None:
-        super().__init__(peer, writer.transport)
-        self.reader = reader
-        self.writer = writer
-
-    async def raw(self, data: str | bytes) -> None:
-        assert isinstance(data, bytes)
-        self.writer.write(data)
-        await self.writer.drain()
-
-    async def send(self, frame: Frame) -> None:
-        await self.raw(delimited(frame))
-
-    def parse(self, data: Any) -> Frame:
-        return unpacked(data)
-
-    async def receive(self) -> bytes:
-        size = shift = 0
+    async def next(self, type_name: str | None = None) -> Frame:
+        """Wait for the next frame from the client, or the next one of the given type."""
         while True:
-            byte = (await self.reader.readexactly(1))[0]
-            size |= (byte & 127) << shift
-            shift += 7
-            if byte < 128:
-                return await self.reader.readexactly(size)
+            frame = await soon(self.frames.get())
+            if type_name in (None, frame["type"]):
+                return frame
+
+    async def answer(
+        self, frame: Frame, body: Any = None, ok: Any = True, msg: str = "", **changes: Any
+    ) -> None:
+        reply = {"type": frame["type"], "body": {} if body is None else body, "ok": ok, "msg": msg}
+        reply["sn"] = frame["sn"]
+        await self.send({**reply, **changes})
+
+    async def push(self, type_name: str, body: Any = None) -> None:
+        await self.send({"type": type_name, "body": {} if body is None else body})
+
+    async def serve(self, receive: Callable[[], Awaitable[Any]], ended: Any) -> None:
+        """Receive frames until the connection ends."""
+        self.peer.joined(self)
+        try:
+            while True:
+                frame = self._decode(await receive())
+                self.seen.append(frame)
+                if self.peer.script is not None and await self.peer.script(self, frame):
+                    continue
+                if frame["type"] == INFO and self.peer.auto:
+                    await self.answer(frame, self.peer.info)
+                else:
+                    self.frames.put_nowait(frame)
+        except ended:
+            pass
+        finally:
+            self.gone.set()
+
+    def freeze(self) -> None:
+        """Stop reading: the client gets neither answers nor pongs."""
+        self.transport.pause_reading()
+
+    def thaw(self) -> None:
+        self.transport.resume_reading()
+
+    def abort(self) -> None:
+        self.transport.abort()
 
 
 class Peer:
@@ -332,22 +299,31 @@ class Peer:
     async def _websocket(self, socket: Any, _path: str = "") -> None:
         from websockets.exceptions import ConnectionClosed
 
-        wire = (JsonWire if self.kind == "json" else PackedWire)(self, socket)
-        await wire.serve(socket.recv, ConnectionClosed)
+        await Wire(self, socket.transport, socket.send).serve(socket.recv, ConnectionClosed)
 
     async def _tcp(self, reader: asyncio.StreamReader, writer: Any) -> None:
         task = asyncio.current_task()
         self.handlers.add(task)
-        wire = TcpWire(self, reader, writer)
+
+        async def write(data: str | bytes) -> None:
+            writer.write(data)
+            await writer.drain()
+
+        async def receive() -> bytes:
+            size = shift = 0
+            while True:
+                byte = (await reader.readexactly(1))[0]
+                size |= (byte & 127) << shift
+                shift += 7
+                if byte < 128:
+                    return await reader.readexactly(size)
+
+        wire = Wire(self, writer.transport, write)
         try:
-            await wire.serve(wire.receive, (OSError, asyncio.IncompleteReadError))
+            await wire.serve(receive, (OSError, asyncio.IncompleteReadError))
         finally:
             self.handlers.discard(task)
             writer.transport.abort()
-
-
-KINDS = ["json", "protobuf", "tcp"]
-"""Kinds of a `Peer`."""
 
 
 @asynccontextmanager

@@ -108,7 +108,8 @@ async def test_the_error_says_why_the_chassis_closed_the_connection(
     async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
         await wire.next()
-        await wire.socket.close(code, reason)
+        closing = code.to_bytes(2, "big") + reason.encode()
+        wire.transport.write(bytes([0x88, len(closing)]) + closing)
         with pytest.raises(ConnectionLostError, match=told):
             await soon(task)
 

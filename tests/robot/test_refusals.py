@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
@@ -36,7 +34,7 @@ from woosh_robot_agent.robot.readiness import (
     NOT_DEPLOYMENT,
     NOT_INITIALISED,
 )
-from woosh_robot_agent.robot.refusals import type_of
+from woosh_robot_agent.robot.refusals import CODE_DELAY, type_of
 
 READY = {"mode": {"ctrl": 1, "work": 2}, "state": 2}
 NAVIGATING = {**READY, "state": 4, "taskProc": {"robotTaskId": "17", "state": 3}}
@@ -68,16 +66,9 @@ class RefusingRig(Rig):
         after: tuple[Any, ...] = (),
         patient: bool = False,
     ) -> None:
-        super().__init__(info)
+        super().__init__(info, code_delay=TIMEOUT if patient else CODE_DELAY)
         self.refusal = "Request failed"
-        self._before, self._after, self._patient = before, after, patient
-
-    @contextlib.asynccontextmanager
-    async def running(self) -> AsyncIterator[RefusingRig]:
-        async with super().running():
-            if self._patient:
-                self.explainer.code_delay = TIMEOUT
-            yield self
+        self._before, self._after = before, after
 
     async def reason(self, request: Any) -> str:
         """Send a request; return the reason of its refusal."""
