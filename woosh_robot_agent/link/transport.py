@@ -97,9 +97,9 @@ class Transport(FrameConnection, Protocol):
     def take_at_once(self, take: Callable[[bytes], None]) -> None:
         """Pass frames to a function as they arrive, which saves a turn of the event loop.
 
-        This needs a `recv` that waits, and holds for small and unfragmented frames. If several
-        frames arrive together, it holds for the first one. `recv` returns all others, in order. It
-        returns all frames if the transport does not support this.
+        Only small, unfragmented frames are passed on, while `recv` waits; of several frames that
+        arrive together, only the first one. `recv` returns all others, in order, and all frames if
+        the transport does not support this.
 
         Args:
             take: called with a frame; must not raise.

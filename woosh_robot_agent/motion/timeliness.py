@@ -51,10 +51,10 @@ class MotionTiming:
 class SenderClock:
     """Times at which messages were sent, from the source times that their senders gave them.
 
-    The clocks of two computers may differ by any amount, and neither is trusted. Each message has a
-    difference between the time of receipt and the source time. The smallest one of the last seconds
-    is taken for the difference of the clocks; what another message has more is its transit time.
-    The first message may be late: a difference of less than `_WINDOW` counts as its transit time.
+    The clocks of two computers may differ by any amount, and neither is trusted. The time of
+    receipt less the source time is the difference of the clocks plus the transit time. Its smallest
+    value of the last seconds is taken for the difference of the clocks; the rest is transit time.
+    For the first message, which may be late, a value of less than `_WINDOW` is all transit time.
     """
 
     def __init__(self) -> None:

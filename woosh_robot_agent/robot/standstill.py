@@ -69,7 +69,7 @@ def likely_causes(info: RobotInfo) -> str:
 
 
 def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
-    """Yield each cause; True if the robot reports it, False if it reports the opposite, or None."""
+    """Yield each cause, and True if the robot reports it, False if the opposite, else None."""
     has_device_state = info.HasField("device_state")
     hardware = info.device_state.hardware
     yield _STOP, bool(hardware & DeviceState.kEmgBtn) if has_device_state else None
