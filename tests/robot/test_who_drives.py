@@ -20,12 +20,6 @@ MOVING = {"pose": {"x": 1.1}, "twist": {"linear": 0.2}}
 NAVIGATING = {"robotTaskId": "17", "type": 1, "state": 3, "action": {"type": 1, "state": 1}}
 
 
-@aio
-async def test_nobody():
-    async with Rig(READY).running() as rig:
-        assert rig.watch.who_drives.now() == Driver("nobody")
-
-
 @pytest.mark.parametrize("source", ["cmd_vel", "robot/Twist"])
 @aio
 async def test_velocities(source: str) -> None:

@@ -163,7 +163,7 @@ class Liveness:
                     raise ConnectionLostError(_SILENT(seconds=f"{self._timeout:g}")) from None
 
     async def _sleep(self, seconds: float) -> None:
-        """Sleep. A delay because this program was busy does not count as silence."""
+        """Sleep, without counting a delay of this busy program as silence."""
         due = self._now() + seconds
         await asyncio.sleep(seconds)
         late = self._now() - due
