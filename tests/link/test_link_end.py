@@ -110,7 +110,7 @@ async def test_a_client_can_be_closed_at_any_moment_of_connecting(kind: str, pau
 
 
 @aio
-async def test_a_client_can_be_closed_twice_or_without_a_start() -> None:
+async def test_a_client_can_be_closed_twice_or_without_a_start_and_started_again() -> None:
     async with Peer() as peer:
         client = peer.client()
         await client.close()
@@ -119,6 +119,9 @@ async def test_a_client_can_be_closed_twice_or_without_a_start() -> None:
         await asyncio.gather(client.close(), client.close())
         await client.close()
         assert client.state is LinkState.STOPPED
+        async with client:
+            assert client.state is LinkState.READY
+        assert client.stats.connects == 2
 
 
 @aio
@@ -131,16 +134,6 @@ async def test_close_ends_wait_ready_with_an_error() -> None:
         await client.close()
         with pytest.raises(NotConnectedError):
             await soon(waiting)
-
-
-@aio
-async def test_a_closed_client_can_be_started_again() -> None:
-    async with Peer() as peer:
-        client = peer.client()
-        for _ in range(2):
-            async with client:
-                assert client.state is LinkState.READY
-        assert client.stats.connects == 2
 
 
 @aio
