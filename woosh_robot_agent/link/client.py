@@ -365,13 +365,13 @@ class ChassisClient:
         return unsubscribe
 
     def count_bad_value(self, cls: type[Message], reason: str) -> None:
-        """Count a message of the chassis that a consumer cannot use, e.g. for an infinite number.
+        """Count a message that a consumer cannot use, e.g. because a number is infinite.
 
         The first one of each class and kind on a link is logged. Call it in the event loop.
 
         Args:
             cls: class of the message.
-            reason: what is wrong, a colon, and the value. The text before the colon is the kind.
+            reason: kind of the defect, a colon, and the value, e.g. `x is not finite: inf`.
         """
         self._subscriptions.count_bad_value(full_name(cls), reason)
 

@@ -420,7 +420,7 @@ class Connection:
         }
 
     def _fail(self, cause: LinkError) -> None:
-        """Note why the connection ends, unless it has ended already."""
+        """Note the first cause that ends the connection, and fail the pending requests."""
         if self._cause is not None:
             return
         self._cause = cause

@@ -403,7 +403,7 @@ class _ClientSocket(ClientSocket):
         super().data_received(data)
 
     def process_event(self, event: Any) -> None:
-        """Handle a frame; called by websockets 13 and later."""
+        """Handle a frame, with `take` if possible; called by websockets 13 and later."""
         if isinstance(event, Frame) and event.opcode in _MESSAGE_STARTS:
             is_first, self._is_first = self._is_first, False
             may_take = is_first and self.reader_waits and not self.queued

@@ -207,7 +207,7 @@ class MotionGate:
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
-        """Monotonic time at which the chassis last accepted a request that takes the wheels."""
+        """Monotonic time at which the chassis last accepted a task or an action that drives."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf

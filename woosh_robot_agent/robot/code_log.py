@@ -141,6 +141,7 @@ class RefusalLog:
     async def _explain(
         name: str, msg: str, reasons: Coroutine[Any, Any, list[Objection]], log: LogOnce
     ) -> None:
+        """Log a refusal with its reasons, once they are known."""
         why = "; ".join(map(str, await reasons))
         log.warn(
             f"{msg}: {why}", f"the chassis refused {name}: {msg}" + (f" ({why})" if why else "")

@@ -239,7 +239,7 @@ class Standstill:
         loop.call_later(self.limit, self._check, demand, demand.since)
 
     def _check(self, demand: _Demand, since: float) -> None:
-        """Warn if the robot has not moved since `since`, and should have."""
+        """Warn if the robot should have moved since a loop time, and has not."""
         if demand is not self._demand or demand.since != since or demand.reported:
             return
         if demand.is_velocity and self._chassis.refusal(Twist()):
@@ -302,6 +302,7 @@ class Standstill:
         )
 
     def _action_reported(self, reports: Feedbacks) -> None:
+        """Note whether the action that is observed drives the robot now, or has ended."""
         for report in reports.fbs:
             demand = self._demand
             if demand is None or report.action != demand.type:

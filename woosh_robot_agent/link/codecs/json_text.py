@@ -257,7 +257,7 @@ def _items(text: str, at: int) -> tuple[list[Any], int]:
         if end == at:
             break
         try:
-            # it is parsed only if the cut was between two items, and not inside of one
+            # this succeeds only if the cut was between two items, and not inside of one
             return json.loads(f"[{text[at:end]}]"), end
         except json.JSONDecodeError:
             end -= len(closing) - 1
