@@ -53,7 +53,7 @@ options:
 config/agent.yaml lists all parameters; it is installed in the folder that
 "ros2 pkg prefix --share woosh_robot_agent" prints. The documentation is README.md
 and docs/ in the source of the package."""
-_EXAMPLE = ("-p", "ip:=172.20.8.74")
+_EXAMPLE_ARGUMENTS = ("-p", "ip:=172.20.8.74")
 _ROS_OPTION = (
     "-[epr]|--(param|remap|params-file|enclave|log-level|log-config-file"
     "|(en|dis)able-(rosout|stdout|external-lib)-logs)"
@@ -64,7 +64,7 @@ _ROS_OPTION = (
 def main(args: list[str] | None = None) -> int:
     """Run the agents until SIGINT or SIGTERM; return the exit status.
 
-    Further signals are ignored from then on, because the process is about to end.
+    After its return, these signals are ignored, because the process is about to end.
 
     Args:
         args: arguments of the command line; None for the arguments of this process.
@@ -134,7 +134,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
         while not signals.received and rclpy.ok():
             _spin_once(executor, _SPIN_TIMEOUT)
             heap.trim()
-        # The endpoints of one robot are destroyed quickly, and a normal exit is safer.
+        # A normal exit destroys the endpoints. It is safer, but slow with several robots.
         destroy = len(fleet.agents) == 1 or not exit_withdraws_endpoints()
         fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=destroy)
         executor.shutdown()
@@ -197,7 +197,7 @@ def _as_ros_args(arguments: list[str]) -> Sequence[str]:
     try:
         from woosh_robot_agent.parameters import PARAMETERS
     except ImportError:  # without ROS
-        return _EXAMPLE
+        return _EXAMPLE_ARGUMENTS
     name, separator, value = first.lstrip("-").replace(":=", "=").partition("=")
     for each in PARAMETERS:
         if each.name == name.replace("-", "_"):
@@ -206,7 +206,7 @@ def _as_ros_args(arguments: list[str]) -> Sequence[str]:
             elif not separator:
                 value = "true" if isinstance(each.default, bool) else "VALUE"
             return "-p", f"{each.name}:={value}"
-    return _EXAMPLE
+    return _EXAMPLE_ARGUMENTS
 
 
 def _spin_once(executor: Any, timeout: float) -> None:
@@ -243,9 +243,9 @@ class Heap:
     """Settings of the C heap of this process. Create it before any thread.
 
     A large frame is copied several times on its way. Getting new memory from the system for each
-    copy would take several times as long as the copying. Therefore the heap keeps what is freed,
-    and `trim` returns it to the system shortly afterwards. All threads share one heap, because
-    glibc can only trim the first one.
+    copy would take several times as long as the copying. Therefore the heap keeps freed memory, and
+    `trim` returns it to the system shortly afterwards. All threads share one heap, because glibc
+    can only trim the first one.
 
     Does nothing with other C libraries than glibc 2.33 and later.
     """
@@ -272,7 +272,7 @@ class Heap:
         self._due = time.monotonic() + _TRIM_PERIOD
         """Monotonic time of the next check."""
         self._untrimmable = self._unused()
-        """Unused memory that the last trim left, in bytes; glibc keeps some between used blocks."""
+        """Unused memory after the last trim, in bytes: small gaps between blocks in use."""
 
     def trim(self) -> None:
         """Return unused memory to the system if it has grown. Call this often; it checks rarely."""
@@ -299,8 +299,8 @@ def _exit_process() -> NoReturn:
     agents of 20 robots, that takes half a minute. Fast DDS 2 withdraws all endpoints at once when
     the process exits (`releases.exit_withdraws_endpoints`).
 
-    Functions of `atexit` do not run. No callback of the middleware may need Python any more: shut
-    the executor down before.
+    Functions registered with `atexit` do not run. Shut the executor down first: no callback of the
+    middleware may need Python any more.
     """
     import ctypes
     import logging

@@ -24,7 +24,8 @@ class Query:
         request: protobuf full name of the request and of the answer.
         field: name of the response's field.
         takes_arg: True if the request has the field `arg`; otherwise it has no fields.
-        timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
+        timeout: minimum timeout for the answer, in seconds; 0 if that of the parameter
+            `poll_timeout` suffices.
         extra: True if the manufacturer's agent lacks it.
     """
 
@@ -47,10 +48,10 @@ class Command:
             optionally `ret`.
         request: protobuf full name of the request.
         answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
-        timeout: minimum timeout of the answer, in seconds; 0 if `poll_timeout` suffices.
+        timeout: as in `Query`.
         reads: True if the command only reads: it changes and moves nothing.
-        two_types: True if the chassis may name the type of the request in its answer, although the
-            content is always of the type `answer`.
+        two_types: True if an answer may be labelled with the type of the request, although its
+            content is of the type `answer`.
         extra: True if the manufacturer's agent lacks it.
     """
 
@@ -346,7 +347,7 @@ def _service_row(service: Query | Command) -> tuple[str, ...]:
 def _row(
     endpoint: Query | Command | Topic | Action, ros_type: str, folder: str, message: str
 ) -> tuple[str, ...]:
-    """Return the cells of an endpoint. An asterisk: the manufacturer's agent lacks the endpoint."""
+    """Return an endpoint's cells; an asterisk marks one that the manufacturer's agent lacks."""
     name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
     return (name, ros_type.replace("/", f"/{folder}/"), message)
 

@@ -222,8 +222,8 @@ class StandardSettings:
     )
     cmd_vel_max_age: float = parameter_field(
         0.5,
-        "Maximum age of a velocity on cmd_vel when it is sent, at most 0.5 s, and difference of a "
-        "TwistStamped's stamp from now, in seconds; 0 accepts any stamp.",
+        "Maximum age of a velocity when it is sent (never more than 0.5), and maximum difference "
+        "of a TwistStamped's stamp from now, in seconds; 0 accepts any stamp.",
         0.0,
         60.0,
     )

@@ -75,9 +75,9 @@ def open_standard_streams() -> None:
 
 
 def descriptor_problem(robots: int = 1) -> str:
-    """Return the problem and the remedy if the limit of file descriptors is too low, else "".
+    """Return the message for a too low limit of file descriptors, with the remedy; else "".
 
-    Beyond the limit, libraries fail with errors that do not tell why, or silently.
+    Beyond the limit, libraries fail silently, or with errors that do not tell why.
 
     Args:
         robots: number of robots that the agent connects to.
@@ -137,7 +137,7 @@ _PIP_NAMES = {
 
 
 def import_problem(error: ImportError) -> str:
-    """Return which library is missing, and what to do; empty if this package has a defect."""
+    """Return the message for a missing library, with the remedy; empty for any other cause."""
     reason = str(error).partition("\n")[0]
     module, _, part = (error.name or "").partition(".")
     if re.fullmatch(_ROS, module):
@@ -158,7 +158,7 @@ def import_problem(error: ImportError) -> str:
 
 
 def outdated_libraries() -> str:
-    """Return which libraries are too old, and what to do; empty if no library is too old.
+    """Return the message for outdated libraries, with the remedy; empty if none is too old.
 
     Raises:
         ModuleNotFoundError: a library is missing.

@@ -1,7 +1,6 @@
 """A scripted chassis for the link's tests, and the runner of asynchronous tests.
 
-It does not use the transports and codecs of the link: frames are literal text, or bytes that are
-put together here.
+It does not use the transports and codecs of the link.
 """
 
 from __future__ import annotations
@@ -11,12 +10,13 @@ import functools
 import gc
 import json
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
 from woosh_robot_agent.link import Answer, ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 
 try:
     from websockets.asyncio.server import serve
@@ -104,25 +104,76 @@ def config(port: int, **changes: Any) -> LinkConfig:
     return LinkConfig(**{**values, **changes})
 
 
-class Wire:
-    """The chassis's end of one connection."""
+def varint(value: int) -> bytes:
+    """Return a number as a protobuf varint."""
+    out = b""
+    while value > 127:
+        out += bytes([value % 128 + 128])
+        value //= 128
+    return out + bytes([value])
 
-    def __init__(self, peer: Any, transport: Any) -> None:
+
+def packed(frame: Frame) -> bytes:
+    """Return a frame in the protobuf encoding; `body` is a serialized message or empty."""
+    fields = {name: value for name, value in frame.items() if name != "body" and value}
+    pack = MessagePackJson(**fields)
+    if (body := frame.get("body")) is not None:
+        pack.body.type_url = f"type.googleapis.com/{frame['type']}"
+        pack.body.value = body or b""
+    return pack.SerializeToString()
+
+
+def delimited(frame: Frame) -> bytes:
+    """Return a frame as TCP carries it."""
+    data = packed(frame)
+    return varint(len(data)) + data
+
+
+def from_text(data: str | bytes) -> Frame:
+    assert isinstance(data, str), "JSON goes in text frames"
+    frame: Frame = json.loads(data)
+    return frame
+
+
+def unpacked(data: str | bytes) -> Frame:
+    """Return a frame in the protobuf encoding, with the fields that are set."""
+    assert isinstance(data, bytes), "protobuf goes in binary frames"
+    pack = MessagePackJson.FromString(data)
+    frame: Frame = {field.name: value for field, value in pack.ListFields()}
+    return {**frame, "url": pack.body.type_url, "body": pack.body.value}
+
+
+CODECS: dict[str, tuple[Callable[[Frame], str | bytes], Callable[[str | bytes], Frame]]] = {
+    "json": (json.dumps, from_text),
+    "protobuf": (packed, unpacked),
+    "tcp": (delimited, unpacked),
+}
+"""Encoder and decoder of a frame, by kind of the `Peer`."""
+KINDS = list(CODECS)
+
+
+class Wire:
+    """The chassis's end of one connection.
+
+    Args:
+        peer: the chassis.
+        transport: the transport of asyncio under the connection.
+        raw: writes data as they are.
+    """
+
+    def __init__(
+        self, peer: Peer, transport: Any, raw: Callable[[str | bytes], Awaitable[None]]
+    ) -> None:
         self.peer = peer
         self.transport = transport
+        self.raw = raw
+        self._encode, self._decode = CODECS[peer.kind]
         self.frames: asyncio.Queue[Frame] = asyncio.Queue()
         self.seen: list[Frame] = []
         self.gone = asyncio.Event()
-        self.frozen = False
-
-    async def raw(self, data: str | bytes) -> None:
-        raise NotImplementedError
 
     async def send(self, frame: Frame) -> None:
-        raise NotImplementedError
-
-    def parse(self, data: Any) -> Frame:
-        raise NotImplementedError
+        await self.raw(self._encode(frame))
 
     async def next(self, type_name: str | None = None) -> Frame:
         """Wait for the next frame from the client, or the next one of the given type."""
@@ -141,17 +192,13 @@ class Wire:
     async def push(self, type_name: str, body: Any = None) -> None:
         await self.send({"type": type_name, "body": {} if body is None else body})
 
-    def took(self, data: Any) -> Frame:
-        frame = self.parse(data)
-        self.seen.append(frame)
-        return frame
-
     async def serve(self, receive: Callable[[], Awaitable[Any]], ended: Any) -> None:
         """Receive frames until the connection ends."""
         self.peer.joined(self)
         try:
             while True:
-                frame = self.took(await receive())
+                frame = self._decode(await receive())
+                self.seen.append(frame)
                 if self.peer.script is not None and await self.peer.script(self, frame):
                     continue
                 if frame["type"] == INFO and self.peer.auto:
@@ -166,134 +213,12 @@ class Wire:
     def freeze(self) -> None:
         """Stop reading: the client gets neither answers nor pongs."""
         self.transport.pause_reading()
-        self.frozen = True
 
     def thaw(self) -> None:
         self.transport.resume_reading()
-        self.frozen = False
 
     def abort(self) -> None:
         self.transport.abort()
-
-
-class JsonWire(Wire):
-    def __init__(self, peer: Any, socket: Any) -> None:
-        super().__init__(peer, socket.transport)
-        self.socket = socket
-
-    async def raw(self, data: str | bytes) -> None:
-        await self.socket.send(data)
-
-    async def send(self, frame: Frame) -> None:
-        await self.raw(json.dumps(frame))
-
-    def parse(self, data: Any) -> Frame:
-        assert isinstance(data, str), "JSON goes in text frames"
-        frame: Frame = json.loads(data)
-        return frame
-
-
-class Packed:
-    """Encoder and decoder of woosh.commu_pack.MessagePackJson, without the protobuf library."""
-
-    @staticmethod
-    def varint(value: int) -> bytes:
-        out = b""
-        while value > 127:
-            out += bytes([value % 128 + 128])
-            value //= 128
-        return out + bytes([value])
-
-    @classmethod
-    def chunk(cls, number: int, data: bytes) -> bytes:
-        return cls.varint(number * 8 + 2) + cls.varint(len(data)) + data
-
-    @classmethod
-    def pack(cls, frame: Frame) -> bytes:
-        out = cls.chunk(1, frame["type"].encode()) if frame.get("type") else b""
-        if (body := frame.get("body")) is not None:
-            body = b"" if body == {} else body
-            url = f"type.googleapis.com/{frame['type']}".encode()
-            out += cls.chunk(2, cls.chunk(1, url) + (cls.chunk(2, body) if body else b""))
-        if frame.get("ok"):
-            out += cls.varint(101 * 8) + b"\x01"
-        if frame.get("msg"):
-            out += cls.chunk(102, frame["msg"].encode())
-        if frame.get("sn"):
-            out += cls.varint(201 * 8) + cls.varint(frame["sn"])
-        return out
-
-    @classmethod
-    def fields(cls, data: bytes) -> Iterator[tuple[int, Any]]:
-        position = 0
-
-        def number() -> int:
-            nonlocal position
-            value = shift = 0
-            while True:
-                byte = data[position]
-                position += 1
-                value |= (byte & 127) << shift
-                shift += 7
-                if byte < 128:
-                    return value
-
-        while position < len(data):
-            key = number()
-            value: Any = number()
-            if key % 8 == 2:
-                position += value
-                value = data[position - value : position]
-            else:
-                assert key % 8 == 0
-            yield key // 8, value
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Frame:
-        names = {1: "type", 2: "body", 101: "ok", 102: "msg", 201: "sn"}
-        frame: Frame = {names[number]: value for number, value in cls.fields(data)}
-        frame["type"] = frame["type"].decode()
-        body = dict(cls.fields(frame.get("body", b"")))
-        frame["url"] = body.get(1, b"").decode()
-        frame["body"] = body.get(2, b"")
-        return frame
-
-
-class PackedWire(JsonWire):
-    async def send(self, frame: Frame) -> None:
-        await self.raw(Packed.pack(frame))
-
-    def parse(self, data: Any) -> Frame:
-        assert isinstance(data, bytes), "protobuf goes in binary frames"
-        return Packed.unpack(data)
-
-
-class TcpWire(Wire):
-    def __init__(self, peer: Any, reader: asyncio.StreamReader, writer: Any) -> None:
-        super().__init__(peer, writer.transport)
-        self.reader = reader
-        self.writer = writer
-
-    async def raw(self, data: str | bytes) -> None:
-        assert isinstance(data, bytes)
-        self.writer.write(data)
-        await self.writer.drain()
-
-    async def send(self, frame: Frame) -> None:
-        data = Packed.pack(frame)
-        await self.raw(Packed.varint(len(data)) + data)
-
-    def parse(self, data: Any) -> Frame:
-        return Packed.unpack(data)
-
-    async def receive(self) -> bytes:
-        size = shift = 0
-        while True:
-            byte = (await self.reader.readexactly(1))[0]
-            size |= (byte & 127) << shift
-            shift += 7
-            if byte < 128:
-                return await self.reader.readexactly(size)
 
 
 class Peer:
@@ -374,22 +299,31 @@ class Peer:
     async def _websocket(self, socket: Any, _path: str = "") -> None:
         from websockets.exceptions import ConnectionClosed
 
-        wire = (JsonWire if self.kind == "json" else PackedWire)(self, socket)
-        await wire.serve(socket.recv, ConnectionClosed)
+        await Wire(self, socket.transport, socket.send).serve(socket.recv, ConnectionClosed)
 
     async def _tcp(self, reader: asyncio.StreamReader, writer: Any) -> None:
         task = asyncio.current_task()
         self.handlers.add(task)
-        wire = TcpWire(self, reader, writer)
+
+        async def write(data: str | bytes) -> None:
+            writer.write(data)
+            await writer.drain()
+
+        async def receive() -> bytes:
+            size = shift = 0
+            while True:
+                byte = (await reader.readexactly(1))[0]
+                size |= (byte & 127) << shift
+                shift += 7
+                if byte < 128:
+                    return await reader.readexactly(size)
+
+        wire = Wire(self, writer.transport, write)
         try:
-            await wire.serve(wire.receive, (OSError, asyncio.IncompleteReadError))
+            await wire.serve(receive, (OSError, asyncio.IncompleteReadError))
         finally:
             self.handlers.discard(task)
             writer.transport.abort()
-
-
-KINDS = ["json", "protobuf", "tcp"]
-"""Kinds of a `Peer`."""
 
 
 @asynccontextmanager
@@ -423,7 +357,6 @@ class RawServer:
 
     def __init__(self, handle: Callable[[Any, Any], Awaitable[None]]) -> None:
         self.handle = handle
-        self.times: list[float] = []
         self.open: list[Any] = []
 
     async def __aenter__(self) -> RawServer:
@@ -432,7 +365,6 @@ class RawServer:
         return self
 
     async def _handle(self, reader: Any, writer: Any) -> None:
-        self.times.append(asyncio.get_running_loop().time())
         self.open.append(writer)
         try:
             await self.handle(reader, writer)

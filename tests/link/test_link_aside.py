@@ -220,11 +220,3 @@ async def test_a_large_robot_info_is_converted_aside_and_later_pushes_wait_for_i
             gate.set()
             await eventually(lambda: len(seen) == 2)
             assert seen == [f"{POSES} corners", "pose"]
-
-
-@aio
-async def test_a_large_bad_frame_is_counted_and_skipped() -> None:
-    async with linked() as (_peer, client, wire):
-        await wire.raw('{"type": "woosh.robot.NavPath", "body": [' + "1," * LARGE + "}")
-        await eventually(lambda: client.stats.bad_frames["json"] == 1)
-        assert (await answered(client.request(Speak()), wire)).ok

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import websockets
 
-from tests.link.link_peer import TIMEOUT, Packed, aio, answered, ask, eventually, linked, soon
+from tests.link.link_peer import TIMEOUT, aio, answered, ask, eventually, linked, soon, varint
 from woosh_robot_agent.link import ConnectionLostError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
@@ -78,7 +78,7 @@ async def test_text_that_is_not_utf8_is_a_bad_frame() -> None:
 async def test_a_frame_over_the_limit_on_tcp_is_skipped() -> None:
     async with linked("tcp", max_frame_size=100_000) as (_peer, client, wire):
         for size in (100_001, 5_000_000):
-            await wire.raw(Packed.varint(size) + b"\x0a" * size)
+            await wire.raw(varint(size) + b"\x0a" * size)
         assert (await answered(client.request(Speak()), wire)).ok
         assert client.stats.bad_frames == {"oversize": 2}
         assert client.stats.connects == 1
@@ -108,7 +108,8 @@ async def test_the_error_says_why_the_chassis_closed_the_connection(
     async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
         await wire.next()
-        await wire.socket.close(code, reason)
+        closing = code.to_bytes(2, "big") + reason.encode()
+        wire.transport.write(bytes([0x88, len(closing)]) + closing)
         with pytest.raises(ConnectionLostError, match=told):
             await soon(task)
 

@@ -7,7 +7,7 @@ import logging
 
 import pytest
 
-from tests.link.link_peer import Packed, aio, ask, eventually, linked
+from tests.link.link_peer import aio, ask, delimited, eventually, linked
 from woosh_robot_agent.link import TooManyRequestsError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import DropLog
@@ -59,8 +59,7 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
     async with linked("tcp", push_queue=2) as (_peer, client, wire):
         seen: list[int] = []
         client.subscribe(StatusCode, lambda message: seen.append(message.code))
-        one = Packed.pack({"type": CODE, "body": b"\x08\x01"})
-        await wire.raw((Packed.varint(len(one)) + one) * 1000)  # they are read together
+        await wire.raw(delimited({"type": CODE, "body": b"\x08\x01"}) * 1000)  # read together
         await eventually(lambda: len(seen) + client.stats.dropped_pushes[CODE] == 1000)
         await wire.push(CODE, b"\x08\x09")
         await eventually(lambda: seen[-1:] == [9])

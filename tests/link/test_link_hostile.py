@@ -13,7 +13,6 @@ import pytest
 
 from tests.link.link_peer import (
     TIMEOUT,
-    Packed,
     Peer,
     RawServer,
     aio,
@@ -22,7 +21,9 @@ from tests.link.link_peer import (
     error_of,
     eventually,
     linked,
+    packed,
     soon,
+    varint,
 )
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
@@ -59,7 +60,7 @@ async def test_redirects_are_not_followed() -> None:
 async def test_an_impossible_length_ends_the_connection_at_once() -> None:
     """Skipping such a frame would never end, and its bytes would count as signs of life."""
     async with linked("tcp") as (peer, client, wire):
-        await wire.raw(Packed.varint(2**40) + b"x" * 1000)
+        await wire.raw(varint(2**40) + b"x" * 1000)
         await peer.wire(2)
         await client.wait_ready(TIMEOUT)
 
@@ -96,22 +97,11 @@ def test_a_long_type_name_is_cut(codec: str) -> None:
     if codec == "json":
         envelope = JsonCodec().decode('{"type":"' + name + '","sn":1}')
     else:
-        envelope = ProtobufCodec().decode(Packed.pack({"type": name, "sn": 1}))
+        envelope = ProtobufCodec().decode(packed({"type": name, "sn": 1}))
     assert len(envelope.type) < 300
     assert envelope.sn == 1
     longest = max(message_types(), key=len)
     assert JsonCodec().decode('{"type":"' + longest + '"}').type == longest
-
-
-@pytest.mark.parametrize(
-    ("sn", "kind"),
-    [('"' + "9" * 4000 + '"', "envelope"), ("9" * 100_000, "json"), ('"0x10"', "envelope")],
-)
-def test_numbers_with_very_many_digits_are_refused(sn: str, kind: str) -> None:
-    with pytest.raises(FrameError) as caught:
-        JsonCodec().decode('{"type":"x","sn":' + sn + "}")
-    assert caught.value.kind == kind
-    assert len(str(caught.value)) < 300
 
 
 @pytest.mark.parametrize("limit", ["default", "0"])
@@ -160,9 +150,15 @@ def test_deep_nesting_is_an_error_with_pure_python_protobuf() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_only_the_latest_kinds_are_remembered(caplog: pytest.LogCaptureFixture) -> None:
+@pytest.fixture
+def log(caplog: pytest.LogCaptureFixture) -> LogOnce:
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.test")
-    log = LogOnce(logging.getLogger("woosh_robot_agent.test"))
+    return LogOnce(logging.getLogger("woosh_robot_agent.test"))
+
+
+def test_only_the_latest_kinds_are_remembered(
+    log: LogOnce, caplog: pytest.LogCaptureFixture
+) -> None:
     for number in range(300):
         log.warn(f"error {number}", "a problem")
     log.warn("error 299", "a remembered kind")
@@ -172,9 +168,9 @@ def test_only_the_latest_kinds_are_remembered(caplog: pytest.LogCaptureFixture) 
     assert levels["a forgotten kind"] == logging.WARNING
 
 
-def test_only_the_beginning_of_a_long_kind_is_remembered(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.DEBUG, "woosh_robot_agent.test")
-    log = LogOnce(logging.getLogger("woosh_robot_agent.test"))
+def test_only_the_beginning_of_a_long_kind_is_remembered(
+    log: LogOnce, caplog: pytest.LogCaptureFixture
+) -> None:
     for end in ("one end", "another end"):
         log.warn("x" * 1000 + end, end)
     assert [record.levelno for record in caplog.records] == [logging.WARNING, logging.DEBUG]
@@ -226,23 +222,16 @@ def test_a_logged_line_cannot_control_the_terminal(capsys: pytest.CaptureFixture
 
 HOSTILE = {
     "nested lists": "[" * 100_000,
-    "nested objects": '{"a":' * 100_000,
     "nested body": '{"type":"woosh.robot.PoseSpeed","body":' + "[" * 5000 + "]" * 5000 + "}",
     "nested unknown field": '{"type":"woosh.robot.PoseSpeed","body":{"new":'
     + "[" * 900
     + "]" * 900
     + "}}",
-    "type is a list": '{"type":["woosh.robot.PoseSpeed"],"body":{}}',
-    "type is empty": '{"type":"","body":{}}',
-    "body is a list": '{"type":"woosh.robot.PoseSpeed","body":[1]}',
     "sn is an object": '{"type":"woosh.robot.PoseSpeed","sn":{},"body":{}}',
-    "sn is infinite": '{"type":"woosh.robot.PoseSpeed","sn":1e999,"body":{}}',
-    "sn is negative": '{"type":"woosh.robot.PoseSpeed","sn":-1,"body":{}}',
     "base64 of nothing but padding": '{"type":"woosh.common.FileData","body":{"data":"'
     + "=" * MIB
     + '"}}',
     "invalid base64": '{"type":"woosh.common.FileData","body":{"data":"' + "\\u0000" * 9 + '"}}',
-    "keys twice": '{"type":"x","type":"woosh.robot.PoseSpeed","body":{},"body":1}',
     "a number out of range": '{"type":"woosh.robot.PoseSpeed","body":{"pose":{"x":1e308}}}',
     "any in any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","body":{"info":'
     + '{"@type":"type.googleapis.com/google.protobuf.Any","value":' * 300
@@ -252,24 +241,16 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("what", HOSTILE)
+@pytest.mark.parametrize("frame", HOSTILE.values(), ids=HOSTILE)
 @aio
-async def test_a_hostile_push_does_not_end_the_link(what: str) -> None:
-    async with Peer() as peer, peer.client() as client:
-        client.subscribe(PoseSpeed, lambda _push: None)
-        wire = await peer.wire()
-        await wire.raw(HOSTILE[what])
-        assert (await answered(client.request(Speak()), wire)).ok
-        assert client.stats.connects == 1
-
-
-@pytest.mark.parametrize("what", HOSTILE)
-@aio
-async def test_a_hostile_answer_does_not_end_the_link(what: str) -> None:
+async def test_a_hostile_push_or_answer_does_not_end_the_link(frame: str) -> None:
     async with linked() as (_peer, client, wire):
+        client.subscribe(PoseSpeed, lambda _push: None)
+        await wire.raw(frame)
         task = ask(client, Speak())
         asked = await wire.next("woosh.robot.Speak")
-        await wire.raw(f'{{"sn":{asked["sn"]},' + HOSTILE[what].removeprefix("{"))
+        await wire.raw(f'{{"sn":{asked["sn"]},' + frame.removeprefix("{"))
         await wire.answer(asked)
         await soon(task)
+        assert (await answered(client.request(Speak()), wire)).ok
         assert client.stats.connects == 1

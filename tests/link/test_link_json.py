@@ -28,6 +28,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     Scene,
     TaskProc,
 )
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 
 CODEC = JsonCodec()
@@ -82,44 +83,30 @@ def test_a_subscription_as_on_the_wire() -> None:
     assert json.loads(written) == json.loads(SUBSCRIBE)
 
 
-def test_enums_are_written_as_numbers_and_64_bit_integers_as_text() -> None:
-    task = TaskProc(robot_task_id=68241434201, state=3)  # type: ignore[arg-type]
-    assert to_json(task, defaults=False) == {"robotTaskId": "68241434201", "state": 3}
-    assert to_json(Scene(version=-5, map_name="m"), defaults=False) == {
-        "version": "-5",
-        "mapName": "m",
-    }
-    assert to_json(Network.WiFi(code=2**64 - 1, list_json=b"\xff\x00"), defaults=False) == {
-        "code": "18446744073709551615",
-        "listJson": "/wA=",
-    }
-
-
-def test_repeated_enums_are_written_as_numbers() -> None:
-    state = HardwareState(motor=[1, 17])  # type: ignore[list-item]
-    assert to_json(state, defaults=False) == {"motor": [1, 17]}
-
-
-def test_names_are_lower_camel_case_and_misspelt_ones_are_kept() -> None:
-    info = RobotInfo()
-    info.genral.urdf_name = "u"
-    info.hardware_state.seanner = 1  # type: ignore[assignment]
-    assert to_json(info, defaults=False) == {
-        "genral": {"urdfName": "u"},
-        "hardwareState": {"seanner": 1},
-    }
+@pytest.mark.parametrize(
+    ("message", "written"),
+    [
+        (TaskProc(robot_task_id=68241434201, state=3), {"robotTaskId": "68241434201", "state": 3}),
+        (Scene(version=-5, map_name="m"), {"version": "-5", "mapName": "m"}),
+        (Network.WiFi(code=2**64 - 1), {"code": "18446744073709551615"}),
+        (Network.WiFi(list_json=b"\xff\x00"), {"listJson": "/wA="}),
+        (HardwareState(motor=[1, 17], seanner=1), {"motor": [1, 17], "seanner": 1}),
+        (RobotInfo(genral={"urdf_name": "u"}), {"genral": {"urdfName": "u"}}),
+        (
+            ScannerData(ranges=[math.nan, math.inf, -math.inf]),
+            {"ranges": ["NaN", "Infinity", "-Infinity"]},
+        ),
+    ],
+)
+def test_a_message_is_written_as_the_chassis_does(message: Any, written: Any) -> None:
+    assert to_json(message, defaults=False) == written
+    assert json.loads(CODEC.encode("t", message))["body"] == written
 
 
 def test_floats_are_written_short_and_exact() -> None:
     pose = body({"pose": {"x": -8.881, "y": 1e30, "theta": 0.1}}, PoseSpeed())
     text = CODEC.encode("t", pose)
     assert '"x":-8.881,"y":1e+30,"theta":0.1' in text
-
-
-def test_nan_and_infinities_are_written_as_text() -> None:
-    scan = ScannerData(ranges=[math.nan, math.inf, -math.inf])
-    assert to_json(scan, defaults=False) == {"ranges": ["NaN", "Infinity", "-Infinity"]}
-    json.loads(CODEC.encode("t", scan), parse_constant=lambda name: pytest.fail(name))
 
 
 def test_defaults_are_written_on_request_as_the_chassis_does() -> None:
@@ -190,34 +177,35 @@ def test_unknown_fields_are_skipped() -> None:
     assert envelope.sn == 4
 
 
-def test_snake_case_names_are_accepted() -> None:
-    assert body({"robot_task_id": "5"}, TaskProc()).robot_task_id == 5
-    assert body({"angle_min": -2.2}, ScannerData()).angle_min == pytest.approx(-2.2)
-
-
-def test_enum_names_are_accepted_and_unknown_ones_skipped() -> None:
-    assert body({"ctrl": "kAuto", "work": "kTaskMode"}, Mode()) == body(
-        {"ctrl": 1, "work": 2}, Mode()
-    )
-    assert body({"ctrl": "kNewerThanThis", "work": 2}, Mode()) == body({"work": 2}, Mode())
-    lengths = body({"motor": ["kFatal", "kNewer", 1]}, HardwareState())
-    assert list(lengths.motor) == [17, 0, 1]
-
-
-def test_enum_numbers_are_accepted_in_every_form() -> None:
-    for value in (1, "1", 1.0):
-        assert body({"ctrl": value}, Mode()).ctrl == 1
-    assert body({"ctrl": 77}, Mode()).ctrl == 77
-
-
-@pytest.mark.parametrize("value", [1000, "1000", 1e3, "1e3", "1000.0"])
-def test_64_bit_integers_are_accepted_in_every_form(value: Any) -> None:
-    assert body({"robotTaskId": value}, TaskProc()).robot_task_id == 1000
-
-
-def test_64_bit_integers_keep_every_digit() -> None:
-    for value in (2**63 - 1, str(2**63 - 1)):
-        assert body({"robotTaskId": value}, TaskProc()).robot_task_id == 2**63 - 1
+@pytest.mark.parametrize(
+    ("cls", "data", "field", "value"),
+    [
+        (TaskProc, {"robot_task_id": "5"}, "robot_task_id", 5),
+        (ScannerData, {"angle_min": -2.5}, "angle_min", -2.5),
+        *(
+            (TaskProc, {"robotTaskId": each}, "robot_task_id", 1000)
+            for each in (1000, "1000", 1e3, "1e3", "1000.0")
+        ),
+        *(
+            (TaskProc, {"robotTaskId": each}, "robot_task_id", 2**63 - 1)
+            for each in (2**63 - 1, str(2**63 - 1))
+        ),
+        (PoseSpeed, {"mapId": "7"}, "map_id", 7),
+        (Pose2D, {"x": "1.5"}, "x", 1.5),
+        *((Mode, {"ctrl": each}, "ctrl", 1) for each in (1, "1", 1.0, "kAuto")),
+        (Mode, {"ctrl": 77}, "ctrl", 77),
+        (Mode, {"ctrl": "kNewerThanThis"}, "ctrl", 0),
+        (HardwareState, {"motor": ["kFatal", "kNewer", 1]}, "motor", [17, 0, 1]),
+        *((SetOccupancy, {"occupy": each}, "occupy", True) for each in (True, "true", 1, 1.0)),
+        *((SetOccupancy, {"occupy": each}, "occupy", False) for each in (False, "false", 0)),
+        *(
+            (Network.WiFi, {"listJson": each}, "list_json", b"\xff\x00")
+            for each in ("/wA=", "/wA", "_wA=", "_wA")
+        ),
+    ],
+)
+def test_each_notation_of_a_value_is_accepted(cls: Any, data: Any, field: str, value: Any) -> None:
+    assert getattr(body(data, cls()), field) == value
 
 
 def test_null_means_the_default() -> None:
@@ -244,23 +232,6 @@ def test_nan_and_infinity_are_accepted_as_numbers_and_as_text() -> None:
     ranges = list(CODEC.body(CODEC.decode(text), ScannerData).ranges)
     assert [math.isnan(value) for value in ranges] == [True, False, False] * 2
     assert ranges[1:3] == ranges[4:6] == [math.inf, -math.inf]
-
-
-def test_numbers_as_text_are_accepted() -> None:
-    assert body({"pose": {"x": "1.5"}, "mapId": "7"}, PoseSpeed()).pose.x == 1.5
-
-
-@pytest.mark.parametrize(
-    ("value", "occupy"), [*((each, True) for each in (True, "true", 1, 1.0)),
-                          *((each, False) for each in (False, "false", 0))]
-)  # fmt: skip
-def test_booleans_are_accepted_in_every_form(value: Any, occupy: bool) -> None:
-    assert body({"occupy": value}, SetOccupancy()).occupy is occupy
-
-
-@pytest.mark.parametrize("text", ["/wA=", "/wA", "_wA=", "_wA"])
-def test_base64_is_accepted_in_both_alphabets_and_without_padding(text: str) -> None:
-    assert body({"listJson": text}, Network.WiFi()).list_json == b"\xff\x00"
 
 
 def test_the_later_of_two_members_of_a_oneof_wins() -> None:
@@ -338,7 +309,9 @@ def test_a_value_that_does_not_fit_names_its_field(cls: Any, data: Any, path: st
         ('{"type":"t","sn":true}', "envelope"),
         ('{"type":"t","sn":[]}', "envelope"),
         ('{"type":"t","sn":1e999}', "envelope"),
-        ('{"type":"t","body":{"x":' + "9" * 5000 + "}}", "json"),
+        ('{"type":"t","sn":"' + "9" * 4000 + '"}', "envelope"),
+        ('{"type":"t","sn":"0x10"}', "envelope"),
+        ('{"type":"t","body":{"x":' + "9" * 100_000 + "}}", "json"),
         (b'{"type":"t\xff"}', "utf-8"),
     ],
 )
@@ -346,29 +319,26 @@ def test_data_that_is_not_a_frame_gives_an_error_of_its_kind(text: str | bytes, 
     with pytest.raises(FrameError) as caught:
         CODEC.decode(text)
     assert caught.value.kind == kind
+    assert len(str(caught.value)) < 300
 
 
 def test_an_answer_without_a_type_is_still_an_answer() -> None:
     assert CODEC.decode('{"sn":3,"ok":true}').type == ""
 
 
-@pytest.mark.parametrize("value", ["7", 7.0])
-def test_the_sn_is_accepted_in_every_form(value: Any) -> None:
-    assert CODEC.decode(json.dumps({"type": "t", "sn": value})).sn == 7
-
-
-@pytest.mark.parametrize(("value", "ok"), [(True, True), (1, True), ("true", True), (0, False)])
-def test_ok_is_accepted_in_every_form(value: Any, ok: bool) -> None:
-    assert CODEC.decode(json.dumps({"type": "t", "sn": 1, "ok": value})).ok is ok
-
-
-@pytest.mark.parametrize("value", ["soon", [], {"a": 1}, True, 1e999, None])
-def test_an_invalid_timestamp_is_ignored(value: Any) -> None:
-    assert CODEC.decode(json.dumps({"type": "t", "sn": 1, "timestamp": value})).timestamp is None
-
-
 @pytest.mark.parametrize(
-    ("value", "text"), [(None, ""), (5, "5"), ({"a": 1}, ""), ("机", "机"), ("a\ud800b", "a?b")]
+    ("name", "value", "expected"),
+    [
+        *(("sn", each, 7) for each in ("7", 7.0)),
+        *(("ok", each, True) for each in (True, 1, "true")),
+        ("ok", 0, False),
+        *(("timestamp", each, None) for each in ("soon", [], {"a": 1}, True, 1e999, None)),
+        *(("msg", each, "") for each in (None, {"a": 1})),
+        *(("msg", *each) for each in ((5, "5"), ("机", "机"), ("a\ud800b", "a?b"))),
+    ],
 )
-def test_msg_is_text_that_can_be_logged(value: Any, text: str) -> None:
-    assert CODEC.decode(json.dumps({"type": "t", "sn": 1, "msg": value})).msg == text
+def test_values_of_the_envelope_are_accepted_in_every_form(
+    name: str, value: Any, expected: Any
+) -> None:
+    found = getattr(CODEC.decode(json.dumps({"type": "t", "sn": 1, name: value})), name)
+    assert (type(found), found) == (type(expected), expected)

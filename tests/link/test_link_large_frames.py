@@ -1,4 +1,4 @@
-"""Frames of many MiB: both directions, limits, order and progress."""
+"""Frames of many MiB: both directions, order and progress."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from tests.link.link_peer import KINDS, aio, answered, ask, eventually, linked, soon
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchMap
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -36,14 +36,6 @@ async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
         answer = await soon(task)
         assert isinstance(answer.body, Speak)
         assert answer.body.text == picture
-
-
-@aio
-async def test_the_limit_of_a_frame_can_be_raised_and_maps_fit_by_default() -> None:
-    async with linked(max_frame_size=100_000) as (peer, client, wire):
-        answer = await answered(client.request(SwitchMap()), wire, msg="x" * 99_000)
-        assert len(answer.msg) == 99_000
-    assert peer.client().config.max_frame_size == 64 * 1024 * 1024
 
 
 @pytest.mark.parametrize("kind", KINDS)

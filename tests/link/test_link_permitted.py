@@ -1,13 +1,16 @@
-"""A client that may send only some requests."""
+"""Requests that are not sent: not permitted, reserved for another caller, withdrawn or expired."""
 
 from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
 
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Peer, aio, answered, ask, block, linked, soon, turns
-from woosh_robot_agent.link import NotPermittedError, Sending, SupersededError
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
+from tests.link.link_peer import Peer, aio, answered, ask, block, linked, soon, turns
+from woosh_robot_agent.link import ChassisClient, NotPermittedError, Sending, SupersededError
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
 
 SPEAK = "woosh.robot.Speak"
@@ -30,37 +33,70 @@ async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
         assert client.refusal(Speak()) == "it may not speak"
         assert client.refusal(Battery()) == ""
         assert (await answered(send(Battery(), Sending()), wire)).ok
+        assert (await answered(client.send(Speak(), Sending(always=True)), wire)).ok
         client.permit_only(None)
         assert (await answered(client.request(Speak()), wire)).ok
-        assert [f["type"] for f in wire.seen if f["type"] in (SPEAK, BATTERY)] == [BATTERY, SPEAK]
+        asked = [frame["type"] for frame in wire.seen if frame["type"] in (SPEAK, BATTERY)]
+        assert asked == [BATTERY, SPEAK, SPEAK]
 
 
 @aio
-async def test_requests_that_wait_are_withdrawn() -> None:
-    async with linked() as (_peer, client, wire):
-        load = await block(client, wire)
-        waiting = ask(client, Speak(text="late"))
-        await turns()
-        client.permit_only(is_battery, "it may not speak")
-        with pytest.raises(SupersededError, match="it may not speak"):
-            await soon(waiting)
-        wire.thaw()
-        await wire.answer(await wire.next(SPEAK))
-        await soon(load)
-        assert len([frame for frame in wire.seen if frame["type"] == SPEAK]) == 1
-
-
-@aio
-async def test_what_is_not_permitted_can_be_sent_on_demand() -> None:
-    async with linked() as (_peer, client, wire):
-        client.permit_only(lambda _message: False, "nothing")
-        assert (await answered(client.send(Speak(), Sending(always=True)), wire)).ok
-
-
-@aio
-async def test_the_links_own_requests_are_sent() -> None:
+async def test_the_links_own_requests_are_always_sent() -> None:
     async with Peer() as peer:
         client = peer.client()
         client.permit_only(lambda _message: False, "nothing")
         async with client:
-            await client.wait_ready(TIMEOUT)
+            pass  # the link is ready
+
+
+@aio
+async def test_reserved_requests_are_sent_by_their_owner_only() -> None:
+    async with linked() as (_peer, client, wire):
+        send = client.reserve(lambda message: isinstance(message, SetMuteCall))
+        with pytest.raises(RuntimeError, match=r"woosh\.robot\.SetMuteCall is reserved"):
+            await client.request(SetMuteCall())
+        with pytest.raises(RuntimeError, match="reserved already"):
+            client.reserve(lambda _message: True)
+        assert (await answered(send(SetMuteCall(), Sending()), wire)).ok
+
+
+@pytest.mark.parametrize(
+    "withdraw",
+    [
+        lambda client: client.withdraw(lambda message: isinstance(message, SetMuteCall), "no use"),
+        lambda client: client.permit_only(lambda message: isinstance(message, Speak), "no use"),
+    ],
+    ids=["withdrawn", "not permitted any more"],
+)
+@aio
+async def test_a_waiting_request_that_is_withdrawn_is_not_sent(
+    withdraw: Callable[[ChassisClient], None],
+) -> None:
+    async with linked() as (_peer, client, wire):
+        load = await block(client, wire)
+        withdrawn = ask(client, SetMuteCall())
+        other = ask(client, Speak(text="other"))
+        await turns()
+        withdraw(client)
+        with pytest.raises(SupersededError, match="not sent: no use"):
+            await soon(withdrawn)
+        wire.thaw()
+        for task in (load, other):
+            await wire.answer(await wire.next(SPEAK))
+            assert (await soon(task)).ok
+        assert "woosh.robot.SetMuteCall" not in [frame["type"] for frame in wire.seen]
+
+
+@aio
+async def test_a_request_that_waited_too_long_is_not_sent() -> None:
+    async with linked() as (_peer, client, wire):
+        load = await block(client, wire)
+        stale = asyncio.ensure_future(client.send(Speak(text="stale"), Sending(within=0.0)))
+        fresh = ask(client, Speak(text="fresh"))
+        await turns()
+        wire.thaw()
+        with pytest.raises(SupersededError, match="too old"):
+            await soon(stale)
+        for task in (load, fresh):
+            await wire.answer(await wire.next(SPEAK))
+            assert (await soon(task)).ok

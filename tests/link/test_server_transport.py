@@ -1,9 +1,10 @@
-"""The server's end of a connection: after the other end has left, and with too large messages."""
+"""The server's end of a connection: clients that leave, send too much or send no text."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
@@ -11,6 +12,29 @@ import pytest
 from tests.link.link_peer import aio, config, soon
 from woosh_robot_agent.link.server import serve_tcp, serve_websocket
 from woosh_robot_agent.link.transport import TransportClosedError, open_transport
+
+HANDSHAKE = (
+    b"GET / HTTP/1.1\r\nHost: here\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
+CLOSED_AS_TOO_BIG = b"\x88\x02\x03\xf1"  # a close frame with code 1009
+
+
+@contextlib.asynccontextmanager
+async def streams(
+    handler: Any, request: bytes
+) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    """Serve WebSockets, and send a request over TCP."""
+    listener = await serve_websocket(handler, "127.0.0.1", 0, max_size=100_000)
+    reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
+    writer.write(request)
+    yield reader, writer
+    writer.close()
+    await listener.close()
+
+
+async def serve_nobody(_: Any) -> None:
+    raise AssertionError("not a WebSocket")
 
 
 @pytest.mark.parametrize(
@@ -40,13 +64,6 @@ async def test_writing_to_a_client_that_leaves_tells_that_the_connection_has_end
     await listener.close()
 
 
-HANDSHAKE = (
-    b"GET / HTTP/1.1\r\nHost: here\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
-)
-CLOSED_AS_TOO_BIG = b"\x88\x02\x03\xf1"  # a close frame with code 1009
-
-
 @aio
 async def test_too_large_message_is_refused_before_all_of_it_has_arrived() -> None:
     ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -57,47 +74,32 @@ async def test_too_large_message_is_refused_before_all_of_it_has_arrived() -> No
         except TransportClosedError as error:
             ended.set_result(str(error))
 
-    listener = await serve_websocket(read, "127.0.0.1", 0, max_size=100_000)
-    reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
-    writer.write(HANDSHAKE)
-    await soon(reader.readuntil(b"\r\n\r\n"))
-    # A masked text frame of an exbibyte.
-    writer.write(b"\x81\xff" + (1 << 60).to_bytes(8, "big") + bytes(4))
-    sending = asyncio.ensure_future(send_forever(writer))
-    with contextlib.suppress(ConnectionResetError):  # the reset may overtake the close frame
-        assert (await soon(reader.read(1000)))[:4] == CLOSED_AS_TOO_BIG
-    assert await soon(ended)
-    sending.cancel()
-    writer.close()
-    await listener.close()
+    async def send_forever(writer: asyncio.StreamWriter) -> None:
+        while True:
+            writer.write(b"x" * 65536)
+            await writer.drain()
+
+    async with streams(read, HANDSHAKE) as (reader, writer):
+        await soon(reader.readuntil(b"\r\n\r\n"))
+        # a masked text frame of an exbibyte
+        writer.write(b"\x81\xff" + (1 << 60).to_bytes(8, "big") + bytes(4))
+        sending = asyncio.ensure_future(send_forever(writer))
+        with contextlib.suppress(ConnectionResetError):  # the reset may overtake the close frame
+            assert (await soon(reader.read(1000)))[:4] == CLOSED_AS_TOO_BIG
+        assert await soon(ended)
+        sending.cancel()
 
 
 @aio
 @pytest.mark.parametrize("line", [b"Sec-WebSocket-Version: 1", b"Sec-WebSocket-Key: A", b"Host: h"])
 async def test_headers_that_are_no_text_are_refused(line: bytes) -> None:
-    listener = await serve_websocket(lambda _: asyncio.sleep(0), "127.0.0.1", 0, max_size=1000)
-    reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
-    writer.write(HANDSHAKE.replace(line, line + b"\xa2"))
-    assert (await soon(reader.readline())).startswith(b"HTTP/1.1 400")
-    writer.close()
-    await listener.close()
-
-
-async def send_forever(writer: asyncio.StreamWriter) -> None:
-    while True:
-        writer.write(b"x" * 65536)
-        await writer.drain()
+    async with streams(serve_nobody, HANDSHAKE.replace(line, line + b"\xa2")) as (reader, _):
+        assert (await soon(reader.readline())).startswith(b"HTTP/1.1 400")
 
 
 @aio
 async def test_plain_request_is_told_that_the_port_serves_websockets() -> None:
-    async def serve(_: Any) -> None:
-        raise AssertionError("not a WebSocket")
-
-    listener = await serve_websocket(serve, "127.0.0.1", 0, max_size=1000)
-    reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
-    writer.write(b"POST /woosh/robot/Mode HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n")
-    answer = await soon(reader.readuntil(b"only WebSockets"))
-    assert answer.startswith(b"HTTP/1.1 426 ")
-    writer.close()
-    await listener.close()
+    request = b"POST /woosh/robot/Mode HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n"
+    async with streams(serve_nobody, request) as (reader, _):
+        answer = await soon(reader.readuntil(b"only WebSockets"))
+        assert answer.startswith(b"HTTP/1.1 426 ")

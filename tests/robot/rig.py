@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import AsyncIterator
+from types import ModuleType
 from typing import Any
+
+import pytest
 
 from tests.link.link_peer import Frame, Peer, Wire, eventually
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.motion import MotionGate, Sender
 from woosh_robot_agent.robot.last_known import LastKnown
-from woosh_robot_agent.robot.refusals import RefusalExplainer
+from woosh_robot_agent.robot.refusals import CODE_DELAY, RefusalExplainer
 from woosh_robot_agent.robot.standstill import LIMIT
 from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.robot.who_drives import OVERLAP
@@ -21,6 +25,17 @@ READY = {
     "deviceState": {"software": 1},
     "poseSpeed": {"pose": {"x": 1.0, "y": 2.0, "theta": 3.0}, "mapId": 3},
 }
+
+
+class StoppedClock:
+    """Takes the place of the module `time` in another module; the test sets the monotonic time."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> None:
+        self.now = time.monotonic()
+        monkeypatch.setattr(module, "time", self)
+
+    def monotonic(self) -> float:
+        return self.now
 
 
 class Rig:
@@ -34,10 +49,17 @@ class Rig:
         info: the first RobotInfo.
         limit: time after which a robot that stands is reported, in seconds.
         overlap: time after which a silent source of velocities no longer drives, in seconds.
+        code_delay: maximum time from a refusal to its status code, in seconds.
     """
 
-    def __init__(self, info: Any, limit: float = LIMIT, overlap: float = OVERLAP) -> None:
-        self._limit, self._overlap = limit, overlap
+    def __init__(
+        self,
+        info: Any,
+        limit: float = LIMIT,
+        overlap: float = OVERLAP,
+        code_delay: float = CODE_DELAY,
+    ) -> None:
+        self._limit, self._overlap, self._code_delay = limit, overlap, code_delay
         self.peer = Peer(info=info, script=self._handle)
         self.goals: list[str] = []
         self.refusal = ""
@@ -49,6 +71,7 @@ class Rig:
             self.last_known = LastKnown(client)
             self.gate = MotionGate(client, lambda: len(self.goals))
             self.explainer = RefusalExplainer(client, self.last_known)
+            self.explainer.code_delay = self._code_delay
             self.watch = Watch(
                 client, self.gate, self.last_known, self.explainer, lambda: self.goals
             )

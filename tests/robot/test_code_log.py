@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import logging
-import time
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from tests.link.link_peer import aio
-from tests.robot.rig import READY, Rig
+from tests.robot.rig import READY, Rig, StoppedClock
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.robot import code_log
 
@@ -67,22 +65,16 @@ async def test_a_code_that_comes_back_is_logged_again(caplog: pytest.LogCaptureF
     assert len(logged(caplog)) == 2
 
 
-def test_a_code_that_lasts_is_not_repeated_but_an_event_is_after_a_while(
+@aio
+async def test_a_code_that_lasts_is_not_repeated_but_an_event_is_after_a_while(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now = time.monotonic()
-    monkeypatch.setattr(code_log, "time", SimpleNamespace(monotonic=lambda: now))
-
-    @aio
-    async def run() -> None:
-        nonlocal now
-        async with Rig({**READY, "abnormalCodes": {"scs": [PRESSED]}}).running() as rig:
-            await rig.push(StatusCode(), HOT)
-            now += code_log.QUIET + 1
-            await rig.push(StatusCode(), PRESSED)
-            await rig.push(StatusCode(), HOT)
-
-    run()
+    clock = StoppedClock(monkeypatch, code_log)
+    async with Rig({**READY, "abnormalCodes": {"scs": [PRESSED]}}).running() as rig:
+        await rig.push(StatusCode(), HOT)
+        clock.now += code_log.QUIET + 1
+        await rig.push(StatusCode(), PRESSED)
+        await rig.push(StatusCode(), HOT)
     assert [text[:12] for _, text in logged(caplog)] == [
         "110201000013",
         "110301000042",

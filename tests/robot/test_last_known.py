@@ -53,17 +53,6 @@ def test_robot_info_without_a_part_keeps_the_earlier_one():
     assert said.known.get(BATTERY) == Battery(power=50)
 
 
-def test_order_counts_without_reads_in_between():
-    said = Pushed()
-    said.push(INFO, battery={"power": 1})
-    said.push(BATTERY, power=2)
-    said.push(INFO, battery={"power": 3})
-    assert said.info.battery.power == 3
-    said.push(INFO, battery={"power": 4})
-    said.push(BATTERY, power=5)
-    assert said.info.battery.power == 5
-
-
 def test_a_bad_body_is_reported_once_and_changes_nothing():
     said = Pushed()
     said.push(BATTERY, power=49)

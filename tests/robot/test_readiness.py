@@ -50,16 +50,13 @@ def names(info: RobotInfo) -> list[str]:
     return [objection.name for objection in objections(info)]
 
 
-def test_a_ready_robot_has_no_reason():
-    assert objections(ready()) == []
-    assert is_taskable(ready()) is True
-    assert is_located(ready()) is True
-
-
-def test_an_empty_robot_info_gives_no_reason():
-    assert objections(RobotInfo()) == []
-    assert is_taskable(RobotInfo()) is None
-    assert is_located(RobotInfo()) is None
+@pytest.mark.parametrize(("info", "known"), [(ready(), True), (RobotInfo(), None)])
+def test_a_ready_robot_and_an_empty_robot_info_give_no_reason(
+    info: RobotInfo, known: bool | None
+) -> None:
+    assert all_objections(info) == []
+    assert [judge(info) for judge in (is_taskable, is_located, accepts_task)] == [known] * 3
+    assert pose_problem(info) is None
 
 
 @pytest.mark.parametrize("stop", [False, True])
@@ -161,14 +158,8 @@ def test_what_a_robot_does_is_told_beside_other_reasons():
     assert [each.name for each in all_objections(info)] == ["emergency_stop", "busy"]
 
 
-def test_it_is_unknown_whether_a_silent_robot_accepts_a_task():
-    assert all_objections(RobotInfo()) == []
-    assert accepts_task(RobotInfo()) is None
-
-
 def test_a_pose_without_a_map_is_told_from_one_on_a_map_with_the_id_0():
     info = ready()
-    assert pose_problem(info) is None
     info.pose_speed.map_id = 0
     problem = pose_problem(info)
     assert problem is not None
@@ -178,7 +169,6 @@ def test_a_pose_without_a_map_is_told_from_one_on_a_map_with_the_id_0():
     assert problem is not None
     assert "it belongs to no map" not in problem.reason
     assert "map wooshmap has the id 0" in problem.reason
-    assert pose_problem(RobotInfo()) is None
 
 
 def test_a_robot_that_builds_a_map_is_not_lost_and_has_a_map():

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
@@ -36,7 +34,7 @@ from woosh_robot_agent.robot.readiness import (
     NOT_DEPLOYMENT,
     NOT_INITIALISED,
 )
-from woosh_robot_agent.robot.refusals import type_of
+from woosh_robot_agent.robot.refusals import CODE_DELAY, type_of
 
 READY = {"mode": {"ctrl": 1, "work": 2}, "state": 2}
 NAVIGATING = {**READY, "state": 4, "taskProc": {"robotTaskId": "17", "state": 3}}
@@ -49,6 +47,11 @@ NO_INITIALISATION = 140801000232
 STEP_OCCUPIED = 120301000022
 BY_KEY = "set by its key switch or by software"
 UNRELATED = 130104000000
+
+
+def code(number: int, **fields: Any) -> Frame:
+    """Return the body of a status code."""
+    return {"code": str(number), **fields}
 
 
 class RefusingRig(Rig):
@@ -68,16 +71,9 @@ class RefusingRig(Rig):
         after: tuple[Any, ...] = (),
         patient: bool = False,
     ) -> None:
-        super().__init__(info)
+        super().__init__(info, code_delay=TIMEOUT if patient else CODE_DELAY)
         self.refusal = "Request failed"
-        self._before, self._after, self._patient = before, after, patient
-
-    @contextlib.asynccontextmanager
-    async def running(self) -> AsyncIterator[RefusingRig]:
-        async with super().running():
-            if self._patient:
-                self.explainer.code_delay = TIMEOUT
-            yield self
+        self._before, self._after = before, after
 
     async def reason(self, request: Any) -> str:
         """Send a request; return the reason of its refusal."""
@@ -87,11 +83,11 @@ class RefusingRig(Rig):
 
     async def _handle(self, wire: Wire, frame: Frame) -> bool:
         refused = "sn" in frame and frame["type"] != "woosh.robot.RobotInfo"
-        for code in self._before if refused else ():
-            await wire.push(STATUS_CODE, code)
+        for body in self._before if refused else ():
+            await wire.push(STATUS_CODE, body)
         handled = await super()._handle(wire, frame)
-        for code in self._after if refused else ():
-            await wire.push(STATUS_CODE, code)
+        for body in self._after if refused else ():
+            await wire.push(STATUS_CODE, body)
         return handled
 
 
@@ -115,49 +111,32 @@ async def reason_of(rig: RefusingRig, request: Any) -> str:
 async def test_the_status_code_after_the_answer_gives_the_reason(
     request_: Any, number: int, meaning: str
 ) -> None:
-    rig = RefusingRig(
-        NAVIGATING, (), ({"code": str(UNRELATED)}, {"code": str(number)}), patient=True
-    )
+    rig = RefusingRig(NAVIGATING, (), (code(UNRELATED), code(number)), patient=True)
     reason = await reason_of(rig, request_)
     assert reason.endswith(f"status code {number}: {meaning}")
 
 
 @aio
 async def test_the_meaning_stands_beside_a_text_in_another_language():
-    rig = RefusingRig(READY, (), ({"code": str(NOT_AUTOMATIC), "msg": "非自动模式"},), patient=True)
+    rig = RefusingRig(READY, (), (code(NOT_AUTOMATIC, msg="非自动模式"),), patient=True)
     assert await reason_of(rig, ExecTask(task_id=1)) == (
         f"status code {NOT_AUTOMATIC}: 非自动模式 (action refused: not in automatic mode)"
     )
 
 
 @aio
-async def test_an_earlier_status_code_gives_no_reason():
-    rig = RefusingRig(READY, before=({"code": str(NOT_AUTOMATIC)},))
-    assert await reason_of(rig, ExecTask(task_id=1)) == ""
-
-
-@aio
-async def test_an_unrelated_status_code_gives_no_reason():
-    codes = (UNRELATED, NO_SPEED_CONTROL, NOT_NAVIGATING, STEP_OCCUPIED)
-    rig = RefusingRig(READY, after=tuple({"code": str(code)} for code in codes))
-    assert await reason_of(rig, ExecTask(task_id=1)) == ""
-
-
-@aio
-async def test_a_late_status_code_gives_no_reason():
-    rig = RefusingRig(READY)
+async def test_an_earlier_an_unrelated_and_a_late_status_code_give_no_reason():
+    unrelated = (UNRELATED, NO_SPEED_CONTROL, NOT_NAVIGATING, STEP_OCCUPIED)
+    rig = RefusingRig(READY, (code(NOT_AUTOMATIC),), tuple(map(code, unrelated)))
     async with rig.running():
         assert await rig.reason(ExecTask(task_id=1)) == ""
-        codes: list[StatusCode] = []
-        rig.client.subscribe(StatusCode, codes.append)
-        await rig.wire.push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
-        await eventually(lambda: codes)
+        await rig.push(StatusCode(), code(NOT_AUTOMATIC))
         assert await rig.explainer.reason("woosh.robot.ExecTask") == ""
 
 
 @aio
 async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code():
-    rig = RefusingRig(READY, after=({"code": str(NOT_AUTOMATIC)},), patient=True)
+    rig = RefusingRig(READY, after=(code(NOT_AUTOMATIC),), patient=True)
     async with rig.running():
         codes: list[StatusCode] = []
         rig.client.subscribe(StatusCode, codes.append)
@@ -213,7 +192,7 @@ async def test_the_state_gives_the_reason(request_: Any, info: Any, reason: str)
 @aio
 async def test_state_and_status_code_are_both_given():
     info = {**READY, "deviceState": {"hardware": 1024, "software": 1}}
-    rig = RefusingRig(info, after=({"code": str(NO_SPEED_CONTROL)},), patient=True)
+    rig = RefusingRig(info, after=(code(NO_SPEED_CONTROL),), patient=True)
     assert await reason_of(rig, Twist(linear=0.1)) == (
         f"{EMERGENCY_STOP.reason}; status code {NO_SPEED_CONTROL}: "
         "speed control refused in the present state"
@@ -230,5 +209,5 @@ async def test_the_state_at_the_time_of_the_refusal_counts():
         reason = asyncio.ensure_future(rig.explainer.reason("woosh.robot.ExecTask"))
         await eventually(lambda: refused)
         rig.last_known.remember(TaskProc())
-        await rig.wire.push(STATUS_CODE, {"code": str(NOT_AUTOMATIC)})
+        await rig.wire.push(STATUS_CODE, code(NOT_AUTOMATIC))
         assert (await reason).startswith("the robot is executing task 17; ")

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import logging
-import time
-from types import SimpleNamespace
 
 import pytest
 
 from tests.link.link_peer import aio
-from tests.robot.rig import READY, Rig
+from tests.robot.rig import READY, Rig, StoppedClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.robot import who_drives
 from woosh_robot_agent.robot.who_drives import WINDOW, Interleaving
@@ -51,27 +49,21 @@ async def test_one_source_at_a_time_is_fine(sent: list[tuple[Twist, str]]) -> No
             assert rig.watch.velocities.simultaneous == ()
 
 
-def test_a_source_that_falls_silent_may_be_followed_by_another(
+@aio
+async def test_a_source_that_falls_silent_may_be_followed_by_another(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    now = time.monotonic()
-    monkeypatch.setattr(who_drives, "time", SimpleNamespace(monotonic=lambda: now))
-
-    @aio
-    async def run() -> None:
-        nonlocal now
-        async with Rig(READY).running() as rig:
-            await rig.send(FORWARD, "cmd_vel")
-            now += who_drives.OVERLAP
-            await rig.send(FORWARD, "robot/Twist")
-            assert rig.watch.velocities.simultaneous == ()
-            now += who_drives.OVERLAP / 2
-            await rig.send(FORWARD, "cmd_vel")
-            assert rig.watch.velocities.simultaneous
-            now += who_drives.SHOWN
-            assert rig.watch.velocities.simultaneous == ()
-
-    run()
+    clock = StoppedClock(monkeypatch, who_drives)
+    async with Rig(READY).running() as rig:
+        await rig.send(FORWARD, "cmd_vel")
+        clock.now += who_drives.OVERLAP
+        await rig.send(FORWARD, "robot/Twist")
+        assert rig.watch.velocities.simultaneous == ()
+        clock.now += who_drives.OVERLAP / 2
+        await rig.send(FORWARD, "cmd_vel")
+        assert rig.watch.velocities.simultaneous
+        clock.now += who_drives.SHOWN
+        assert rig.watch.velocities.simultaneous == ()
 
 
 @pytest.mark.parametrize(

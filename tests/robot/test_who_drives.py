@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from tests.link.link_peer import aio
-from tests.robot.rig import READY, Rig
+from tests.robot.rig import READY, Rig, StoppedClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
@@ -20,12 +18,6 @@ from woosh_robot_agent.robot.who_drives import Driver
 FORWARD, ZERO = Twist(linear=0.2), Twist()
 MOVING = {"pose": {"x": 1.1}, "twist": {"linear": 0.2}}
 NAVIGATING = {"robotTaskId": "17", "type": 1, "state": 3, "action": {"type": 1, "state": 1}}
-
-
-@aio
-async def test_nobody():
-    async with Rig(READY).running() as rig:
-        assert rig.watch.who_drives.now() == Driver("nobody")
 
 
 @pytest.mark.parametrize("source", ["cmd_vel", "robot/Twist"])
@@ -154,22 +146,16 @@ async def test_following(source: str, name: str) -> None:
         assert rig.watch.who_drives.now() == Driver(name, "the robot is following somebody")
 
 
-def test_a_movement_that_the_agent_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = time.monotonic()
-    monkeypatch.setattr(who_drives, "time", SimpleNamespace(monotonic=lambda: now))
-
-    @aio
-    async def run() -> None:
-        nonlocal now
-        async with Rig(READY).running() as rig:
-            await rig.push(PoseSpeed(), MOVING)
-            driver = rig.watch.who_drives.now()
-            assert driver.name == "unknown"
-            assert "another client may drive it" in driver.detail
-            now += who_drives.REPORT_GAP + 0.1
-            assert rig.watch.who_drives.now() == Driver("nobody")
-
-    run()
+@aio
+async def test_a_movement_that_the_agent_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = StoppedClock(monkeypatch, who_drives)
+    async with Rig(READY).running() as rig:
+        await rig.push(PoseSpeed(), MOVING)
+        driver = rig.watch.who_drives.now()
+        assert driver.name == "unknown"
+        assert "another client may drive it" in driver.detail
+        clock.now += who_drives.REPORT_GAP + 0.1
+        assert rig.watch.who_drives.now() == Driver("nobody")
 
 
 @aio

@@ -22,7 +22,7 @@ import websockets
 from google.protobuf.message import Message
 
 from tests.link import fuzz_inputs as inputs
-from tests.link.link_peer import INFO, Frame, Packed, Peer, Wire
+from tests.link.link_peer import INFO, Frame, Peer, Wire, varint
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
@@ -183,7 +183,7 @@ class TcpFraming(_Loop):
         for _ in range(rng.choice((1, 1, 2, 4))):
             frame = inputs.blob(rng)
             size = len(frame) if rng.random() < 0.8 else rng.choice((0, 1, 127, 2**20, 2**63))
-            out += Packed.varint(size) + frame
+            out += varint(size) + frame
         return inputs.blob(rng) if rng.random() < 0.1 else out
 
     async def take(self, batch: Sequence[Any]) -> Counter[str]:
@@ -303,7 +303,7 @@ class TcpClient(_Client):
         return inputs.blob(rng)
 
     def packed(self, data: bytes) -> bytes:
-        return Packed.varint(len(data)) + data
+        return varint(len(data)) + data
 
 
 class _Simulator(_Loop):

@@ -25,7 +25,6 @@ HEADER_SIZE = len(_HEADER)
 _FORMATS = {name: code for name, code in ARRAY_CODES.items() if name != "octet"} | {"boolean": "?"}
 """Format characters of `struct` by ROS type."""
 _ARRAY = re.compile(r"(.+)\[(\d+)\]")
-"""A fixed-size array."""
 _SEQUENCE = re.compile(r"sequence<(.+?)(?:, (\d+))?>")
 _Write = Callable[[bytearray, Any], None]
 
@@ -43,11 +42,11 @@ def serialize(message: Any) -> bytes:
 
 
 def packer(codes: str) -> Callable[[int], struct.Struct]:
-    """Return a function that gives the Struct of some numbers, with the padding that they need.
+    """Return a function that returns the Struct of some numbers, with padding in front of them.
 
-    Each number is aligned to its size, counted from the end of the encapsulation header. So the
-    padding depends on the length of the buffer to which the numbers are appended, modulo 8: that
-    is the argument of the returned function.
+    Its argument is the length of the buffer to which the numbers are appended, modulo 8. The
+    padding depends on it: each number is aligned to its size, counted from the end of the
+    encapsulation header.
 
     Args:
         codes: format characters of `struct`, one for each number.
@@ -79,7 +78,7 @@ def _writer(ros_class: Any) -> _Write:
             run.clear()
 
     def add(cls: Any, path: str) -> None:
-        """Write source for all fields of the message that the expression `path` gives."""
+        """Write source for all fields of the message in the expression `path`."""
         types = cls.get_fields_and_field_types()
         if not types:
             run.append(("B", "0"))  # a struct has at least one member

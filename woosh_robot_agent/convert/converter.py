@@ -13,15 +13,15 @@ from woosh_robot_agent.convert.mapping import mirrored_fields
 from woosh_robot_agent.link.codecs.json_codec import from_json
 from woosh_robot_agent.link.frames import Body
 
-_MALFORMED = (AttributeError, TypeError, ValueError, OverflowError)
-"""Raised by the compiled functions for JSON that needs the tolerant reader."""
+_UNEXPECTED = (AttributeError, TypeError, ValueError, OverflowError)
+"""Errors of the compiled functions for values that need the tolerant reader, or that do not fit."""
 
 
 class Converter:
     """Converter between a ROS message class and the protobuf message class that it mirrors.
 
     Each direction is compiled on first use: compiling all of them would take a tenth of the
-    start-up time. That nested messages do not mirror each other is found only by the compilation.
+    start-up time. Only the compilation finds nested messages that do not mirror each other.
 
     Raises:
         TypeError: the classes do not mirror each other.
@@ -58,7 +58,7 @@ class Converter:
         """
         try:
             return self._from_json(value)
-        except _MALFORMED:  # the slow reader accepts more, or names the bad field
+        except _UNEXPECTED:  # `json_codec.from_json` is slow, but accepts more or names the field
             message = self.proto_class()
             from_json(value, message)
             return self.to_ros(message)

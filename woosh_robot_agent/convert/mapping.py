@@ -64,13 +64,11 @@ def class_of(name: str, kind: str = "msg") -> Any:
 
 @cache
 def extra_slots(ros_class: Any) -> Mapping[str, Any] | None:
-    """Return the initial values of the slots that a message has besides the slots of its fields.
+    """Return the slots of a message that are no fields, with their initial values by name.
 
     The classes of Jazzy and Kilted have the slot `_check_fields`, and those of Humble have none.
-
-    Returns:
-        Values by name, for messages whose slots are set directly; None if that is not possible,
-        because ROS checks fields (`ROS_PYTHON_CHECK_FIELDS=1`) or the class has unexpected slots.
+    Return None if the slots must not be set directly, because ROS checks fields
+    (`ROS_PYTHON_CHECK_FIELDS=1`) or the class has unexpected slots.
     """
     fields = {f"_{name}" for name in ros_class.get_fields_and_field_types()}
     extra = set(ros_class.__slots__) - fields
@@ -95,7 +93,7 @@ ARRAY_CODES = {
     "float": "f",
     "double": "d",
 }
-"""Typecodes of `array.array` by ROS type. ROS takes an array without checking each number."""
+"""Typecodes of `array.array` by ROS type. ROS accepts an array without checking each number."""
 
 
 def mirrored_fields(ros_class: Any, proto_class: Any) -> list[tuple[str, str, Any]]:
@@ -107,7 +105,7 @@ def mirrored_fields(ros_class: Any, proto_class: Any) -> list[tuple[str, str, An
     types = dict(ros_class.get_fields_and_field_types())
     types.pop("has_field", None)
     fields = proto_class.DESCRIPTOR.fields_by_name
-    for group in oneofs(proto_class):
+    for group in proto_class.DESCRIPTOR.oneofs:  # an `optional` field has one, too
         if types.pop(group.name, None) is None:
             raise TypeError(f"{ros_class.__name__} lacks the oneof {group.name}")
     for name in types:
@@ -117,7 +115,7 @@ def mirrored_fields(ros_class: Any, proto_class: Any) -> list[tuple[str, str, An
 
 
 def presence_bits(ros_class: Any, proto_class: Any) -> dict[str, int] | None:
-    """Return the bit in `has_field` by name of the field; None if the class has no `has_field`."""
+    """Return the bits in `has_field` by field name; None if the class has no `has_field`."""
     types = ros_class.get_fields_and_field_types()
     if "has_field" not in types:
         return None
@@ -128,11 +126,6 @@ def presence_bits(ros_class: Any, proto_class: Any) -> dict[str, int] | None:
         and field.message_type is not None
         and item_type(types[field.name]) is None
     }
-
-
-def oneofs(proto_class: Any) -> list[Any]:
-    """Return the oneofs of a class, including the oneof of each `optional` field."""
-    return list(proto_class.DESCRIPTOR.oneofs)
 
 
 def item_type(ros_type: str) -> str | None:

@@ -19,7 +19,6 @@ from woosh_robot_agent.convert.mapping import (
     item_type,
     message_class,
     mirrored_fields,
-    oneofs,
     presence_bits,
 )
 
@@ -42,7 +41,7 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
             _set_proto(source, "r", name, ros_type, field, indent="    ")
         else:
             _set_proto(source, "r", name, ros_type, field)
-    for group in oneofs(proto_class):
+    for group in proto_class.DESCRIPTOR.oneofs:
         inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
         types = inner_class.get_fields_and_field_types()
         source.add(f"o = r.{group.name}; which = o.which or o.{group.name}_choice")

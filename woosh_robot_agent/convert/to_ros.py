@@ -1,7 +1,7 @@
 """Conversion to ROS messages, from JSON values and from protobuf messages.
 
-A message is created without its constructor, which would create all nested messages, only for the
-caller to replace them, and would take longer than the rest of the conversion. The fields are set
+A message is created without its constructor, which would take longer than the rest of the
+conversion: it would create all nested messages, which are replaced anyway. The fields are set
 directly in the slots behind the properties. The constructor and the properties are used if ROS
 checks fields (`ROS_PYTHON_CHECK_FIELDS=1`), or if a class has unexpected slots.
 """
@@ -25,7 +25,6 @@ from woosh_robot_agent.convert.mapping import (
     item_type,
     message_class,
     mirrored_fields,
-    oneofs,
     presence_bits,
 )
 from woosh_robot_agent.link.codecs.json_codec import (
@@ -36,8 +35,8 @@ from woosh_robot_agent.link.codecs.json_codec import (
 )
 
 _MAX_FLOAT32 = 3.4e38
-"""Largest value that is used unchanged: a larger one may not fit a float32, and ROS does not check
-whether it fits."""
+"""Largest number that is used unchanged for a float32. A larger one may not fit, and ROS does not
+check it."""
 _INTEGERS = {
     FieldDescriptor.CPPTYPE_INT32: (-(2**31), 2**31 - 1),
     FieldDescriptor.CPPTYPE_UINT32: (0, 2**32 - 1),
@@ -49,12 +48,11 @@ _INTEGERS = {
 
 
 def scalar_conversion(field: Any) -> tuple[str, Callable[[Any], Any]]:
-    """Return how the JSON value of a field becomes the value of a ROS field.
+    """Return how a JSON value `v` becomes the value of a field of a ROS message.
 
     Returns:
-        The source of a condition that is true if the value `v` can be used unchanged, and a
-        function that converts all other values. The function raises ValueError, TypeError or
-        OverflowError.
+        The source of a condition that is true if `v` can be used unchanged, and a function that
+        converts all other values. The function raises ValueError, TypeError or OverflowError.
     """
     kind, read = field.cpp_type, scalar_reader(field)
     if field.type == FieldDescriptor.TYPE_BYTES:
@@ -130,11 +128,11 @@ def new_message(ros_class: Any, **fields: Any) -> Any:
 
 
 class MessageSource:
-    """Writes source that creates a message and sets its fields.
+    """Writes source code that creates a message and sets its fields.
 
     Args:
-        source: function that the source is added to.
-        variable: variable that holds the message.
+        source: the function to which the code is added.
+        variable: variable of the function that holds the message.
         ros_class: class of the message.
     """
 
@@ -163,7 +161,7 @@ Make = Callable[[Any], Any]
 class Origin(ABC):
     """Form of the data that ROS messages are made from: protobuf or JSON.
 
-    Its methods write the source that reads values from the function's argument `d`.
+    Its methods write source code that reads values from the argument `d` of the function.
     """
 
     def begin(self, source: FunctionSource) -> None:  # noqa: B027 - empty by default
@@ -183,7 +181,7 @@ class Origin(ABC):
 
     @abstractmethod
     def numbers(self, source: FunctionSource, field: Any, code: str) -> str:
-        """Return the expression for an array of typecode `code` of the list or bytes in `v`."""
+        """Return the expression for an array of typecode `code` with the list or bytes in `v`."""
 
     @abstractmethod
     def messages(self, source: FunctionSource) -> str:
@@ -265,7 +263,7 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
         _set(made, name, ros_type, field, origin, optional=optional)
     if bits is not None:
         made.set("has_field", "has")
-    for group in oneofs(proto_class):
+    for group in proto_class.DESCRIPTOR.oneofs:
         inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
         types = inner_class.get_fields_and_field_types()
         inner = MessageSource(source, "o", inner_class)

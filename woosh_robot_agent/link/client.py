@@ -45,8 +45,8 @@ class ChassisClient:
     Args:
         ip: address of the chassis; None takes the one of `config`.
         config: configuration of the link; None takes the defaults.
-        minimum_timeouts: minimum timeouts of slow requests, in seconds, by protobuf full name. They
-            apply where the configured `request_timeout` is shorter.
+        minimum_timeouts: minimum timeouts of slow requests, in seconds, by protobuf full name; used
+            instead of a shorter `request_timeout` of the configuration.
 
     Attributes:
         stats: counters of the link.
@@ -75,7 +75,7 @@ class ChassisClient:
         self._permitted: Callable[[Message], bool] | None = None
         """Selects the requests that may be sent; None for all of them."""
         self._refusal_reason = ""
-        """Reason why other requests may not be sent, and what to do."""
+        """Reason why all other requests are refused, and what to do."""
 
     @property
     def config(self) -> LinkConfig:
@@ -109,7 +109,7 @@ class ChassisClient:
         - `outbox`: frames that wait to be sent: the unsent ones of the requests in flight, and
           subscribe frames.
         - `pushes`: pushes and answers that wait for their consumers, up to a limit for each type.
-        - `tasks`: tasks that have not ended: 5 while the link is ready, none after `close`.
+        - `tasks`: asyncio tasks that have not ended: 5 while the link is ready, 0 after `close`.
         """
         sizes = {"requests": 0, "outbox": 0, "tasks": 0}
         if self._connection is not None:
@@ -305,8 +305,8 @@ class ChassisClient:
     def on_refused(self, callback: Callable[[Message], None]) -> None:
         """Call `callback` in the event loop with each request that the chassis refuses.
 
-        The calls are in order with the pushes, like those of `tap` in `request`, and come before
-        the `tap` of the same request.
+        The calls are in order with the pushes, like those of `tap` in `request`. The callback is
+        called before the `tap` of the same request.
         """
         self._refused_callbacks.append(callback)
 
@@ -331,8 +331,8 @@ class ChassisClient:
     ) -> Callable[[], None]:
         """Call `callback` in the event loop with each push of `cls`, not decoded yet.
 
-        If `prepare` or `callback` raises a FrameError because it cannot read the body, later
-        subscribers do not get that push either.
+        If `prepare` or `callback` cannot read the body, and so raises a FrameError, the subscribers
+        after it do not get that push.
 
         Args:
             cls: class of the pushes.
@@ -365,13 +365,13 @@ class ChassisClient:
         return unsubscribe
 
     def count_bad_value(self, cls: type[Message], reason: str) -> None:
-        """Count a message of the chassis that a consumer cannot use, e.g. for an infinite number.
+        """Count a message that a consumer cannot use, e.g. because a number is infinite.
 
         The first one of each class and kind on a link is logged. Call it in the event loop.
 
         Args:
             cls: class of the message.
-            reason: what is wrong, a colon, and the value. The text before the colon is the kind.
+            reason: kind of the defect, a colon, and the value, e.g. `x is not finite: inf`.
         """
         self._subscriptions.count_bad_value(full_name(cls), reason)
 
@@ -409,16 +409,16 @@ class ChassisClient:
         try:
             return await connection.request(message, how._replace(timeout=timeout, tap=tap))
         except NotConnectedError as error:  # the connection has just ended
-            self._status.lost(error.__cause__)
+            self._status.note_lost(error.__cause__)
             raise self._status.not_connected() from None
 
     def _queueing_tap(
         self, message: Message, tap: Callable[[Answer], None] | None
     ) -> Callable[[Answer], None] | None:
-        """Return a callback that queues the answer to `message`, among the pushes.
+        """Return a function that puts the answer to `message` into the queue of the pushes.
 
-        From the queue, the answer goes to `tap` and to the callbacks of `on_accepted` and
-        `on_refused`. None if there are no such callbacks.
+        From there, the answer goes to `tap` and to the callbacks of `on_accepted` and `on_refused`.
+        Return None if there are no such callbacks.
         """
         on_accepted = self._accepted_callbacks.get(full_name(message), ())
         if tap is None and not on_accepted and not self._refused_callbacks:

@@ -104,15 +104,15 @@ _IDLE_SHARE = 0.4
 _MARGIN = 0.03
 """Share of the timeout kept for timers that fire late, so that the timeout is not exceeded."""
 _BUSY_SHARE = 0.3
-"""A timer that fires late by more than this share of the timeout shows that this program was busy.
-The delay is not counted as silence, because the remaining time could be too short for an answer."""
+"""Share of the timeout. A timer that is later than this shows that this program was busy, and the
+delay is not counted as silence: the remaining time could be too short for an answer."""
 
 
 class Liveness:
     """Decides whether the other end of one connection is alive.
 
-    Signs of life are valid frames, and bytes of unfinished frames in either direction: a map of
-    several MiB may take longer than the timeout.
+    Signs of life are valid frames. Bytes of unfinished frames in either direction count, too: a map
+    of several MiB may take longer than the timeout.
 
     Args:
         transport: the transport to watch.
@@ -137,7 +137,7 @@ class Liveness:
         self._alive_at = self._now()
         """Loop time of the last sign of life."""
         self._accepted_at = self._now()
-        """Loop time at which the other end last accepted bytes, or none were waiting."""
+        """Loop time at which the other end last accepted bytes, or no bytes were waiting."""
         self._previous = (sent(), 0)
         """Frames sent, and bytes waiting to be sent, at the last check."""
 
@@ -163,7 +163,7 @@ class Liveness:
                     raise ConnectionLostError(_SILENT(seconds=f"{self._timeout:g}")) from None
 
     async def _sleep(self, seconds: float) -> None:
-        """Sleep. A delay because this program was busy does not count as silence."""
+        """Sleep, without counting a delay of this busy program as silence."""
         due = self._now() + seconds
         await asyncio.sleep(seconds)
         late = self._now() - due
@@ -186,7 +186,7 @@ class Liveness:
         sent, backlog = self._sent(), self._transport.backlog()
         previous_sent, previous_backlog = self._previous
         self._previous = sent, backlog
-        if sent == previous_sent and backlog < previous_backlog:  # a part was read over there
+        if sent == previous_sent and backlog < previous_backlog:  # the other end has read a part
             self._alive_at = now
         if not backlog or sent != previous_sent or backlog < previous_backlog:
             self._accepted_at = now
@@ -210,8 +210,8 @@ _MAX_BURST = 25
 """Number of frames after which the reader lets other tasks run, so that the pushes among them are
 delivered before their queue overflows."""
 _MAX_ASIDE = 2
-"""Maximum number of large frames that wait to be decoded. Until one is decoded, no further frame is
-read, so that the chassis has to wait, too."""
+"""Maximum number of large frames that wait to be decoded. With one more, reading stops until one is
+decoded, so that the chassis has to wait, too."""
 
 
 class Sending(NamedTuple):
@@ -223,7 +223,7 @@ class Sending(NamedTuple):
             in flight.
         urgent: send it even if `max_in_flight` requests are in flight, and do not count it as one
             of them.
-        within: maximum time that the request may wait to be sent, in seconds.
+        within: maximum time for which the request may wait to be sent, in seconds.
         always: send it even if `ChassisClient.permit_only` excludes it.
         tap: callback that gets the answer in order with the pushes; see `ChassisClient.request`.
     """
@@ -246,7 +246,7 @@ class _Pending:
         future: gets the answer.
         timeout: time to wait for the answer, in seconds.
         deadline: loop time at which the waiting ends.
-        tap: called with the answer when it is read, or None.
+        tap: called with the answer as soon as it is read; or None.
     """
 
     message: Message
@@ -282,8 +282,8 @@ class Connection:
         codec: encoding of all frames.
         config: timeouts and limits.
         record: counters and logs.
-        on_push: called with each push, and with True if it arrived alone, that is, if no other
-            frame was waiting to be read; must not block.
+        on_push: called with each push, and with True if the push arrived alone: no other frame was
+            waiting to be read. Must not block.
 
     Attributes:
         config: timeouts and limits. A new configuration takes effect at once, except for
@@ -368,7 +368,7 @@ class Connection:
                 self._codec.encode, name, message, sn=sn, timestamp=time.time_ns() // 1_000_000
             )
             data = encode() if message.ByteSize() < LARGE else None
-            # in the outbox, a request with `first` goes ahead even of an earlier one with `first`
+            # a request with `first` goes through the outbox, ahead of earlier ones with `first`
             if data is not None and self._is_free_for(data) and not how.first:
                 await self._guard(partial(self._send, data))
             else:
@@ -423,7 +423,7 @@ class Connection:
         }
 
     def _fail(self, cause: LinkError) -> None:
-        """Note why the connection ends, unless it has ended already."""
+        """Note the first cause that ends the connection, and fail the pending requests."""
         if self._cause is not None:
             return
         self._cause = cause
@@ -490,9 +490,10 @@ class Connection:
             await self._outbox_filled.wait()
 
     def _next_to_send(self) -> int | None:
-        """Return the key of the next frame; None if no frame waits that is encoded.
+        """Return the key of the next frame; None if no frame can be sent now.
 
-        Frames keep their order, but an urgent one does not wait until a large one is encoded.
+        Frames keep their order, also while the first one is being encoded. Only an urgent frame
+        does not wait for that.
         """
         for key, frame in self._outbox.items():
             if frame.data is not None and (frame.urgent or key == next(iter(self._outbox))):
@@ -596,7 +597,7 @@ class Connection:
         self._on_push(envelope, alone)
 
     async def _receive_aside(self, data: str | bytes) -> None:
-        """Begin to decode a large frame aside, once fewer than `_MAX_ASIDE` others are waiting."""
+        """Begin to decode a large frame aside; first wait while `_MAX_ASIDE` others are waiting."""
         await self._aside_slots.acquire()
         newer: set[str] = set()
         self._newer.append(newer)

@@ -30,7 +30,7 @@ class FrameError(Exception):
     """A frame that cannot be read.
 
     Attributes:
-        kind: short constant name of the defect, used to count it and to log it once.
+        kind: name of the kind of defect, e.g. `json`, by which defects are counted and logged once.
     """
 
     def __init__(self, kind: str, detail: str) -> None:
@@ -68,10 +68,10 @@ class Envelope:
             not an answer.
         msg: text of the chassis, in the language of the chassis.
         sn: serial number of the request and its answer, 1..2^31-1; 0 if there is none.
-        timestamp: Unix time in ms; None if the sender left it out, or if it is no time.
-        defect: why the timestamp cannot be used; empty if it is valid or left out.
+        timestamp: Unix time in ms; None if the frame has none, or an invalid one.
+        defect: why the timestamp is invalid; empty if it is valid, or if there is none.
         is_large: True if the body is decoded and converted in the thread for large messages; see
-            `aside`.
+            `tasks.aside`.
         message: the decoded body of a large frame; None if it is not decoded yet.
     """
 
@@ -135,7 +135,7 @@ class Body:
 
     Attributes:
         type: protobuf full name of the body's message, as the frame gives it.
-        is_large: True if the body is converted in the thread for large messages; see `aside`.
+        is_large: True if the body is converted in the thread for large messages; see `tasks.aside`.
     """
 
     __slots__ = ("_codec", "_error", "_message", "_on_bad", "_value", "is_large", "type")
@@ -170,12 +170,11 @@ class Body:
         return self._message
 
     def read(self, from_json: Callable[[object], T], from_message: Callable[[Any], T]) -> T:
-        """Return the body as converted by one of two functions.
-
-        A JSON body is converted directly, without a protobuf message in between.
+        """Return the body, converted by one of two functions.
 
         Args:
-            from_json: converts the JSON value of a JSON body; raises FieldError.
+            from_json: converts the value of a JSON body that is not decoded yet, without a protobuf
+                message in between; raises FieldError.
             from_message: converts the protobuf message of any other body.
 
         Raises:

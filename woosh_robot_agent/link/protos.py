@@ -52,16 +52,16 @@ def full_name(message: Message | type[Message]) -> str:
     return str(message.DESCRIPTOR.full_name)
 
 
-# Parts of the names of enum values that a reader does not need
 _PREFIXES = ("k", "Ros")
 _SUFFIXES = ("Mode",)
+"""Parts of the names of enum values that are left out of readable names."""
 
 
 def enum_name(enum: Any, number: int) -> str:
     """Return the readable name of a value of a generated enum, e.g. `task` for `kTaskMode`.
 
-    An undefined value is called `unknown`. For a value that the enum does not have, the result is
-    its number.
+    A value such as `kStateUndefined` is called `unknown`. For a number that the enum does not
+    define, the result is the number.
     """
     return _enum_name(enum.DESCRIPTOR, number)
 

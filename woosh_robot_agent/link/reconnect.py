@@ -129,7 +129,7 @@ class LinkStatus:
         for callback in tuple(self._callbacks):
             call_logged(callback, state)
 
-    def lost(self, cause: BaseException | None) -> None:
+    def note_lost(self, cause: BaseException | None) -> None:
         """Enter WAITING if the link is ready, with `cause` as the last error."""
         if self.state is LinkState.READY:
             self.last_error = cause if isinstance(cause, LinkError) else None
@@ -224,17 +224,17 @@ async def handshake(
     log: LogOnce,
     expected: RobotIdentity | None,
 ) -> RobotIdentity | None:
-    """Renew the subscriptions and request RobotInfo; the link is ready with its answer.
+    """Renew the subscriptions, request RobotInfo, and check that the expected robot answers.
 
     Args:
         connection: a new connection.
         subscriptions: the subscriptions to renew; gets the RobotInfo.
         config: timeout, and id of the robot.
-        log: log for a RobotInfo that cannot be read.
+        log: gets a warning about a RobotInfo that cannot be read.
         expected: the robot of the earlier links; None for the first link.
 
     Returns:
-        The identity of the robot, as far as it is known; None if it is not known.
+        The identity of the robot, as far as it is known by now; None if nothing is known.
 
     Raises:
         LinkError: the connection ended, or no answer arrived in time.
@@ -243,7 +243,7 @@ async def handshake(
     """
 
     def put_snapshot(answer: Answer) -> None:
-        """Deliver the RobotInfo, and the pushes held back until the robot's identity is known."""
+        """Deliver the pushes that were held back, and the RobotInfo, if it is the right robot."""
         if not _is_other(_sender(answer), expected):
             subscriptions.put_snapshot(answer)
 
@@ -262,7 +262,7 @@ async def handshake(
 
 
 def _sender(answer: Answer) -> RobotIdentity | None:
-    """Return the identity of the robot that sent a RobotInfo; None if it cannot be read."""
+    """Return the identity in a RobotInfo; None if it cannot be read."""
     info = answer.body
     return RobotIdentity.of(info) if answer.ok and isinstance(info, RobotInfo) else None
 
@@ -284,7 +284,7 @@ def _check_info(answer: Answer, log: LogOnce) -> None:
 async def _request_info(
     connection: Connection, tap: Callable[[Answer], None], config: LinkConfig
 ) -> Answer:
-    """Request RobotInfo, and again if no answer comes, since a single frame may be lost."""
+    """Request RobotInfo, and again while no answer comes, since a single frame may be lost."""
     remaining = config.handshake_timeout
     message = RobotInfo(robot_id=config.robot_id or None)
     requests: set[asyncio.Task[Answer]] = set()
@@ -456,7 +456,7 @@ class ReconnectLoop:
             self._log_failure(cause, f"lost the link to {self.config.address}: {cause}")
         finally:
             self.connection = None
-            self._status.lost(cause)  # first, because the close may take long
+            self._status.note_lost(cause)  # first, because the close may take long
             await connection.close(cause)
         return lasted
 

@@ -45,7 +45,7 @@ class LinkStats:
         refused_requests: requests that were not sent because too many were in flight, by message
             type.
         timeouts: requests that were not answered in time, by message type.
-        late_answers: answers to requests that were no longer pending.
+        late_answers: answers whose requests were no longer pending.
         round_trip: round-trip time of the last answered request or ping, in seconds; None before
             the first.
         clock_offset: time by which the chassis's clock is ahead of this computer's, in seconds; too
@@ -129,7 +129,7 @@ class LogOnce:
         """The kinds of problems that were logged."""
 
     def warn(self, kind: str, text: str) -> None:
-        """Log `text`, at WARNING if this kind was not logged since it was last cleared."""
+        """Log `text`: the first one of its kind at WARNING, the others at DEBUG, until cleared."""
         kind = kind[:_LONGEST_KIND]
         repeated = kind in self._logged
         if not repeated:

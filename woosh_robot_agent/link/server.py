@@ -27,7 +27,7 @@ from woosh_robot_agent.link.transport import (
 
 
 class ServerTransport(FrameConnection, Protocol):
-    """The server's end, which can also write what is no frame."""
+    """The server's end of a connection, which can also write bytes that are no frame."""
 
     def header(self, size: int, *, text: bool = False) -> bytes:
         """Return the bytes that precede a frame from the server.
@@ -67,7 +67,7 @@ class Listener:
 
     Args:
         server: an asyncio server that is already listening.
-        http: the HTTP server that `server` belongs to; None for TCP.
+        http: the HTTP server that handles the connections; None for TCP.
 
     Attributes:
         port: actual port of the first socket, even if port 0 was requested.
@@ -83,7 +83,7 @@ class Listener:
         self.port: int = self.addresses[0][1][1]
 
     def drop(self) -> None:
-        """Abort all HTTP connections, also those between two requests."""
+        """Abort all HTTP connections, also idle ones."""
         for connection in self._http.connections if self._http else ():
             if connection.transport is not None:
                 connection.transport.abort()
@@ -157,7 +157,7 @@ class ConnectedClient:
         self._outbox_bytes = 0
 
     async def write(self, running: asyncio.Event | None = None) -> None:
-        """Send queued frames until the connection ends. Pause while `running` is not set."""
+        """Send queued frames until the connection ends, but nothing while `running` is not set."""
         with contextlib.suppress(TransportClosedError):
             while self._open:
                 await self._filled.wait()
@@ -179,7 +179,7 @@ class ConnectedClient:
         return len(self._outbox)
 
     def _ensure_room(self) -> bool:
-        """Drop the client if its queue is full; return True if a frame may be queued."""
+        """Return True if a frame may be queued; drop the client if its queue is full."""
         is_full = self._waiting_frames() >= self._max_outbox or self._outbox_bytes > _MAX_BYTES
         if self._open and is_full:
             self.drop()
@@ -246,8 +246,7 @@ class HttpConnection(asyncio.Protocol):
 
     Args:
         inner: the protocol of aiohttp.
-        open_timeout: maximum time until the first request has arrived, or until the handshake is
-            complete, in seconds.
+        open_timeout: as in `serve_websocket`.
 
     Attributes:
         transport: the socket.
@@ -259,23 +258,23 @@ class HttpConnection(asyncio.Protocol):
         self.transport: asyncio.Transport
         self.lost: asyncio.Future[None] = loop.create_future()
         self._inner = inner
+        self._unread = 0
+        """Number of bytes that arrived after the last message or ping of the WebSocket."""
         self._max_unread: int | None = None
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
-        self._unread = 0
-        """Number of bytes since the last message or ping of the WebSocket."""
-        self._opening = loop.call_later(open_timeout, lambda: self.transport.abort())
+        self._open_timer = loop.call_later(open_timeout, lambda: self.transport.abort())
 
-    def opened(self, max_message: int | None = None) -> None:
+    def note_opened(self, max_message: int | None = None) -> None:
         """Note that the first request has arrived, or that the handshake is complete.
 
         Args:
             max_message: largest message that is read from the WebSocket, in bytes.
         """
-        self._opening.cancel()
+        self._open_timer.cancel()
         if max_message is not None:
             self._max_unread = max_message + CHUNK
 
-    def message_read(self) -> None:
+    def note_message_read(self) -> None:
         """Note that a message or a ping has been read from the WebSocket."""
         self._unread = 0
 
@@ -298,7 +297,7 @@ class HttpConnection(asyncio.Protocol):
         return self._inner.eof_received()
 
     def connection_lost(self, error: Exception | None) -> None:
-        self._opening.cancel()
+        self._open_timer.cancel()
         if not self.lost.done():
             self.lost.set_result(None)
         self._inner.connection_lost(error)
@@ -358,7 +357,7 @@ class WebSocketServerTransport:
     async def recv(self) -> str | bytes:
         while True:
             message = await self._socket.receive()
-            self._connection.message_read()
+            self._connection.note_message_read()
             if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
                 data: str | bytes = message.data
                 return data
@@ -441,7 +440,7 @@ async def serve_websocket(
     *,
     max_size: int,
     open_timeout: float = 10.0,
-    before: Callable[[], Awaitable[object]] | None = None,
+    before_handshake: Callable[[], Awaitable[object]] | None = None,
     local_pages_only: bool = False,
     respond: HttpHandler = _only_websockets,
 ) -> Listener:
@@ -452,16 +451,16 @@ async def serve_websocket(
         host: the address to listen on.
         port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
-        open_timeout: time after which a client is dropped that has sent no request, or whose
-            handshake is not complete, in seconds.
-        before: awaited before a client's handshake is answered.
+        open_timeout: maximum time from the connection to the first request or a complete handshake,
+            in seconds. After it, the client is dropped.
+        before_handshake: awaited before a client's handshake is answered, e.g. to delay it.
         local_pages_only: True to refuse web pages as clients, except pages of this machine.
         respond: answers a request that is no handshake.
     """
 
     async def serve_request(request: web.BaseRequest) -> web.StreamResponse:
         connection = None if request.transport is None else request.transport.get_protocol()
-        if not isinstance(connection, HttpConnection):  # it has ended already
+        if not isinstance(connection, HttpConnection):  # the connection has ended already
             return web.Response()
         if not all(name.isascii() and value.isascii() for name, value in request.raw_headers):
             return web.Response(status=HTTPStatus.BAD_REQUEST, text="headers must be ASCII\n")
@@ -470,7 +469,7 @@ async def serve_websocket(
         try:
             if request.headers.get("Upgrade", "").lower() == "websocket":
                 return await serve_socket(request, connection)
-            connection.opened()
+            connection.note_opened()
             return await respond(request, connection)
         except (web.HTTPException, ConnectionError):  # a bad handshake, or the client has gone
             raise
@@ -481,13 +480,13 @@ async def serve_websocket(
     async def serve_socket(
         request: web.BaseRequest, connection: HttpConnection
     ) -> web.StreamResponse:
-        if before:
-            await before()
+        if before_handshake:
+            await before_handshake()
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT, autoping=False, compress=False, max_msg_size=max_size
         )
         await socket.prepare(request)
-        connection.opened(max_size)
+        connection.note_opened(max_size)
         await handler(WebSocketServerTransport(socket, connection))
         return socket
 

@@ -38,11 +38,11 @@ def call_logged(callback: Callable[[Any], None], argument: object) -> None:
 COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
 """Types whose every push must be delivered. Of other types, only the newest values matter."""
 LATEST_DEPTH = 50
-"""Maximum number of queued pushes of a type not in COUNTED_PUSHES. Enough for 17 ms at 3000 Hz, if
-another program uses the core for so long."""
+"""Maximum number of queued pushes of a type not in COUNTED_PUSHES. Enough for 17 ms at 3000 Hz, in
+which another program may use the core."""
 
 Deliver = Callable[[], Awaitable[None] | None]
-"""Delivers a push or an answer; if it returns an awaitable, later pushes wait for its end."""
+"""Delivers a push or an answer. It returns an awaitable if later pushes must wait for its end."""
 
 
 class PushQueue:
@@ -66,7 +66,7 @@ class PushQueue:
         return len(self._queue)
 
     def put(self, name: str, deliver: Deliver) -> bool:
-        """Add a push, as the function that delivers it.
+        """Add a push of type `name`, as the function that delivers it.
 
         Returns:
             False if the oldest push of this type was dropped to make room.
@@ -152,10 +152,10 @@ class Subscriptions:
         self.set_depth(depth)
         self._queue = PushQueue(self._depths, self._stats.dropped_pushes)
         self._lanes: dict[str, deque[Body]] = {}
-        """By type: large pushes that wait to be prepared, and later pushes of the same type."""
+        """Large pushes that wait to be prepared, and later pushes of the same type, by type."""
         self._lane_tasks: set[asyncio.Task[None]] = set()
         self._preparing = False
-        """True while a large RobotInfo is prepared; what arrives later waits in the queue."""
+        """True while a large RobotInfo is prepared; later pushes wait in the queue."""
         self._held: PushQueue | None = None
         """Pushes and answers of a connection whose handshake is in progress."""
 
@@ -203,7 +203,7 @@ class Subscriptions:
     # Start of a connection
 
     def hold(self) -> None:
-        """Hold back what arrives from now on, until it is known which robot sends it."""
+        """Hold back pushes and answers from now on, until it is known which robot sends them."""
         self._held = PushQueue(self._depths, self._stats.dropped_pushes)
 
     def release(self) -> None:
@@ -250,7 +250,7 @@ class Subscriptions:
             )
 
     def put_snapshot(self, answer: Answer) -> None:
-        """Queue the first RobotInfo of a link, after the pushes that were held back."""
+        """Queue the pushes that were held back, and then the first RobotInfo of a link."""
         if answer.ok and isinstance(answer.body, RobotInfo):
             self.release()
             self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer))
@@ -261,7 +261,7 @@ class Subscriptions:
 
     @property
     def _target(self) -> PushQueue:
-        """The queue of what arrives now."""
+        """The queue for pushes and answers that arrive now."""
         return self._queue if self._held is None else self._held
 
     # Delivery
@@ -275,9 +275,9 @@ class Subscriptions:
         try:
             while True:
                 deliver = await queue.get()
-                rest = deliver()
-                if rest is not None:  # a large value is prepared; later ones must wait
-                    await rest
+                delivery = deliver()
+                if delivery is not None:  # a large value is being prepared; later ones must wait
+                    await delivery
                 if now() - slice_started > _TIME_SLICE:
                     await asyncio.sleep(0)
                     slice_started = now()
@@ -288,9 +288,10 @@ class Subscriptions:
             self._lanes.clear()
 
     def _deliver(self, body: Body) -> None:
-        """Deliver a push, or let it wait in the lane of its type if it or an earlier one is large.
+        """Deliver a push, or put it into the lane of its type, if it or an earlier one is large.
 
-        A lane keeps pushes of one type in order while large ones are prepared in another thread.
+        A lane is a queue that keeps pushes of one type in order while large ones are prepared in
+        another thread.
         """
         lane = self._lanes.get(body.type)
         if lane is not None:

@@ -31,8 +31,8 @@ _GRACE = 1.0
 async def run_with_timeout(timeout: float, work: Coroutine[Any, Any, T] | asyncio.Future[T]) -> T:
     """Return the result of `work`; cancel it on timeout, and when the caller is cancelled.
 
-    Use it instead of `asyncio.wait_for`. In Python 3.10 and 3.11, that swallows a cancellation that
-    coincides with a result, and it waits for cancelled work without a limit.
+    Use it instead of `asyncio.wait_for`, which swallows a cancellation that coincides with a result
+    (in Python 3.10 and 3.11), and waits for cancelled work without a limit.
 
     Raises:
         TimeoutError: `work` took longer than `timeout` seconds.
@@ -85,9 +85,9 @@ LARGE = 64 * 1024
 A shorter frame takes some milliseconds at most.
 """
 _SWITCH_INTERVAL = 0.0005
-"""Time for which other threads wait for the GIL while the thread for large messages works, in
-seconds. The link thread needs the GIL again after each system call; with Python's 5 ms, a few
-system calls would hold it up for 20 ms."""
+"""Switch interval of Python while the thread for large messages works, in seconds: other threads
+wait so long for the GIL. The link thread needs it again after each system call. With Python's 5 ms,
+a few system calls would take 20 ms."""
 _THREAD = ThreadPoolExecutor(1, thread_name_prefix="large messages")
 """One thread, so that large messages keep their order, and at most one competes for the GIL."""
 
@@ -105,7 +105,7 @@ async def aside(function: Callable[..., T], *args: Any) -> T:
 
 
 def _run(function: Callable[..., T], *args: Any) -> T:
-    """Return the result of a function during which the GIL changes hands often."""
+    """Return the result of a function, with a short switch interval while it runs."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_INTERVAL)
     try:

@@ -80,7 +80,7 @@ class FrameConnection(Protocol):
 
 
 class Transport(FrameConnection, Protocol):
-    """The client's end, which also tells how the reception goes."""
+    """The client's end of a connection, which also reports the progress of the reception."""
 
     @property
     def progress_at(self) -> float:
@@ -92,14 +92,14 @@ class Transport(FrameConnection, Protocol):
 
     @property
     def waited(self) -> bool:
-        """True if the last frame arrived after `recv` was called; False if that is not known."""
+        """True if the last call of `recv` had to wait for its frame; False if that is not known."""
 
     def take_at_once(self, take: Callable[[bytes], None]) -> None:
-        """Pass a frame that arrives while `recv` waits to a function instead of returning it.
+        """Pass frames to a function as they arrive, which saves a turn of the event loop.
 
-        This saves a turn of the event loop. Large and fragmented frames, and all but the first of
-        those that arrive together, are still returned by `recv`, in order. So are all frames if the
-        transport cannot do it.
+        Only small, unfragmented frames are passed on, while `recv` waits; of several frames that
+        arrive together, only the first one. `recv` returns all others, in order, and all frames if
+        the transport does not support this.
 
         Args:
             take: called with a frame; must not raise.
@@ -155,11 +155,11 @@ class Connect(_connect):
 
 
 _LARGEST_MESSAGE = 2**31 - 1
-"""Size of the largest possible protobuf message, in bytes."""
+"""Maximum size of a protobuf message, in bytes."""
 
 
 class TcpTransport:
-    """A TCP connection that carries delimited frames.
+    """A `Transport` over TCP that carries delimited frames: the size as a varint, then the frame.
 
     Args:
         reader: the connection's stream reader.
@@ -206,10 +206,10 @@ class TcpTransport:
             raise TransportClosedError(str(error) or type(error).__name__) from None
 
     def take_at_once(self, take: Callable[[bytes], None]) -> None:
-        pass
+        pass  # not supported: `recv` returns all frames
 
     async def ping(self) -> bool:
-        return False
+        return False  # delimited frames have no ping
 
     async def close(self, timeout: float = 1.0) -> None:
         self._writer.close()
@@ -255,7 +255,7 @@ class TcpTransport:
 
 
 async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
-    """Connect to a chassis by TCP; as `open_websocket`, with the stream writer in `made`."""
+    """Connect to a chassis by TCP; see `open_websocket`. Adds the stream writer to `made`."""
     reader, writer = await asyncio.open_connection(config.ip, config.effective_port)
     made.append(writer)
     return TcpTransport(reader, writer, config.max_frame_size)
@@ -281,7 +281,7 @@ _MESSAGE_TOO_BIG = 1009
 
 
 class WebSocketTransport:
-    """A WebSocket that carries text and binary frames; text comes as bytes if the library can.
+    """A `Transport` over WebSocket; `recv` returns text as bytes if the library can do so.
 
     Args:
         socket: an open connection.
@@ -344,7 +344,7 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
 
     Args:
         config: address and limits.
-        made: list to which the socket is added as soon as it exists, so that the caller can abort
+        made: list to which this adds the socket as soon as it exists, so that the caller can abort
             the connection.
 
     Raises:
@@ -375,7 +375,7 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
 
 
 class _ClientSocket(ClientSocket):
-    """A client connection of `websockets` that counts bytes, and can pass frames on at once.
+    """A client connection of `websockets` that counts bytes and can bypass `recv`.
 
     Attributes:
         progress_at: as in `Transport`.
@@ -392,7 +392,7 @@ class _ClientSocket(ClientSocket):
     queued = 0
     _bytes_since_progress = 0
     _is_first = True
-    """True until a message of the received bytes has begun."""
+    """True until the first message in the bytes that have just arrived has begun."""
 
     def data_received(self, data: bytes) -> None:
         self.received += len(data)
@@ -403,7 +403,7 @@ class _ClientSocket(ClientSocket):
         super().data_received(data)
 
     def process_event(self, event: Any) -> None:
-        """Handle a frame; called by websockets 13 and later."""
+        """Handle a frame, with `take` if possible; called by websockets 13 and later."""
         if isinstance(event, Frame) and event.opcode in _MESSAGE_STARTS:
             is_first, self._is_first = self._is_first, False
             may_take = is_first and self.reader_waits and not self.queued

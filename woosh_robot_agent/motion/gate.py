@@ -12,7 +12,7 @@
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
    longer drive the robot once the chassis accepts a task or action, or reports the start of one
-   that another client commands. Velocities that are sent later do, and so does one that is
+   that another client commands. A velocity that is sent later drives the robot. So does one that is
    unanswered at that time, unless the chassis refuses it.
 7. If the agent closes the link to use other settings, or only observes the robot from now on, the
    robot gets a zero velocity if it may still be driving at a velocity from this gate.
@@ -202,12 +202,12 @@ class MotionGate:
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._unanswered_at_start: Twist | None = None
-        """The last velocity, if it was unanswered when a task or an action was reported to start.
+        """The last velocity, if it was unanswered when the start of a task or action was reported.
         If the chassis refuses it, it came after the start, and does not drive the robot."""
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
-        """Monotonic time at which the chassis last accepted a request that takes the wheels."""
+        """Monotonic time at which the chassis last accepted a task or an action that drives."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -333,7 +333,7 @@ class MotionGate:
         return time.monotonic() < self._drives_until
 
     @property
-    def holds_back(self) -> bool:
+    def is_answer_overdue(self) -> bool:
         """True if velocities are held back, because the chassis has not answered an earlier one."""
         return self._velocities.is_answer_overdue
 
@@ -370,7 +370,7 @@ class MotionGate:
             SupersededError: the rules forbid it now.
             LinkError: as in `ChassisClient.request`.
         """
-        self._chassis.check_permitted(message)  # first: a refused velocity does not drive
+        self._chassis.check_permitted(message)  # first: a velocity that is not sent does not drive
         moves = may_move(message)
         if moves and (reason := self.refusal(sender.published)):
             raise SupersededError(reason)

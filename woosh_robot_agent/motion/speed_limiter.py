@@ -65,7 +65,7 @@ class SpeedLimiter:
         self._limit: float | None = None
         """Current limit; infinite without a limit, None while there is nothing to limit."""
         self._sent = math.inf
-        """Limit that was sent last; infinite before the first, `_UNKNOWN` if it may not hold."""
+        """Limit that was sent last; infinite before the first, `_UNKNOWN` if it may have ended."""
         self.refusal = ""
         self._task_id = 0
         """Id of the task that the robot executes."""

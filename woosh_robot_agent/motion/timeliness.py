@@ -19,8 +19,8 @@ _WINDOW = 10.0
 """Minimum time for which the smallest clock difference is remembered, in seconds; the maximum is
 twice as long.
 
-For that time, messages count as old after a clock was set forward, or from a sender whose clock is
-behind the clocks of the other senders.
+For that time, messages count as old after this computer's clock was set forward, or from a sender
+whose clock is behind the clocks of other senders.
 """
 _PERIOD = 0.25
 """Period of the heartbeat, in seconds."""
@@ -51,11 +51,10 @@ class MotionTiming:
 class SenderClock:
     """Times at which messages were sent, from the source times that their senders gave them.
 
-    The clocks of two computers may differ by any amount, and neither is trusted. The smallest
-    difference seen lately between the time of receipt and the source time is taken for the
-    difference of the clocks. The rest of a message's difference is its transit time. For the first
-    message, a difference of less than `_WINDOW` counts as transit time only: the message may be
-    late.
+    The clocks of two computers may differ by any amount, and neither is trusted. The time of
+    receipt less the source time is the difference of the clocks plus the transit time. Its smallest
+    value of the last seconds is taken for the difference of the clocks; the rest is transit time.
+    For the first message, which may be late, a value of less than `_WINDOW` is all transit time.
     """
 
     def __init__(self) -> None:
@@ -65,7 +64,7 @@ class SenderClock:
         """Smallest difference since `_since`, and in the window before, in seconds."""
 
     def published(self, source: float, received: float, taken: float) -> float:
-        """Return the monotonic time at which a message was sent.
+        """Return the monotonic time at which a message was sent, and learn from its times.
 
         Args:
             source: Unix time at which the message was sent, by the sender's clock; 0 if unknown.
@@ -105,7 +104,7 @@ class StallWatch:
         timing: returns the current `MotionTiming`.
 
     Attributes:
-        ended: loop time at which the last stall had ended at the latest; -inf before the first.
+        ended: loop time at which the end of the last stall was noticed; -inf before the first.
         duration: duration of the last stall, in seconds.
     """
 

@@ -18,9 +18,9 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.sentences import Sentence, said_by
 
 _LATE = 0.5
-"""Maximum delay of a message that does not delay the next one, in periods of the rate."""
+"""Maximum delay of a message that does not delay the next ones, in periods of the rate."""
 _EARLY = 0.1
-"""Maximum earliness of a message that is sent at once, in periods of the rate."""
+"""Time by which a message may be early and is still sent at once, in periods of the rate."""
 
 
 class Pace:
@@ -33,13 +33,13 @@ class Pace:
 
     def __init__(self) -> None:
         self._slot = -math.inf
-        """Time from which the period of the last message counts, in seconds."""
+        """Time at which the period of the last message began, in seconds."""
 
     def due(self, rate: float) -> float:
         """Return the time from which the next message may be sent, at a rate in Hz."""
         return self._slot + (1.0 - _EARLY) / rate
 
-    def sent(self, now: float, rate: float) -> None:
+    def note_sent(self, now: float, rate: float) -> None:
         """Note that a message was sent."""
         slot = self._slot + 1.0 / rate
         self._slot = slot if now < slot + _LATE / rate else now
@@ -282,13 +282,13 @@ class VelocityDriver:
             self._send(self._waiting, self._published)
         elif self._gate.driving:
             self._send(Twist())
-        else:  # rule 8: a task or an action drives the robot now, and a zero would stop it
+        else:  # rule 8: the robot stands, or a task or an action drives it
             self._driving = False
 
     def _send(self, velocity: Twist, published: float | None = None) -> None:
         """Send a velocity; `published` is None for a zero of the driver itself."""
         self._waiting = None
-        self._pace.sent(asyncio.get_running_loop().time(), self._limits().rate)
+        self._pace.note_sent(asyncio.get_running_loop().time(), self._limits().rate)
         self._driving = may_move(velocity)
         task = start_task(self._request(velocity, published), self._name)
         self._requests.add(task)

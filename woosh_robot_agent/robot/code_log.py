@@ -23,11 +23,11 @@ from woosh_robot_agent.robot.who_drives import command_name
 _LOG = logging.getLogger(__name__)
 
 QUIET = 60.0
-"""A code that was not sent for this time is logged again, in seconds."""
+"""Time after which a code that was not sent meanwhile is logged again, in seconds."""
 _MAX_CODES = 500
 """Maximum number of codes that are remembered."""
 _LEVELS = {StatusCode.kWarn: logging.WARNING, StatusCode.kFault: logging.ERROR}
-"""Logging levels, by level of the status code. Other codes are logged at DEBUG at most."""
+"""Logging levels of warnings and faults, by level of the status code."""
 
 
 class CodeLog:
@@ -54,7 +54,7 @@ class CodeLog:
 
     def _abnormal_changed(self, codes: AbnormalCodes) -> None:
         before, self._abnormal = self._abnormal, frozenset(code.code for code in codes.scs)
-        for number in before - self._abnormal:  # if it comes again, it is logged again
+        for number in before - self._abnormal:  # a code that comes back is logged again
             self._logged.pop(number, None)
         for code in codes.scs:
             self._log(code)
@@ -122,7 +122,7 @@ class RefusalLog:
 
     def _answered(self, command: AnsweredCommand) -> None:
         """Start to explain a refusal; forget earlier refusals after a success."""
-        if command.answer.ok and not self._logs:  # usually; saves finding the name
+        if command.answer.ok and not self._logs:  # the usual case needs no name
             return
         name, msg = command_name(command), command.answer.msg
         if command.answer.ok:
@@ -141,6 +141,7 @@ class RefusalLog:
     async def _explain(
         name: str, msg: str, reasons: Coroutine[Any, Any, list[Objection]], log: LogOnce
     ) -> None:
+        """Log a refusal with its reasons, once they are known."""
         why = "; ".join(map(str, await reasons))
         log.warn(
             f"{msg}: {why}", f"the chassis refused {name}: {msg}" + (f" ({why})" if why else "")

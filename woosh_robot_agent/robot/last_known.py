@@ -49,7 +49,7 @@ class LastKnown:
         self._pushed: dict[str, Message] = {}
         """Parts of RobotInfo that were pushed after it."""
         self._merged: RobotInfo | None = None
-        """RobotInfo with the newer parts; None until it is requested after a change."""
+        """RobotInfo with the newer parts; None after a change, until somebody asks for it."""
         self._unread: dict[str, Message | Body] = {}
         """Values that have not been decoded yet, the last one of each type, the oldest first."""
         if chassis is None:
@@ -70,7 +70,7 @@ class LastKnown:
         return value if isinstance(value, cls) else None
 
     def remember(self, value: Message | Body) -> None:
-        """Store an answer or push of the chassis, which is decoded lazily, in `get`."""
+        """Store an answer or push of the chassis; `get` decodes it."""
         name = value.type if isinstance(value, Body) else full_name(value)
         if name == _INFO:  # first apply the unread values: a RobotInfo may lack these parts
             self._apply_unread()
@@ -86,7 +86,7 @@ class LastKnown:
                 continue
 
     def _apply(self, message: Message) -> None:
-        """Store a decoded value, and what it means for RobotInfo and its parts."""
+        """Store a decoded value, and update RobotInfo or its parts."""
         name = full_name(message)
         self._values[name] = message
         if isinstance(message, RobotInfo):

@@ -38,15 +38,17 @@ FREE_THRESHOLD = 0.196
 """Darkness below which a cell is free, as in map_server."""
 _MAX_CELLS = 100_000_000
 """Maximum size of a map, in cells."""
-_CELLS = bytes(
-    100
-    if (255 - grey) / 255 > OCCUPIED_THRESHOLD
-    else 0
-    if (255 - grey) / 255 < FREE_THRESHOLD
-    else 255
-    for grey in range(256)
-)
-"""Value of a cell by its shade of grey; 255 stands for -1, unknown."""
+
+
+def _cell(grey: int) -> int:
+    """Return the value of a cell by its shade of grey; 255 stands for -1, unknown."""
+    darkness = (255 - grey) / 255
+    if darkness > OCCUPIED_THRESHOLD:
+        return 100
+    return 0 if darkness < FREE_THRESHOLD else 255
+
+
+_CELLS = bytes(map(_cell, range(256)))
 
 
 class MapError(ValueError):
@@ -123,7 +125,7 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
 
     Args:
         area: the map.
-        stem: names of the files without their suffixes.
+        stem: name of the files without suffix.
 
     Raises:
         MapError: the robot has not sent a usable map.

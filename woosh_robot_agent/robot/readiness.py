@@ -1,7 +1,7 @@
 """Reasons for which a robot rejects tasks, for tools and diagnostics. Independent of ROS.
 
-`objections` gives the reasons in the state of the robot, and `busy_objections` what it is doing.
-`all_objections` gives both. `accepts_task` predicts whether the robot would accept a new task.
+`objections` returns the reasons in the state of the robot, `busy_objections` what it is doing, and
+`all_objections` both. `accepts_task` predicts whether the robot would accept a new task.
 """
 
 from __future__ import annotations
@@ -239,7 +239,7 @@ def pose_problem(info: RobotInfo) -> Objection | None:
 
 
 def _certain(info: RobotInfo) -> Iterator[Objection]:
-    """Yield the reasons that suffice even if the robot reports that it is taskable."""
+    """Yield the reasons that are certain, even if the robot reports that it is taskable."""
     if info.device_state.hardware & DeviceState.kEmgBtn:
         yield EMERGENCY_STOP
     if info.HasField("mode"):
@@ -271,7 +271,7 @@ def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
 
 
 def _likely(info: RobotInfo) -> list[Objection]:
-    """Return probable reasons of a robot that is not taskable; used if none is certain."""
+    """Return the probable reasons why a robot is not taskable, if no reason is certain."""
     remedy = "resolve it; it is resolved when robot/AbnormalCodes no longer has the code"
     found = [
         Objection("fault", f"the robot reports a fault ({explained(code.code, code.msg)})", remedy)

@@ -88,7 +88,7 @@ class RefusalExplainer:
         return joined(THEN, (each.said for each in await self.reasons(request_type)))
 
     async def reasons(self, request_type: str) -> list[Objection]:
-        """Return the reasons as in `reason`, with the known remedies."""
+        """Return the reasons, as `reason` does, with the known remedies."""
         try:
             refusal = await run_with_timeout(self.code_delay, self._latest(request_type))
         except TimeoutError:
@@ -125,7 +125,7 @@ class RefusalExplainer:
         return [_MANUAL if each == MANUAL else each for each in find(info)]
 
     def _end(self, refusal: _Refusal) -> None:
-        """Stop waiting for the status code of a refusal."""
+        """End the wait for the status code of a refusal."""
         refusal.end()
         if refusal in self._refusals:
             self._refusals.remove(refusal)

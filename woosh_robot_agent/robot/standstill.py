@@ -69,7 +69,7 @@ def likely_causes(info: RobotInfo) -> str:
 
 
 def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
-    """Yield each cause with True if the robot reports it, False if the opposite, else None."""
+    """Yield each cause, and True if the robot reports it, False if the opposite, else None."""
     has_device_state = info.HasField("device_state")
     hardware = info.device_state.hardware
     yield _STOP, bool(hardware & DeviceState.kEmgBtn) if has_device_state else None
@@ -90,9 +90,9 @@ LIMIT = 2.0
 A real robot usually starts 0.31 s after a velocity, and in 90 % of all cases within 0.66 s.
 """
 KEPT = 30.0
-"""Time for which the warning remains after the last velocity if nothing moves, in seconds.
+"""Time for which a warning remains after the last velocity, in seconds.
 
-After this time, a warning with the same words is logged again for another command.
+After this time, the same warning is logged again for another command.
 """
 MIN_DISTANCE = 0.003
 """Smallest change of the pose that counts as movement, in m."""
@@ -122,9 +122,9 @@ class _Demand:
         type: protobuf full name of the command.
         task_id: id of the task; 0 if it is not known.
         start: pose of the robot when the command was accepted.
-        since: loop time since which the robot should have moved; None while it may stand.
+        since: loop time from which the robot should move; None while it may stand.
         last: loop time of the last velocity; for other commands, of the command.
-        begun: True if the chassis has reported that it executes the task.
+        begun: True once the chassis has reported that it executes the task.
         reported: True if the warning has been given.
     """
 
@@ -239,14 +239,14 @@ class Standstill:
         loop.call_later(self.limit, self._check, demand, demand.since)
 
     def _check(self, demand: _Demand, since: float) -> None:
-        """Warn if the robot has not moved since `since`, and should have."""
+        """Warn if the robot should have moved since a loop time, and has not."""
         if demand is not self._demand or demand.since != since or demand.reported:
             return
         if demand.is_velocity and self._chassis.refusal(Twist()):
             self._demand = None  # the agent has stopped the robot, and only observes it
             return
         now = asyncio.get_running_loop().time()
-        if now - since > 1.5 * self.limit:  # this process stood still, so the reports are old, too
+        if now - since > 1.5 * self.limit:  # this process stood still, and has read no reports
             self._start_timer(demand)
             return
         demand.reported = True
@@ -302,6 +302,7 @@ class Standstill:
         )
 
     def _action_reported(self, reports: Feedbacks) -> None:
+        """Note whether the action that is observed drives the robot now, or has ended."""
         for report in reports.fbs:
             demand = self._demand
             if demand is None or report.action != demand.type:

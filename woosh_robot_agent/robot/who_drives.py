@@ -29,7 +29,7 @@ from woosh_robot_agent.robot.refusals import type_of
 from woosh_robot_agent.sentences import AND, THEN, Said, Sentence
 
 _NAMES = {
-    # reversed, because two services may send the same request: the first in the table counts
+    # reversed: of two services that send the same request, the first one of the table counts
     **{command.request: command.name for command in reversed(COMMANDS)},
     **{action.arg: action.name for action in ACTIONS},
 }
@@ -88,8 +88,8 @@ class VelocitySources:
         """Names of the sources that recently commanded velocities at the same time; or empty."""
         return self._simultaneous if time.monotonic() < self._simultaneous_until else ()
 
-    def driving(self, now: float) -> bool:
-        """Return True if a velocity that is not zero was sent less than `OVERLAP` ago."""
+    def are_driving(self, now: float) -> bool:
+        """Return True if a source drives at a monotonic time."""
         return any(now - sent < self.overlap for sent in self._driving.values())
 
     def report(self, *sources: str) -> None:
@@ -144,7 +144,7 @@ WINDOW = 2.5
 Long enough to detect publishers at 1 Hz.
 """
 _UNKNOWN = (None, 0, 2**64 - 1)
-"""Sequence numbers that mean that the middleware does not number messages."""
+"""Sequence numbers of a middleware that does not number messages."""
 
 
 class Interleaving:
@@ -284,8 +284,8 @@ class WhoDrives:
         info = self._last_known.value(RobotInfo)
         if info is None:
             return Driver(UNKNOWN, _NO_REPORT)
-        # the gate knows whether something else has taken over since
-        if self._gate.driving and self._velocities.driving(time.monotonic()):
+        # the gate knows whether a task or an action has taken over since
+        if self._gate.driving and self._velocities.are_driving(time.monotonic()):
             return Driver(self._velocities.last)
         if is_unfinished(info.task_proc):
             return self._task_driver(info.task_proc)

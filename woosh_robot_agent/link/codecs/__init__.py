@@ -21,7 +21,7 @@ def client_codec(config: LinkConfig) -> Codec:
 
 
 def server_codec(frame: str | bytes) -> Codec:
-    """Return the codec with which a server reads and answers a frame: JSON for text, else protobuf.
+    """Return the codec for a client's frame and its answer: JSON for text, protobuf for bytes.
 
     A server learns the encoding of each client from the client's frames.
     """

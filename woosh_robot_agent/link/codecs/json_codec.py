@@ -28,7 +28,7 @@ _MAX_VALUE = 60
 """Maximum length of a value in an error text, in characters."""
 _MAX_REASON = 100
 """Maximum length of the reason in an error text, in characters."""
-# Plain repr() takes seconds for the bytes of a robot's map, and fails on deep nesting.
+# plain repr() takes seconds for the bytes of a robot's map, and fails on deep nesting
 _REPR = reprlib.Repr()
 _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = 40
@@ -84,8 +84,8 @@ def _camel_case(name: str) -> str:
 FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 """C++ types of the fields that hold a floating-point number."""
 LONGEST_NUMBER = 400
-"""Longest text that is read as a number, in characters. An exact double has up to 325 digits.
-Python needs seconds to read millions of digits, and hours with some settings."""
+"""Maximum length of a text that is read as a number, in characters. An exact double has up to 325
+digits. Python needs seconds to read millions of digits, and hours with some settings."""
 
 
 def scalar_reader(field: Field) -> Callable[[Any], Any]:
@@ -111,7 +111,7 @@ def scalar_reader(field: Field) -> Callable[[Any], Any]:
 
 
 def blank_of(field: Field) -> Any:
-    """Return the value that replaces null, and the name of an unknown enum value, in a list."""
+    """Return the value that replaces null and unknown enum names in a list."""
     return {
         FieldDescriptor.TYPE_FLOAT: math.nan,
         FieldDescriptor.TYPE_DOUBLE: math.nan,
@@ -154,7 +154,7 @@ def _read_bool(value: Any) -> bool:
 def _read_string(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError("not a string")
-    value.encode()  # refuses half a surrogate pair, which not all protobuf implementations do
+    value.encode()  # refuses lone surrogates, which not all protobuf implementations do
     return value
 
 
@@ -464,7 +464,6 @@ class JsonCodec:
         try:
             if len(data) <= json_text.LONG_FRAME:  # parsing it hardly blocks the loop
                 return json_text.parse(data)
-            # Decoding a long base64 text is faster than parsing it.
             data, texts = json_text.take_from_frame(data)
             _check_parts(data)
             value = json_text.parse_in_pieces(data)
@@ -536,7 +535,7 @@ def _integer(value: Any) -> int | None:
 
 
 def _time(value: object) -> tuple[int | None, str]:
-    """Return the time in `timestamp`, and its defect; a frame without a valid time stays valid."""
+    """Return `timestamp` and `defect` of the Envelope; an invalid time makes no bad frame."""
     try:
         time = _integer(value)
     except BAD_VALUE as error:
@@ -552,5 +551,5 @@ def _text(value: object) -> str:
         return str(value) if isinstance(value, int | float) else ""
     if value.isascii():
         return value
-    # JSON can hold half a surrogate pair; logs and ROS messages cannot
+    # JSON can hold lone surrogates; logs and ROS messages cannot
     return value.encode("utf-8", "replace").decode()

@@ -20,9 +20,9 @@ except ImportError:  # not packaged everywhere; the standard library takes ten t
 _LONG = 256 * 1024
 """Length from which a text is cut out, in characters."""
 _STEP = _LONG // 2
-"""Distance between two places of a frame where long texts are looked for, in characters."""
+"""Distance between the positions in a frame at which long texts are looked for, in characters."""
 LONG_FRAME = _STEP
-"""Length from which a frame can have a long text, in characters or bytes."""
+"""Length above which a frame is searched for long texts, in characters or bytes."""
 _TOKEN = secrets.token_hex(16)
 """Start of the short texts that replace long texts; the sender of the frame cannot know it."""
 _REPLACED = re.compile(rf"{_TOKEN}(\d+)")
@@ -107,8 +107,8 @@ def take_from_frame(frame: str | bytes) -> tuple[str | bytes, list[str]]:
 def _text(frame: str | bytes, begin: int, end: int) -> str | None:
     """Return the text between two quotation marks of a frame; None if it does not look like base64.
 
-    The text must begin like base64: `begin` may be the end of a text, after which JSON has other
-    characters. And it must have no escapes, which only a JSON parser can read.
+    It must begin like base64. Otherwise, the first mark may have been the end of a text, after
+    which JSON has other characters. It must have no escapes, which only a JSON parser can read.
     """
     is_bytes = isinstance(frame, bytes)
     backslash: Any = b"\\" if is_bytes else "\\"
@@ -157,9 +157,8 @@ _ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan
 def parse(text: str | bytes) -> Any:
     """Return the value of a JSON text; bytes are UTF-8.
 
-    What orjson refuses is left to the standard library, which also accepts NaN, infinity, numbers
-    beyond the range of a double, half a surrogate pair and deeper nesting. The standard library's
-    errors name the place.
+    The standard library parses what orjson rejects. It also accepts NaN, infinity, numbers beyond
+    the range of a double, lone surrogates and deeper nesting, and its errors give the position.
 
     Raises:
         UnicodeDecodeError: bytes are not UTF-8.
@@ -194,7 +193,7 @@ _SPACE = re.compile(r"[ \t\n\r]*")
 _CLOSING = {"{": "},", "[": "],"}
 """End of an item and the comma after it, by the first character of the items of a list."""
 _CUTS = 4
-"""Maximum number of places at which a cut between two items of a list is tried. Then the next item
+"""Number of commas at which it is tried to cut a list between two items. After that, the next item
 is parsed alone."""
 
 
@@ -258,7 +257,7 @@ def _items(text: str, at: int) -> tuple[list[Any], int]:
         if end == at:
             break
         try:
-            # If this is a list, the cut was between two of its items, and not inside of one.
+            # this succeeds only if the cut was between two items, and not inside of one
             return json.loads(f"[{text[at:end]}]"), end
         except json.JSONDecodeError:
             end -= len(closing) - 1
@@ -281,8 +280,8 @@ def _after_comma(text: str, at: int, closing: str) -> int:
 def write(value: Any) -> str:
     """Return a value as JSON text without spaces.
 
-    What orjson refuses is left to the standard library: numbers of more than 64 bits, half a
-    surrogate pair and deep nesting.
+    The standard library writes what orjson rejects: integers of more than 64 bits, lone surrogates
+    and deep nesting.
 
     Args:
         value: a value without NaN and infinity, which JSON does not have.

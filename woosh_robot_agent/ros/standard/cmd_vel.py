@@ -90,7 +90,7 @@ class CmdVel(Part):
         now = time.monotonic()
         are_several = self._publishers.observe(info.get("publication_sequence_number"), now)
         velocities = self._context.watch.velocities
-        if are_several and velocities.driving(now) and now - self._reported > _REPORT_PERIOD:
+        if are_several and velocities.are_driving(now) and now - self._reported > _REPORT_PERIOD:
             self._reported = now
             velocities.report(*self._publisher_names())
 

@@ -280,7 +280,7 @@ class Ports:
                 self.port,
                 max_size=config.max_frame,
                 open_timeout=config.first_frame_timeout,
-                before=connections.wait_readable,
+                before_handshake=connections.wait_readable,
                 respond=connections.calls.respond,
                 # Otherwise a browser on this machine would let any web page connect.
                 local_pages_only=config.local,

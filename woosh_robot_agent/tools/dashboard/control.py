@@ -320,7 +320,7 @@ class Control:
                 return TOO_SLOW
             if self._press_mode != self._robot.view.info.mode.ctrl:
                 return _OTHER_MODE
-        if self._gate.holds_back:
+        if self._gate.is_answer_overdue:
             return UNANSWERED
         owner = self._gate.owner
         return Text("reason.running", owner=owner) if owner else None
