@@ -11,15 +11,25 @@ from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor as Field
 
-from woosh_robot_agent.convert import converter
-from woosh_robot_agent.convert.mapping import class_of, item_type
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link.codecs.json_codec import is_repeated, is_well_known
 from woosh_robot_agent.link.protos import message_type
 
 WIDTHS = {"int8": 8, "uint8": 8, "uint16": 16, "int32": 32, "uint32": 32, "int64": 64, "uint64": 64}
+PROTO_INTS = {
+    Field.CPPTYPE_INT32: "int32",
+    Field.CPPTYPE_UINT32: "uint32",
+    Field.CPPTYPE_INT64: "int64",
+    Field.CPPTYPE_UINT64: "uint64",
+    Field.CPPTYPE_ENUM: "int32",
+}
 # 0.1f, the smallest float32, and the second largest: ROS's check refuses the largest
 FLOATS = (0.0, -0.0, 1.0, 0.10000000149011612, 1.401298464324817e-45, 3.4028232635611926e38)
 TEXTS = ("", "A2", "机器人", "ß\u00a0\u2028", "🤖", '"\\/\n\t', "\x7f{}", "null")
+
+
+def item_type(name: str) -> str | None:
+    return name[len("sequence<") : -1] if name.startswith("sequence<") else None
 
 
 def integer(rng: random.Random, kind: str) -> int:
@@ -126,7 +136,42 @@ def blank(value: Any) -> Any:
 
 def random_proto(rng: random.Random, cls: Any, ros_class: Any) -> Any:
     """Return a protobuf message with random values in all fields that the ROS message has."""
-    return converter(ros_class, cls).to_proto(random_ros(rng, ros_class))
+    message = cls()
+    types = ros_class.get_fields_and_field_types()
+    for group in cls.DESCRIPTOR.oneofs:
+        inner = class_of(types[group.name], "msg").get_fields_and_field_types()
+        chosen = rng.choice([None, *group.fields])
+        if chosen is not None:
+            _fill(rng, message, chosen, inner[chosen.name])
+    for field in cls.DESCRIPTOR.fields:
+        if field.containing_oneof is None and field.name in types and rng.random() < 0.7:
+            _fill(rng, message, field, types[field.name])
+    return message
+
+
+def _fill(rng: random.Random, message: Any, field: Any, kind: str) -> None:
+    of = item_type(kind)
+    repeated = of is not None and field.type != Field.TYPE_BYTES
+    values = [_proto_value(rng, field, of or kind) for _ in range(rng.randint(0, 2))]
+    if repeated:
+        getattr(message, field.name).extend(values)
+    elif field.message_type is not None:
+        getattr(message, field.name).CopyFrom(_proto_value(rng, field, kind))
+    else:
+        setattr(message, field.name, _proto_value(rng, field, kind))
+
+
+def _proto_value(rng: random.Random, field: Any, kind: str) -> Any:
+    if field.message_type is not None:
+        cls = message_type(field.message_type.full_name)
+        return random_proto(rng, cls, class_of(kind, "msg"))
+    if field.type == Field.TYPE_BYTES:
+        return rng.randbytes(rng.randint(0, 9))
+    if field.cpp_type in PROTO_INTS:
+        return integer(rng, PROTO_INTS[field.cpp_type])
+    if field.cpp_type == Field.CPPTYPE_BOOL:
+        return rng.random() < 0.5
+    return text(rng) if field.cpp_type == Field.CPPTYPE_STRING else float32(rng)
 
 
 # JSON with extreme values

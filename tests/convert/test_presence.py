@@ -1,4 +1,4 @@
-"""`has_field`: a bit per field, set if the field is to be sent."""
+"""`has_field`: a bit per field, set if the field is to be sent or was received."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
+from tests.convert.random_messages import blank, item_type
 from tests.convert.type_pairs import PAIRS
 from woosh_robot_agent.convert import converter
-from woosh_robot_agent.convert.mapping import class_of, item_type
+from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link.protos import message_type
 
 
@@ -66,3 +67,16 @@ class TestBits:
             assert present(convert.to_proto(ros(has_field=others)), bits) == bits.keys() - {name}
         assert present(convert.to_proto(ros(has_field=0)), bits) == set()
         assert present(convert.to_proto(ros()), bits) == bits.keys()  # all bits are set
+
+    def test_bits_tell_what_was_received(self, ros: Any, proto: Any):
+        bits = bits_of(ros)
+        convert = converter(ros, proto)
+        assert convert.to_ros(proto()) == blank(ros())
+        everything, total = proto(), 0
+        for name, bit in bits.items():
+            one = proto()
+            for message in (one, everything):
+                getattr(message, name).SetInParent()
+            assert convert.to_ros(one).has_field == bit
+            total |= bit
+        assert convert.to_ros(everything).has_field == total
