@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, answered, eventually, soon, turns
+from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, answered, block, eventually, soon, turns
 from tests.motion.gate_checks import (
     NEVER,
     ORDERS,
@@ -95,6 +95,33 @@ async def test_a_stop_sends_the_zero_first_and_then_every_cancel() -> None:
         assert len({next(iter(body)) for body in bodies}) == ORDERS - 2
 
 
+@every_moving_request
+@aio
+async def test_after_a_stop_nothing_that_moves_is_sent(request_: Message) -> None:
+    async with gated() as rig:
+        await soon(rig.gate.stop(TIMEOUT))
+        with pytest.raises(SupersededError, match="cancelled by a stop of the robot"):
+            await rig.gate.request(request_)
+        await ok(rig.gate.request(Twist()))
+        assert len(types(rig.wire)) == ORDERS + 1
+
+
+@every_moving_request
+@aio
+async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None:
+    async with gated() as rig:
+        load = await block(rig.client, rig.wire)
+        waiting = asyncio.ensure_future(rig.gate.request(request_))
+        await turns()
+        stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
+        with pytest.raises(SupersededError, match=r"cancelled by a stop of the robot|newer"):
+            await soon(waiting)
+        rig.wire.thaw()
+        assert (await soon(stop)).success
+        await soon(load)
+        assert len(types(rig.wire)) == ORDERS
+
+
 @aio
 async def test_an_announced_stop_overtakes_what_waits_for_the_event_loop() -> None:
     async with gated() as rig:
@@ -103,6 +130,16 @@ async def test_an_announced_stop_overtakes_what_waits_for_the_event_loop() -> No
             await soon(rig.drive(0.2))
         assert (await soon(rig.gate.stop(1.0))).success
         assert speeds(rig.wire) == [0]
+
+
+@aio
+async def test_a_request_some_time_after_a_stop_is_sent() -> None:
+    async with gated(hold=0.05) as rig:
+        loop = asyncio.get_running_loop()
+        await soon(rig.gate.stop(TIMEOUT))
+        end = loop.time() + 0.05
+        await eventually(lambda: loop.time() > end)
+        await ok(rig.drive(1))
 
 
 @aio

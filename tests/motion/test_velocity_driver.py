@@ -276,6 +276,26 @@ async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept
             await stream.sent(*zeros)
 
 
+@aio
+async def test_velocities_that_are_not_permitted_are_refused_and_silence_the_stream() -> None:
+    async with driving() as stream:
+        stream.rig.client.permit_only(
+            lambda message: isinstance(message, Speak), "it only observes"
+        )
+        stream.drive(0.1)
+        stream.drive(0.0)
+        stream.drive(0.2)
+        await stream.settle()
+        assert not stream.gate.driving
+        stream.rig.client.permit_only(None)
+        stream.drive(0.3)
+        await stream.settle()
+        assert speeds(stream.rig.wire) == []
+        stream.drive(0.0)
+        stream.drive(0.4)
+        await stream.sent(0.4)
+
+
 # The pace of a stream that has a maximum rate
 
 RATE = 10.0
