@@ -1,4 +1,4 @@
-"""Read YAML, JSON and other plain data into checked dataclasses; errors name place and remedy.
+"""Read YAML, JSON and other plain data into checked dataclasses; errors say where and what to do.
 
 A dataclass describes a mapping: its fields are the keys, and a field without a default is required.
 The types of the fields are `str`, `int`, `float`, `bool`, `Any`, `Literal`, enums (by value),
@@ -134,7 +134,7 @@ def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True)
     Args:
         kind: the type; the docstring of this module lists the possible types.
         value: the data, as YAML or JSON loads them.
-        where: name of the file, and the path of the value in it, for errors.
+        where: name of the file, and the path of the value in it, for errors: `FILE: a.b[2]`.
         known_only: refuse keys that no field has, instead of ignoring them.
 
     Raises:
@@ -154,7 +154,7 @@ class _Reader:
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is Annotated:
             found = self.read(arguments[0], value, where)
-            with _errors_name(where):
+            with _errors_at(where):
                 for check in arguments[1:]:
                     check(found)
             return found
@@ -208,7 +208,7 @@ class _Reader:
                 values[each.name] = None
             else:
                 raise DataFileError(f"{where}: {each.name} is missing")
-        with _errors_name(where):
+        with _errors_at(where):
             return kind(**values)
 
     def _named_tuple(self, kind: Any, value: Any, where: str) -> Any:
@@ -227,7 +227,7 @@ def _below(where: str, key: str) -> str:
 
 
 @contextmanager
-def _errors_name(where: str) -> Iterator[None]:
+def _errors_at(where: str) -> Iterator[None]:
     """Turn a ValueError into a DataFileError that names the place."""
     try:
         yield
