@@ -11,7 +11,7 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
-from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
+from woosh_robot_agent.simulator.serving.exchange import Client, MessageHandler
 
 SCANNER_DATA = "woosh.robot.ScannerData"
 
@@ -103,8 +103,8 @@ class SteppedChassis(Client):
         super().__init__(None, 0)  # type: ignore[arg-type]
         self.chassis = Chassis(SimulatorConfig(**{"seed": 1, **options}))
         self.frames: list[Frame] = []
-        self._exchange = Exchange(self.chassis)
-        self._exchange.join(self)
+        self._handler = MessageHandler(self.chassis)
+        self._handler.join(self)
         self._sn = 0
         self.subscribe(*_TOPICS)
 
@@ -123,13 +123,13 @@ class SteppedChassis(Client):
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / TIME_STEP)):
             self.chassis.tick(TIME_STEP)
-            self._exchange.report_changes(while_moving=True)
+            self._handler.report_changes(while_moving=True)
 
     def change(self, change: Callable[[Chassis], object]) -> None:
         change(self.chassis)
 
     def _receive(self, frame: Json) -> None:
-        self._exchange.receive(self, json.dumps(frame))
+        self._handler.receive(self, json.dumps(frame))
 
 
 def pushed(chassis: SteppedChassis, type_name: str) -> list[Frame]:

@@ -17,7 +17,7 @@ from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
-from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
+from woosh_robot_agent.simulator.serving.exchange import Client, MessageHandler
 
 Command = Callable[[Chassis], None]
 
@@ -104,14 +104,14 @@ class Recorder(Client):
 def pushes_without_sockets() -> list[Json]:
     """Return all pushes of a run that is stepped by hand."""
     chassis = Chassis(config())
-    exchange, recorder, player = Exchange(chassis), Recorder(), ScriptPlayer()
-    exchange.join(recorder)
+    handler, recorder, player = MessageHandler(chassis), Recorder(), ScriptPlayer()
+    handler.join(recorder)
     subscription = {"type": "woosh.Subscription", "body": {"topics": sorted(TOPICS), "sub": True}}
-    exchange.receive(recorder, json.dumps(subscription))
+    handler.receive(recorder, json.dumps(subscription))
     while chassis.elapsed < END_S:
         player.play(chassis)
         chassis.tick(TIME_STEP)
-        exchange.report_changes(while_moving=True)
+        handler.report_changes(while_moving=True)
     return recorder.frames
 
 
