@@ -363,6 +363,7 @@ class Navigate(Job):
         base, stretch = robot.base, self._stretch_ahead(robot.base.pose)
         distance, bearing = base.pose.distance(corner), base.pose.bearing(corner)
         second = stretch.second
+        # The base has passed the corner if it is nearer to the second corner than the corner is.
         if second and base.pose.distance(second) <= math.dist(corner, second):
             return False
         if distance <= _POSITION_TOLERANCE:

@@ -96,7 +96,9 @@ class Lift:
 
 
 _IN_REACH = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
-"""Signal strengths of the Wi-Fi networks within reach, in percent."""
+"""Signal strengths of the Wi-Fi networks within reach, in percent, by SSID."""
+
+_WiFi = robot_pb2.Network.WiFi
 
 
 class WiFi:
@@ -114,14 +116,13 @@ class WiFi:
         self.list_json = b""
         self._known = {self.name}
 
-    def state(self) -> robot_pb2.Network.WiFi:
+    def state(self) -> _WiFi:
         """Return the state as reported to clients."""
-        mode = robot_pb2.Network.WiFi
-        return mode(
+        return _WiFi(
             name=self.name,
             list_json=self.list_json,
             strength=_IN_REACH.get(self.name, 0),
-            mode=mode.kAP if self.hotspot else mode.kClient,
+            mode=_WiFi.kAP if self.hotspot else _WiFi.kClient,
         )
 
     def scan(self) -> bytes:
@@ -193,8 +194,8 @@ class Readiness:
 
     Attributes:
         requested_control: control mode that a client has requested.
-        key_manual: True if the key switch is at manual, which overrides the request
-            and switches the motors off.
+        key_manual: True if the key switch is at manual, which overrides `requested_control` and
+            switches the motors off.
         key_accepts: True if requests are accepted although the key switch is at manual.
         work: work mode.
         initialised: True if a client has told the robot its pose since it was switched on.

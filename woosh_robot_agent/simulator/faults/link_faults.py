@@ -259,12 +259,12 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
     """Turn a function that damages an encoded frame into the function that begins the fault."""
 
     def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
-        before = frame.damage
+        damage_before = frame.damage  # that of another fault
 
         def damage_further(codec: Codec, data: str | bytes) -> Encoded:
-            damaged = before(codec, data) if before else data
-            # Another fault may have damaged the frame already, or writes the frame itself.
-            if callable(damaged) or (before and not _readable(codec, damaged)):
+            damaged = damage_before(codec, data) if damage_before else data
+            # The other fault may write the frame itself, or may have made it unreadable.
+            if callable(damaged) or (damage_before and not _readable(codec, damaged)):
                 return damaged
             return damage(injection, codec, damaged)
 

@@ -153,12 +153,12 @@ def _cells(brightness: Floats, opacity: Floats | None, description: _Description
         return np.where(values <= OCCUPIED, values, UNKNOWN).astype(np.int8)
     if mode == "trinary" and opacity is not None:
         brightness = (3.0 * brightness + opacity) / 4.0
-    share = brightness if negate else 1.0 - brightness
-    cells = np.full(share.shape, UNKNOWN, np.int8)
+    occupancy = brightness if negate else 1.0 - brightness
+    cells = np.full(occupancy.shape, UNKNOWN, np.int8)
     if mode == "scale":
-        cells[:] = np.rint((share - free) / (occupied - free) * 100.0).clip(FREE, OCCUPIED)
-    cells[share < free] = FREE
-    cells[share > occupied] = OCCUPIED
+        cells[:] = np.rint((occupancy - free) / (occupied - free) * 100.0).clip(FREE, OCCUPIED)
+    cells[occupancy < free] = FREE
+    cells[occupancy > occupied] = OCCUPIED
     if mode == "scale" and opacity is not None:
         cells[opacity < 1.0] = UNKNOWN
     return cells

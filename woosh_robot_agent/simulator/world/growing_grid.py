@@ -1,8 +1,7 @@
 """Make occupancy grids from the scans of a laser; the grids grow with the scans.
 
 Each cell counts evidence: a ray that passes the cell says that the cell is free, an echo that it is
-occupied.
-The pose of each scan is known, so that no scan matching is needed.
+occupied. The pose of each scan is known, so that no scan matching is needed.
 """
 
 from __future__ import annotations
@@ -78,7 +77,9 @@ class GrowingGrid:
             self.resolution = RESOLUTION
             # Walls are often at multiples of the resolution: they are in the middle of cells.
             self._anchor = (-0.5 * RESOLUTION, -0.5 * RESOLUTION)
+            """Corner from which columns and rows are counted, in metres in the map's frame."""
             self._evidence: Cells = np.zeros((1, 1), np.int8)
+            """For each cell: positive if it is occupied, negative if free, 0 if unknown."""
         else:
             self.resolution = base.resolution
             self._anchor = base.low
