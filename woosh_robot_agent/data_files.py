@@ -1,4 +1,4 @@
-"""Read YAML, JSON and other plain data into checked dataclasses; errors say where and what to do.
+"""Read YAML, JSON and other plain data into checked dataclasses; errors name place and remedy.
 
 A dataclass describes a mapping: its fields are the keys, and a field without a default is required.
 The types of the fields are `str`, `int`, `float`, `bool`, `Any`, `Literal`, enums (by value),
@@ -92,15 +92,15 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
         raise DataFileError(f"{name}: not readable as JSON: {error}") from error
 
 
-_PLACE = "place"
+_SOURCE = "source"
 
 
-def place() -> Any:
+def source_field() -> Any:
     """Return a dataclass field that gets the place of its object in the file, for errors.
 
     The field is no key of the mapping.
     """
-    return field(default="", kw_only=True, compare=False, repr=False, metadata={_PLACE: True})
+    return field(default="", kw_only=True, compare=False, repr=False, metadata={_SOURCE: True})
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True)
     Args:
         kind: the type; the docstring of this module lists the possible types.
         value: the data, as YAML or JSON loads them.
-        where: name of the file, and the path of the value in it, for errors: `FILE: a.b[2]`.
+        where: name of the file, and the path of the value in it, for errors.
         known_only: refuse keys that no field has, instead of ignoring them.
 
     Raises:
@@ -154,7 +154,7 @@ class _Reader:
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is Annotated:
             found = self.read(arguments[0], value, where)
-            with _errors_at(where):
+            with _errors_name(where):
                 for check in arguments[1:]:
                     check(found)
             return found
@@ -189,14 +189,14 @@ class _Reader:
         """Return a mapping as an object of a dataclass."""
         _check_type(value, dict, "a mapping of keys to values", where)
         hints = typing.get_type_hints(kind, include_extras=True)
-        keys = [each for each in fields(kind) if _PLACE not in each.metadata]
+        keys = [each for each in fields(kind) if _SOURCE not in each.metadata]
         names = [each.name for each in keys]
         unknown = next((key for key in value if key not in names), None)
         if unknown is not None and self._known_only:
             text = f"unknown key {reprlib.repr(unknown)}; use one of {', '.join(names)}"
             raise DataFileError(f"{where}: {text}")
         values: dict[str, Any] = {
-            each.name: where for each in fields(kind) if _PLACE in each.metadata
+            each.name: where for each in fields(kind) if _SOURCE in each.metadata
         }
         for each in keys:
             hint, path = hints[each.name], _below(where, each.name)
@@ -208,7 +208,7 @@ class _Reader:
                 values[each.name] = None
             else:
                 raise DataFileError(f"{where}: {each.name} is missing")
-        with _errors_at(where):
+        with _errors_name(where):
             return kind(**values)
 
     def _named_tuple(self, kind: Any, value: Any, where: str) -> Any:
@@ -227,7 +227,7 @@ def _below(where: str, key: str) -> str:
 
 
 @contextmanager
-def _errors_at(where: str) -> Iterator[None]:
+def _errors_name(where: str) -> Iterator[None]:
     """Turn a ValueError into a DataFileError that names the place."""
     try:
         yield
