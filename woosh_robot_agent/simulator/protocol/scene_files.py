@@ -152,10 +152,10 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
     for file in upload:
         if PurePosixPath(file.name).suffix.lower() in _PICTURES:
             # numpy and Pillow load slowly, and only pictures need them.
-            from woosh_robot_agent.simulator.scenes.map_server import check_picture
+            from woosh_robot_agent.simulator.scenes.map_server import read_pixels
 
             try:
-                check_picture(file.name, file.data)
+                read_pixels(file.name, file.data)
             except DataFileError as error:
                 raise RefusedError(f"{error}") from error
 
@@ -163,7 +163,7 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
 def merge_files(
     old: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
 ) -> dict[str, bytes]:
-    """Return the files of a scene after an upload, which adds files or replaces those of its names.
+    """Return the files of a scene after an upload, which adds files and replaces files.
 
     Raises:
         RefusedError: a file name is invalid, or the files are too many or too large.

@@ -18,7 +18,6 @@ from woosh_robot_agent.simulator.world.geometry import Point, Pose
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 """Values of cells, as in nav_msgs/OccupancyGrid. Values between FREE and OCCUPIED count as free."""
 
-
 Cells: TypeAlias = npt.NDArray[np.int8]
 
 
@@ -143,7 +142,7 @@ class GrowingGrid:
     def _add(
         self, columns: Indices, rows: Indices, echo_columns: Indices, echo_rows: Indices
     ) -> None:
-        """Add the free cells inside a polygon, but not on its sides, and some echoes."""
+        """Add free cells inside the polygon with corners in `columns` and `rows`, and echoes."""
         left, right = int(columns.min()), int(columns.max())
         bottom, top = int(rows.min()), int(rows.max())
         if not self._reserve(left, bottom, right, top):

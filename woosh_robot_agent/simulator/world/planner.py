@@ -1,4 +1,4 @@
-"""Path planner: A* on a lattice of places on the map's free floor, then a straightening."""
+"""Path planner: A* on a lattice of places on free floor; then the path is straightened."""
 
 from __future__ import annotations
 
