@@ -101,7 +101,7 @@ def _on_frames(
 
         return add_hook(server.hooks.faults, intercept)
 
-    begin.__name__ = alter.__name__
+    begin.__name__ = alter.__name__  # which names the fault
     return begin
 
 
@@ -149,7 +149,7 @@ class _Shuffle:
         """Timeouts of the collected frames, by client."""
 
     def keep(self, client: object, release: Release) -> None:
-        """Collect a frame instead of sending it; the `hold` of an `Outgoing`."""
+        """Collect a frame instead of sending it. This is the `hold` of the frame."""
         kept = self._kept.setdefault(client, [])
         kept.append(release)
         if len(kept) >= self._injection["window"] or not self._injection.active:
@@ -407,11 +407,9 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
 def _body(pack: MessagePackJson) -> Message | None:
     """Return the decoded body of a frame, None if its type is unknown."""
     try:
-        message = message_type(pack.type)()
-        message.ParseFromString(pack.body.value)
+        return message_type(pack.type).FromString(pack.body.value)
     except KeyError:
         return None
-    return message
 
 
 def _readable(codec: Codec, data: str | bytes) -> bool:
