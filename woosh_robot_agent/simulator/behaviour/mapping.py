@@ -250,14 +250,15 @@ class Mapping:
             raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
 
     def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
+        """Schedule the first scan; return the duration of the start, in seconds."""
         robot, profile = self._robot, self._profile
         self._scene_name, self._map_name = scene_name, map_name
         self._phase = Phase.STARTING
         duration = profile.start.sample(robot.rng)
-        robot.after(min(profile.state_after, duration), partial(self._begin, update=update))
+        robot.after(min(profile.state_after, duration), partial(self._begin_scans, update=update))
         return duration
 
-    def _begin(self, *, update: bool) -> None:
+    def _begin_scans(self, *, update: bool) -> None:
         """Begin to add scans to the map."""
         from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
         from woosh_robot_agent.simulator.world.picture import rasterised

@@ -24,24 +24,20 @@ class Device(Enum):
     NONE = auto()
 
 
+@dataclass
 class Battery:
     """A battery that drains with time and distance, and can be charged.
 
-    Args:
-        level: charge at the start, in percent.
-        profile: drain and charge rates, and constants that are reported but not simulated, e.g.
-            `health`.
-
     Attributes:
         level: charge, in percent.
-        profile: as above.
+        profile: drain and charge rates, and constants that are reported but not simulated, e.g.
+            `health`.
         charging: state of charging.
     """
 
-    def __init__(self, level: float, profile: BatteryProfile) -> None:
-        self.level = level
-        self.profile = profile
-        self.charging: robot_pb2.Battery.ChargeState = robot_pb2.Battery.kNot
+    level: float
+    profile: BatteryProfile
+    charging: robot_pb2.Battery.ChargeState = robot_pb2.Battery.kNot
 
     @property
     def percent(self) -> int:
@@ -98,7 +94,7 @@ class Lift:
 _IN_REACH = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
 """Signal strengths of the Wi-Fi networks within reach, in percent, by SSID."""
 
-_WiFi = robot_pb2.Network.WiFi
+_WiFiState = robot_pb2.Network.WiFi
 
 
 class WiFi:
@@ -116,13 +112,13 @@ class WiFi:
         self.list_json = b""
         self._known = {self.name}
 
-    def state(self) -> _WiFi:
+    def state(self) -> _WiFiState:
         """Return the state as reported to clients."""
-        return _WiFi(
+        return _WiFiState(
             name=self.name,
             list_json=self.list_json,
             strength=_IN_REACH.get(self.name, 0),
-            mode=_WiFi.kAP if self.hotspot else _WiFi.kClient,
+            mode=_WiFiState.kAP if self.hotspot else _WiFiState.kClient,
         )
 
     def scan(self) -> bytes:

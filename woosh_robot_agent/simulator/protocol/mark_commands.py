@@ -61,6 +61,7 @@ def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
     by_id = next((mark for mark in area.marks.values() if id_ and mark.id == id_), None)
     old = area.marks.get(number) or by_id or named_mark(chassis, number)
     storage = storage_of(old)
+    # A given field replaces the old one, and a given category replaces another category.
     for field, _ in changes.ListFields():
         if field.containing_oneof:
             storage.ClearField(storage.WhichOneof(field.containing_oneof.name) or field.name)

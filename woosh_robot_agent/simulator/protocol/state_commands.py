@@ -339,10 +339,10 @@ def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
     return copy_of(chassis.statistics.days[-1])
 
 
-def _answer_with_last(records: Callable[[Chassis], Sequence[Any]]) -> Handler:
+def _answer_with_last(records: Callable[[Chassis], Sequence[Message]]) -> Handler:
     """Return the handler that answers with the last record; without records, with an empty one."""
 
-    def handle(chassis: Chassis, request: Any) -> Message:
+    def handle(chassis: Chassis, request: Any) -> Result:
         found = records(chassis)
         return copy_of(found[-1]) if found else type(request)(robot_id=chassis.robot_id)
 

@@ -64,7 +64,7 @@ class Connections:
 
     def open(self) -> None:
         """Start reading and writing."""
-        self._update_gates()
+        self._update_events()
 
     async def wait_disconnected(self) -> None:
         """Wait until no client is connected."""
@@ -87,7 +87,7 @@ class Connections:
     def set_paused(self, paused: bool) -> None:
         """Stop reading and writing without closing the connections, or continue."""
         self._paused = paused
-        self._update_gates()
+        self._update_events()
         for client in self._handler.clients:
             if paused:
                 client.transport.pause()
@@ -97,7 +97,7 @@ class Connections:
     def set_frozen(self, frozen: bool) -> None:
         """Queue requests instead of executing them and send nothing, or continue."""
         self._handler.set_frozen(frozen)
-        self._update_gates()
+        self._update_events()
 
     def send_delayed(self) -> None:
         """Send all delayed frames at once."""
@@ -191,19 +191,20 @@ class Connections:
             except Exception:  # from a test's interceptor, for example
                 _LOG.exception("cannot handle a frame of %s", client.transport.peer)
 
-    def _update_gates(self) -> None:
-        for gate, is_open in (
+    def _update_events(self) -> None:
+        """Set or clear `_reading` and `_writing`, as the connections are paused or frozen."""
+        for event, is_set in (
             (self._reading, not self._paused),
             (self._writing, not (self._paused or self._handler.frozen)),
         ):
-            if is_open:
-                gate.set()
+            if is_set:
+                event.set()
             else:
-                gate.clear()
+                event.clear()
 
 
 class Ports:
-    """The WebSocket and HTTP port, and the TCP port. Closed ports are opened again as before.
+    """The WebSocket and HTTP port, and the TCP port. They can be closed, and opened again.
 
     Args:
         config: the address and the ports.

@@ -10,7 +10,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.serving.connections import Connections, Ports
-from woosh_robot_agent.simulator.serving.exchange import MessageHandler, Hooks
+from woosh_robot_agent.simulator.serving.exchange import Hooks, MessageHandler
 
 _LOG = logging.getLogger(__name__)
 
