@@ -107,7 +107,7 @@ def _keys(entry: type) -> Iterator[tuple[str, str]]:
     """
     described = dict(_ATTRIBUTE.findall(inspect.getdoc(entry) or ""))
     for field in dataclasses.fields(entry):
-        if field.name == "where":  # the place of the entry in its file, not a key
+        if field.name == "source":  # the place of the entry in its file, not a key
             continue
         if field.name not in described:
             raise ValueError(f"the docstring of {entry.__name__} does not describe {field.name}")

@@ -14,7 +14,7 @@ from woosh_robot_agent.data_files import (
     DataFileError,
     NotNegative,
     load_yaml,
-    place,
+    source_field,
     structure,
 )
 
@@ -33,7 +33,7 @@ class Size(NamedTuple):
 class Part:
     name: str
     length: NotNegative = 1.0
-    where: str = place()
+    where: str = source_field()
 
 
 @dataclass(frozen=True)

@@ -92,15 +92,15 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
         raise DataFileError(f"{name}: not readable as JSON: {error}") from error
 
 
-_PLACE = "place"
+_SOURCE = "source"
 
 
-def place() -> Any:
+def source_field() -> Any:
     """Return a dataclass field that gets the place of its object in the file, for errors.
 
     The field is no key of the mapping.
     """
-    return field(default="", kw_only=True, compare=False, repr=False, metadata={_PLACE: True})
+    return field(default="", kw_only=True, compare=False, repr=False, metadata={_SOURCE: True})
 
 
 @dataclass(frozen=True)
@@ -189,14 +189,14 @@ class _Reader:
         """Return a mapping as an object of a dataclass."""
         _check_type(value, dict, "a mapping of keys to values", where)
         hints = typing.get_type_hints(kind, include_extras=True)
-        keys = [each for each in fields(kind) if _PLACE not in each.metadata]
+        keys = [each for each in fields(kind) if _SOURCE not in each.metadata]
         names = [each.name for each in keys]
         unknown = next((key for key in value if key not in names), None)
         if unknown is not None and self._known_only:
             text = f"unknown key {reprlib.repr(unknown)}; use one of {', '.join(names)}"
             raise DataFileError(f"{where}: {text}")
         values: dict[str, Any] = {
-            each.name: where for each in fields(kind) if _PLACE in each.metadata
+            each.name: where for each in fields(kind) if _SOURCE in each.metadata
         }
         for each in keys:
             hint, path = hints[each.name], _below(where, each.name)

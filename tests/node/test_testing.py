@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -109,18 +110,23 @@ def agent(request: pytest.FixtureRequest) -> Iterator[RunningAgent]:
         yield agent
 
 
-def test_a_node_of_the_test_can_call_the_agent(agent: RunningAgent) -> None:
+@contextlib.contextmanager
+def ros_node() -> Iterator[Any]:
     rclpy.init()
     try:
-        node = rclpy.create_node("visitor")
+        yield rclpy.create_node("visitor")
+    finally:
+        rclpy.shutdown()
+
+
+def test_a_node_of_the_test_can_call_the_agent(agent: RunningAgent) -> None:
+    with ros_node() as node:
         client = node.create_client(PoseSpeed, f"{agent.namespace}/robot/PoseSpeed")
         wait_until(client.service_is_ready, "the service")
         with spinning(node):
             answer = client.call_async(PoseSpeed.Request())
             wait_until(answer.done, "the answer")
         assert answer.result().info.pose.x == pytest.approx(4.23, abs=0.1)
-    finally:
-        rclpy.shutdown()
 
 
 @pytest.mark.parametrize("process", [False, True])
@@ -195,21 +201,16 @@ with agents.own_domain() as domain:
 
 
 def test_the_exception_of_a_callback_reaches_the_test() -> None:
-    with own_domain():
-        rclpy.init()
-        try:
-            node = rclpy.create_node("failing")
-            called = []
+    called = []
 
-            def fail() -> None:
-                called.append(True)
-                raise ZeroDivisionError
+    def fail() -> None:
+        called.append(True)
+        raise ZeroDivisionError
 
-            node.create_timer(0.01, fail)
-            with pytest.raises(ZeroDivisionError), spinning(node):
-                wait_until(lambda: called, "the timer")
-        finally:
-            rclpy.shutdown()
+    with own_domain(), ros_node() as node:
+        node.create_timer(0.01, fail)
+        with pytest.raises(ZeroDivisionError), spinning(node):
+            wait_until(lambda: called, "the timer")
 
 
 def test_the_chassis_fixture_works_without_ros(tmp_path: Path) -> None:

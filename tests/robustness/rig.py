@@ -13,8 +13,8 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters
@@ -62,8 +62,7 @@ class BrokenPromiseError(Exception):
     """The agent broke a promise, which the text names."""
 
 
-@dataclass(frozen=True)
-class Footprint:
+class Footprint(NamedTuple):
     """Resources of the process at rest. Growth from one scenario to the next is a leak.
 
     Attributes:
@@ -78,11 +77,7 @@ class Footprint:
 
     def within(self, other: Footprint) -> bool:
         """Return True if no number is higher than in `other`."""
-        return (
-            self.tasks <= other.tasks
-            and self.threads <= other.threads
-            and self.files <= other.files
-        )
+        return all(mine <= theirs for mine, theirs in zip(self, other, strict=True))
 
 
 class Rig:

@@ -207,13 +207,11 @@ class Traffic:
     def step(self, rng: random.Random) -> None:
         """Let the robot turn by a unique angle."""
         angle = round(rng.randint(3, 30) / 10 + next(self._marks) % 90_000 * 1e-6, 6)
-        marks = [("CallAction", (what, angle)) for what in ("execute", "cancel")]
-        self._goal(StepControl, "ros/StepControl", step_goal(angle), *marks)
+        self._action(StepControl, step_goal(angle), angle)
 
     def lift(self, rng: random.Random) -> None:
         """Move the lift."""
-        marks = [("CallAction", (what, "lift_control")) for what in ("execute", "cancel")]
-        self._goal(LiftControl, "ros/LiftControl", lift_goal(rng.randint(1, 2)), *marks)
+        self._action(LiftControl, lift_goal(rng.randint(1, 2)), "lift_control")
 
     def task_set(self, rng: random.Random) -> None:
         """Let the robot run a predefined task set."""
@@ -227,24 +225,21 @@ class Traffic:
         goal = LiftControl2.Goal()
         goal.arg.height = height = round(0.05 + next(self._marks) % 90_000 * 1e-6, 6)
         goal.arg.action.value = EXECUTE
-        marks = [("CallAction", (what, height)) for what in ("execute", "cancel")]
-        self._goal(LiftControl2, "ros/LiftControl2", goal, *marks)
+        self._action(LiftControl2, goal, height)
 
     def charge(self, rng: random.Random) -> None:
         """Let the robot charge, or leave the charger."""
         goal = ChargeControl.Goal()
         goal.arg.execute_mode.value = rng.randint(1, 2)
         goal.arg.action.value = EXECUTE
-        marks = [("CallAction", (what, "charge_control")) for what in ("execute", "cancel")]
-        self._goal(ChargeControl, "ros/ChargeControl", goal, *marks)
+        self._action(ChargeControl, goal, "charge_control")
 
     def navigation_mode(self, _rng: random.Random) -> None:
         """Limit the speed of the running navigation to a unique value."""
         goal = NavigationMode.Goal()
         goal.arg.mode.value = goal.arg.mode.K_ACCURATE_AVOID
         goal.arg.max_speed = speed = round(0.5 + next(self._marks) % 90_000 * 1e-6, 6)
-        marks = [("CallAction", (what, speed)) for what in ("execute", "cancel")]
-        self._goal(NavigationMode, "ros/NavigationMode", goal, *marks)
+        self._action(NavigationMode, goal, speed)
 
     def cancel(self, rng: random.Random) -> None:
         """Cancel one of the open goals, if there is one."""
@@ -279,6 +274,11 @@ class Traffic:
         call = Call(name if mark is None else f"{name} {mark[1]}", service.call_async(request))
         self.calls.append(call)
         return call
+
+    def _action(self, action: Any, goal: Any, mark: Any) -> None:
+        """Send a goal of CallAction, whose start and cancel carry the same mark."""
+        start, cancel = (("CallAction", (what, mark)) for what in ("execute", "cancel"))
+        self._goal(action, f"ros/{action.__name__}", goal, start, cancel)
 
     def _goal(self, action: Any, name: str, goal: Any, start: Mark, cancel: Mark) -> None:
         self.allowed[start] += 1

@@ -20,9 +20,9 @@ free_thresh: 0.196
 """
 
 
-def room_picture(width: int = 60, height: int = 40) -> Image.Image:
+def room_picture() -> Image.Image:
     """A white room with black walls around it and a black block in the upper left corner."""
-    greys = np.full((height, width), 254, np.uint8)
+    greys = np.full((40, 60), 254, np.uint8)
     greys[0, :] = greys[-1, :] = greys[:, 0] = greys[:, -1] = 0
     greys[5:10, 5:15] = 0
     return Image.fromarray(greys)

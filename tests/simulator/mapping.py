@@ -26,20 +26,21 @@ DEPLOYMENT_MODE, TASK_MODE = 1, 2
 _SPEED, _TURN_RATE = 0.8, 0.8
 
 
-def start_mapping(chassis: SteppedChassis, kind: int = ADD, scene: str = "new") -> Frame:
-    """Switch to deployment mode and start to make a map called `hall`, or to update it."""
+def start_mapping(
+    chassis: SteppedChassis, kind: int = ADD, scene: str = "new", area: str = "hall"
+) -> Frame:
+    """Switch to deployment mode and start to make a map, or to update one."""
     ask(chassis, SWITCH_WORK_MODE, mode=DEPLOYMENT_MODE)
-    return ask(chassis, BUILD_MAP, type=kind, sceneName=scene, mapName="hall")
+    return ask(chassis, BUILD_MAP, type=kind, sceneName=scene, mapName=area)
 
 
 def save_map(chassis: SteppedChassis) -> Frame:
-    """Save the map."""
     return ask(chassis, BUILD_MAP, type=SAVE)
 
 
-def use_map(chassis: SteppedChassis, scene: str = "new") -> None:
+def use_map(chassis: SteppedChassis) -> None:
     """Do what a client does after it has saved a map, so that the robot accepts tasks."""
-    ask(chassis, SWITCH_MAP, sceneName=scene, mapName="hall")
+    ask(chassis, SWITCH_MAP, sceneName="new", mapName="hall")
     ask(chassis, INIT_ROBOT, isRecord=True)
     ask(chassis, SWITCH_WORK_MODE, mode=TASK_MODE)
     chassis.run(0.2)

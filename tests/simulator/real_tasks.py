@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from tests.fact_files import FOLDER, facts
-from tests.simulator.recorded_chassis import Frame, RecordedChassis, wait_frame
+from tests.simulator.recorded_chassis import Frame, SteppedChassis, wait_frame
 from tests.simulator.sim_wire import Json
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.pb.util import action_pb2, navigation_pb2, task_pb2
-from woosh_robot_agent.simulator.chassis import Chassis
 
 EXEC_TASK, EXEC_PRE_TASK = "woosh.robot.ExecTask", "woosh.robot.ExecPreTask"
 ORDER, TASK_PROC, STATE = (
@@ -44,7 +43,6 @@ class Report(NamedTuple):
 
 
 def real_robot() -> Any:
-    """Return the figures about the real robot."""
     return facts("real_robot.yaml")
 
 
@@ -106,7 +104,7 @@ def shows(state: int) -> Callable[[Frame], bool]:
 
 
 def watch(
-    chassis: RecordedChassis,
+    chassis: SteppedChassis,
     request: Callable[[], int],
     number: int = TASK_ID,
     meanwhile: Callable[[], object] = lambda: None,
@@ -145,28 +143,28 @@ def seen(frames: Sequence[Frame], sn: int, number: int) -> RealTask:
     return RealTask(reports, others)
 
 
-def exec_task(chassis: RecordedChassis, mark: str = "K10", kind: int = task_pb2.kPick) -> int:
+def exec_task(chassis: SteppedChassis, mark: str = "K10", kind: int = task_pb2.kPick) -> int:
     """Request a task, and return the serial number."""
     return chassis.request(EXEC_TASK, taskId=str(TASK_ID), type=kind, markNo=mark)
 
 
-def pick(chassis: RecordedChassis, meanwhile: Callable[[], object] = lambda: None) -> RealTask:
+def pick(chassis: SteppedChassis, meanwhile: Callable[[], object] = lambda: None) -> RealTask:
     """Drive to a mark. `meanwhile` is called after the request."""
     return watch(chassis, lambda: exec_task(chassis), meanwhile=meanwhile)
 
 
-def order(chassis: RecordedChassis, number: int, after: float = 6.0) -> None:
+def order(chassis: SteppedChassis, number: int, after: float = 6.0) -> None:
     """Send an order after some seconds."""
     chassis.run(after)
     chassis.request(ORDER, order=number)
 
 
-def cancelled(chassis: RecordedChassis) -> RealTask:
+def cancelled(chassis: SteppedChassis) -> RealTask:
     """Cancel a task while the robot drives."""
     return pick(chassis, lambda: order(chassis, CANCEL))
 
 
-def paused_and_cancelled(chassis: RecordedChassis) -> RealTask:
+def paused_and_cancelled(chassis: SteppedChassis) -> RealTask:
     """Pause a task, and then cancel it."""
 
     def pause_and_cancel() -> None:
@@ -176,64 +174,57 @@ def paused_and_cancelled(chassis: RecordedChassis) -> RealTask:
     return pick(chassis, pause_and_cancel)
 
 
-def charge(chassis: RecordedChassis) -> RealTask:
-    """Charge."""
+def charge(chassis: SteppedChassis) -> RealTask:
     return watch(chassis, lambda: exec_task(chassis, "C1", task_pb2.kCharge))
 
 
-def from_a_dock(chassis: RecordedChassis) -> RealTask:
+def from_a_dock(chassis: SteppedChassis) -> RealTask:
     """Drive to a mark from a charger."""
     charge(chassis)
     return pick(chassis)
 
 
-def parking(chassis: RecordedChassis) -> RealTask:
-    """Park."""
+def parking(chassis: SteppedChassis) -> RealTask:
     return watch(chassis, lambda: exec_task(chassis, "P1", task_pb2.kParking))
 
 
-def two_waits(chassis: RecordedChassis) -> RealTask:
+def two_waits(chassis: SteppedChassis) -> RealTask:
     """Perform a set of one task that waits at its mark."""
     tasks = woosh_task_pb2.RepeatTasks()
     repeat = tasks.repeat_tasks.add(times=1)
     repeat.task_set.base.id = SET_ID
     base = repeat.task_set.tasks.add().base
     base.id, base.type, base.mark_no, base.wait_time = 1, task_pb2.kPick, "K10", 3
-
-    def define(model: Chassis) -> None:
-        model.scene = dataclasses.replace(model.scene, predefined=tasks)
-
-    chassis.change(define)
+    model = chassis.chassis
+    model.scene = dataclasses.replace(model.scene, predefined=tasks)
     number = SET_ID * 100 + 1
     return watch(chassis, lambda: chassis.request(EXEC_PRE_TASK, taskSetId=SET_ID), number)
 
 
-def failed(chassis: RecordedChassis) -> RealTask:
+def failed(chassis: SteppedChassis) -> RealTask:
     """Drive to a place that cannot be reached."""
     body = {"taskId": str(TASK_ID), "type": task_pb2.kPick, "pose": IN_A_PILLAR}
     return watch(chassis, lambda: chassis.request(EXEC_TASK, **body))
 
 
-def obstacle(chassis: RecordedChassis) -> RealTask:
+def obstacle(chassis: SteppedChassis) -> RealTask:
     """Wait until an obstacle in the way has gone."""
-
-    def put(model: Chassis) -> None:
-        assert model.ownership.navigation
-        before, goal = (pose.point for pose in model.ownership.navigation.path[-2:])
-        model.obstacles.put("box", (before[0] + goal[0]) / 2, (before[1] + goal[1]) / 2)
+    model = chassis.chassis
 
     def block_for_a_while() -> None:
         chassis.run(3.0)
         # Otherwise it would drive round the obstacle.
         chassis.request("woosh.robot.ChangeNavMode", navMode={"mode": navigation_pb2.kNavWait})
-        chassis.change(put)
+        assert model.ownership.navigation
+        before, goal = (pose.point for pose in model.ownership.navigation.path[-2:])
+        model.obstacles.put("box", (before[0] + goal[0]) / 2, (before[1] + goal[1]) / 2)
         chassis.run(20.0)
-        chassis.change(lambda model: model.obstacles.remove("box"))
+        model.obstacles.remove("box")
 
     return pick(chassis, block_for_a_while)
 
 
-SCENARIOS: dict[str, Callable[[RecordedChassis], RealTask]] = {
+SCENARIOS: dict[str, Callable[[SteppedChassis], RealTask]] = {
     "pick": pick,
     "cancelled": cancelled,
     "paused and cancelled": paused_and_cancelled,

@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorThread
+from tests.simulator.sim_wire import Json
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
-from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
+from woosh_robot_agent.simulator.serving.exchange import Client, MessageHandler
 
 SCANNER_DATA = "woosh.robot.ScannerData"
 
 _TOPICS = sorted(TOPICS - {SCANNER_DATA})
-"""Topics to which the clients are subscribed."""
+"""Topics to which the client is subscribed from the start."""
+_WAIT_TIMEOUT = 300.0
+"""Maximum simulated time until a frame, in seconds."""
 
 
 class Frame(NamedTuple):
     """A frame of the chassis.
 
     Attributes:
-        time: simulated time at which it was sent, in seconds since any moment.
+        time: simulated time at which it was sent, in seconds since the start.
         sn: serial number of an answer, 0 for a push.
         type: full name of the body.
         body: the body.
-        ok: the request was accepted; None for a push.
+        ok: True if the request was accepted; None for a push.
     """
 
     time: float
@@ -37,37 +38,15 @@ class Frame(NamedTuple):
     ok: bool | None
 
 
-class RecordedChassis(Protocol):
-    """A simulated chassis with one client, which is subscribed to everything but scans.
-
-    Attributes:
-        frames: all frames for the client, oldest first.
-    """
-
-    frames: list[Frame]
-
-    def request(self, type_name: str, **body: Any) -> int:
-        """Send a request, and return its serial number."""
-
-    def run(self, seconds: float) -> None:
-        """Let simulated time pass."""
-
-    def change(self, change: Callable[[Chassis], object]) -> None:
-        """Call a function with the model of the robot."""
-
-
-def wait_frame(
-    chassis: RecordedChassis, wanted: Callable[[Frame], Any], after: int = 0, limit: float = 300.0
-) -> Frame:
+def wait_frame(chassis: SteppedChassis, wanted: Callable[[Frame], Any], after: int = 0) -> Frame:
     """Let simulated time pass until the first frame that is `wanted`, and return it.
 
     Args:
         chassis: the chassis.
-        wanted: is true for the frame.
+        wanted: returns True for the frame.
         after: number of first frames that do not count.
-        limit: maximum simulated time, in seconds.
     """
-    for _ in range(round(limit / TIME_STEP)):
+    for _ in range(round(_WAIT_TIMEOUT / TIME_STEP)):
         found = next((frame for frame in chassis.frames[after:] if wanted(frame)), None)
         if found:
             return found
@@ -75,13 +54,13 @@ def wait_frame(
     raise AssertionError(f"no such frame among {chassis.frames[after:]}")
 
 
-def answer_to(chassis: RecordedChassis, type_name: str, **body: Any) -> Frame:
+def answer_to(chassis: SteppedChassis, type_name: str, **body: Any) -> Frame:
     """Send a request, wait for its answer, and return it."""
     sn = chassis.request(type_name, **body)
     return wait_frame(chassis, lambda frame: frame.sn == sn)
 
 
-def ask(chassis: RecordedChassis, type_name: str, **body: Any) -> Frame:
+def ask(chassis: SteppedChassis, type_name: str, **body: Any) -> Frame:
     """Return the answer to a request, which must be ok."""
     answer = answer_to(chassis, type_name, **body)
     assert answer.ok, answer
@@ -89,7 +68,7 @@ def ask(chassis: RecordedChassis, type_name: str, **body: Any) -> Frame:
 
 
 class SteppedChassis(Client):
-    """A chassis that is stepped by hand: exact times, without sockets and without waiting.
+    """A chassis that is stepped by hand, and its client: exact times, without sockets and waiting.
 
     Args:
         options: options of `SimulatorConfig`.
@@ -97,80 +76,48 @@ class SteppedChassis(Client):
     Attributes:
         chassis: the model of the robot.
         frames: all frames for the client, oldest first.
+        raw: the same frames, as the client receives them.
     """
 
     def __init__(self, **options: Any) -> None:
         super().__init__(None, 0)  # type: ignore[arg-type]
         self.chassis = Chassis(SimulatorConfig(**{"seed": 1, **options}))
         self.frames: list[Frame] = []
-        self._exchange = Exchange(self.chassis)
-        self._exchange.join(self)
+        self.raw: list[Json] = []
+        self._handler = MessageHandler(self.chassis)
+        self._handler.join(self)
         self._sn = 0
         self.subscribe(*_TOPICS)
 
     def subscribe(self, *topics: str) -> None:
-        """Subscribe to topics."""
         self._receive({"type": "woosh.Subscription", "body": {"topics": list(topics), "sub": True}})
 
     def send(self, frame: str | bytes) -> None:
-        self.frames.append(_frame(json.loads(frame), self.chassis.elapsed))
+        raw = json.loads(frame)
+        self.raw.append(raw)
+        self.frames.append(
+            Frame(self.chassis.elapsed, raw.get("sn", 0), raw["type"], raw["body"], raw.get("ok"))
+        )
 
     def request(self, type_name: str, **body: Any) -> int:
+        """Send a request, and return its serial number."""
         self._sn += 1
         self._receive({"type": type_name, "body": body, "sn": self._sn})
         return self._sn
 
     def run(self, seconds: float) -> None:
+        """Let simulated time pass."""
         for _ in range(round(seconds / TIME_STEP)):
             self.chassis.tick(TIME_STEP)
-            self._exchange.report_changes(while_moving=True)
-
-    def change(self, change: Callable[[Chassis], object]) -> None:
-        change(self.chassis)
+            self._handler.report_changes(while_moving=True)
 
     def _receive(self, frame: Json) -> None:
-        self._exchange.receive(self, json.dumps(frame))
+        self._handler.receive(self, json.dumps(frame))
 
 
 def pushed(chassis: SteppedChassis, type_name: str) -> list[Frame]:
     """Return all pushes of a type."""
     return [frame for frame in chassis.frames if frame.type == type_name and not frame.sn]
-
-
-class ConnectedChassis:
-    """A chassis that runs by itself, with its client at the other end of a WebSocket.
-
-    Args:
-        simulator: the running chassis.
-
-    Attributes:
-        frames: all frames for the client so far, oldest first.
-    """
-
-    def __init__(self, simulator: SimulatorThread) -> None:
-        self.frames: list[Frame] = []
-        self._simulator = simulator
-        self._client = JsonClient(simulator.port)
-        self._client.subscribe(*_TOPICS)
-        self._sn = 1000
-        """Above the serial numbers that the client uses itself."""
-
-    def close(self) -> None:
-        self._client.close()
-
-    def request(self, type_name: str, **body: Any) -> int:
-        self._sn += 1
-        self._client.send({"type": type_name, "body": body, "sn": self._sn})
-        return self._sn
-
-    def run(self, seconds: float) -> None:
-        pass_time(self._simulator, seconds)
-        self._client.ask("woosh.robot.Mode")
-        self.frames += [_frame(each, each["timestamp"] / 1000) for each in self._client.pushes]
-        self._client.pushes.clear()
-
-    def change(self, change: Callable[[Chassis], object]) -> None:
-        self._simulator.call(lambda simulator: change(simulator.chassis))
 
 
 def answer_times(type_name: str, count: int) -> list[float]:
@@ -191,7 +138,3 @@ _BODIES: dict[str, Json] = {
     "woosh.robot.SwitchWorkMode": {"mode": 2},
 }
 """Bodies of requests whose answers are timed; all others are empty."""
-
-
-def _frame(frame: Json, time: float) -> Frame:
-    return Frame(time, frame.get("sn", 0), frame["type"], frame["body"], frame.get("ok"))

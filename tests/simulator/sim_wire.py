@@ -209,3 +209,7 @@ class TcpClient:
             pack = self.receive()
             if pack.sn == sn:
                 return pack
+
+
+Connect = Callable[[], JsonClient]
+ConnectTcp = Callable[[], TcpClient]

@@ -15,7 +15,7 @@ from tests.simulator.recorded_chassis import (
     ask,
     wait_frame,
 )
-from tests.simulator.sim_wire import connected
+from tests.simulator.sim_wire import JsonClient
 
 UNINIT, IDLE = 1, 2
 EMERGENCY_STOP = 1024
@@ -39,12 +39,11 @@ def test_twist_is_answered_as_over_a_radio_link() -> None:
     assert statistics.median(found) == pytest.approx(median, rel=0.2)
 
 
-def test_init_robot_answers_when_it_is_done() -> None:
-    chassis = SteppedChassis()
-    sent = chassis.chassis.elapsed
-    answer = ask(chassis, INIT_ROBOT, isRecord=True)
+def test_init_robot_answers_when_it_is_done(real: SteppedChassis) -> None:
+    sent = real.chassis.elapsed
+    answer = ask(real, INIT_ROBOT, isRecord=True)
     assert answer.time - sent == pytest.approx(FACTS["median_answers"][INIT_ROBOT], rel=0.2)
-    uninit, idle = (wait_frame(chassis, shows(state)) for state in (UNINIT, IDLE))
+    uninit, idle = (wait_frame(real, shows(state)) for state in (UNINIT, IDLE))
     assert uninit.time - sent <= FACTS["times"]["InitRobot to kUninit"][1]
     least, most = FACTS["times"]["InitRobot to kIdle"]
     assert least <= idle.time - sent <= most
@@ -59,25 +58,23 @@ def test_robot_refuses_tasks_until_it_is_initialised() -> None:
     ask(chassis, "woosh.robot.ExecTask", taskId="1", type=1, markNo="A2")
 
 
-def test_second_initialisation_replaces_the_first_one() -> None:
-    chassis = SteppedChassis()
-    chassis.request(INIT_ROBOT, isRecord=True)
-    chassis.run(3.0)
-    second = chassis.chassis.elapsed
-    ask(chassis, INIT_ROBOT, isRecord=True)
-    idle = wait_frame(chassis, shows(IDLE))
+def test_second_initialisation_replaces_the_first_one(real: SteppedChassis) -> None:
+    real.request(INIT_ROBOT, isRecord=True)
+    real.run(3.0)
+    second = real.chassis.elapsed
+    ask(real, INIT_ROBOT, isRecord=True)
+    idle = wait_frame(real, shows(IDLE))
     assert idle.time - second >= FACTS["times"]["InitRobot to kIdle"][0]
 
 
-def test_waiting_answer_delays_no_other_request() -> None:
-    chassis = SteppedChassis()
-    slow = chassis.request(INIT_ROBOT, isRecord=True)
-    chassis.run(0.5)
-    quick = chassis.request(MODE)
-    chassis.run(1.0)
-    assert [frame.sn for frame in chassis.frames if frame.sn] == [quick]
-    chassis.run(5.0)
-    assert [frame.sn for frame in chassis.frames if frame.sn] == [quick, slow]
+def test_waiting_answer_delays_no_other_request(real: SteppedChassis) -> None:
+    slow = real.request(INIT_ROBOT, isRecord=True)
+    real.run(0.5)
+    quick = real.request(MODE)
+    real.run(1.0)
+    assert [frame.sn for frame in real.frames if frame.sn] == [quick]
+    real.run(5.0)
+    assert [frame.sn for frame in real.frames if frame.sn] == [quick, slow]
 
 
 def test_query_is_answered_with_the_value_at_that_time() -> None:
@@ -94,15 +91,15 @@ def test_query_is_answered_with_the_value_at_that_time() -> None:
     assert late > 5
 
 
-def test_answers_arrive_after_their_time_over_a_socket() -> None:
+@pytest.mark.chassis(speed=5, profile="tr200")
+def test_answers_arrive_after_their_time_over_a_socket(client: JsonClient) -> None:
     """The order of the answers over a real socket, and their times by its clock, at least."""
-    with connected(speed=5, profile="tr200") as (_, client):
-        client.send({"type": INIT_ROBOT, "body": {"isRecord": True}, "sn": 901})
-        started = time.monotonic()
-        stamp = client.request(MODE)["timestamp"]
+    client.send({"type": INIT_ROBOT, "body": {"isRecord": True}, "sn": 901})
+    started = time.monotonic()
+    stamp = client.request(MODE)["timestamp"]
+    answer = client.receive()
+    while answer.get("sn") != 901:
         answer = client.receive()
-        while answer.get("sn") != 901:
-            answer = client.receive()
     least = FACTS["times"]["InitRobot to kIdle"][0]
     assert (answer["timestamp"] - stamp) / 1000 > 0.9 * least
     assert time.monotonic() - started > 0.9 * least / 5

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import running_chassis
 
 PROC = "woosh.robot.TaskProc"
 INIT, READY, EXECUTING, COMPLETED, CANCELED = 1, 2, 3, 7, 8
 PARKING, CHARGE = 2, 3
 CHARGE_AFTER, PARK_AFTER = 10.0, 30.0  # simulated seconds
 
-
-@pytest.fixture
-def simulator() -> Iterator[SimulatorThread]:
-    with running_chassis(speed=50, charge_after=CHARGE_AFTER, park_after=PARK_AFTER) as simulator:
-        yield simulator
+pytestmark = pytest.mark.chassis(charge_after=CHARGE_AFTER, park_after=PARK_AFTER)
 
 
 @pytest.fixture(autouse=True)
@@ -74,28 +67,23 @@ def test_no_automatic_task_starts_unless_it_is_allowed(
 
 
 @pytest.mark.parametrize(
-    ("busy", "idle"),
+    ("name", "begin", "end"),
     [
-        (
-            ("woosh.robot.SwitchControlMode", {"mode": 2}),
-            ("woosh.robot.SwitchControlMode", {"mode": 1}),
-        ),
-        (("woosh.robot.SwitchWorkMode", {"mode": 3}), ("woosh.robot.SwitchWorkMode", {"mode": 2})),
-        (("woosh.robot.SetOccupancy", {"occupy": True}), ("woosh.robot.SetOccupancy", {})),
-        (("woosh.robot.Follow", {"type": True}), ("woosh.robot.Follow", {})),
+        ("SwitchControlMode", {"mode": 2}, {"mode": 1}),
+        ("SwitchWorkMode", {"mode": 3}, {"mode": 2}),
+        ("SetOccupancy", {"occupy": True}, {}),
+        ("Follow", {"type": True}, {}),
+        ("SwitchMap", {"mapName": "scenex2"}, {"mapName": "wooshmap"}),  # one without marks
     ],
 )
-def test_no_automatic_task_starts_while_the_robot_is_in_use(
-    simulator: SimulatorThread,
-    client: JsonClient,
-    busy: tuple[str, Json],
-    idle: tuple[str, Json],
+def test_no_automatic_task_starts_while_the_robot_is_in_use_or_has_no_mark(
+    simulator: SimulatorThread, client: JsonClient, name: str, begin: Json, end: Json
 ) -> None:
-    client.ask(*busy)
+    client.ask(f"woosh.robot.{name}", begin)
     set_battery(simulator)
     pass_time(simulator, 3 * PARK_AFTER)
     assert client.take_pushes(PROC) == []
-    client.ask(*idle)
+    client.ask(f"woosh.robot.{name}", end)
     assert next_started_task(client)["type"] == CHARGE
 
 
@@ -144,9 +132,10 @@ def test_client_task_replaces_an_automatic_task(
             "woosh.ros.CallAction",
             {"stepControl": {"action": 1, "steps": [{"mode": 2, "value": 1}]}},
         ),
+        ("woosh.robot.ActionOrder", {"order": 4}),
     ],
 )
-def test_client_motion_replaces_an_automatic_task(
+def test_client_motion_or_cancel_ends_an_automatic_task(
     simulator: SimulatorThread, client: JsonClient, name: str, body: Json
 ) -> None:
     set_battery(simulator)
@@ -154,7 +143,7 @@ def test_client_motion_replaces_an_automatic_task(
     client.ask(name, body)
     end = client.next_push(PROC)
     assert end["state"] == CANCELED
-    assert end["msg"].startswith(("replaced by", "stopped by"))
+    assert end["msg"].startswith(("replaced by", "stopped by", "cancelled"))
 
 
 def test_emergency_stop_cancels_an_automatic_task(
@@ -167,24 +156,6 @@ def test_emergency_stop_cancels_an_automatic_task(
     assert (end["state"], end["msg"]) == (CANCELED, "emergency stop is pressed")
     simulator.set_emergency_stop(False)
     assert next_started_task(client)["type"] == CHARGE
-
-
-def test_client_can_cancel_an_automatic_task(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    set_battery(simulator)
-    next_started_task(client)
-    client.ask("woosh.robot.ActionOrder", {"order": 4})
-    assert client.next_push(PROC)["state"] == CANCELED
-
-
-def test_no_automatic_task_starts_on_a_map_without_its_mark(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex", "mapName": "scenex2"})
-    set_battery(simulator)
-    pass_time(simulator, 3 * PARK_AFTER)
-    assert client.take_pushes(PROC) == []
 
 
 @pytest.mark.parametrize("after", [{"charge_after": 0.0}, {"park_after": -1.0}])

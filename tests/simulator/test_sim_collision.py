@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from tests.quick_chassis import execute, quick_config
+from tests.quick_chassis import execute
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.profile import load_profile
@@ -15,11 +15,6 @@ from woosh_robot_agent.simulator.world.collision import Obstacles
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall, hull
 
 ORIGINAL = load_profile("instant").model.outline
-
-
-@pytest.fixture
-def chassis() -> Chassis:
-    return Chassis(quick_config(seed=1))
 
 
 def drive(chassis: Chassis, seconds: float, **twist: float) -> None:
@@ -77,7 +72,6 @@ def test_gap_to_zero_length_and_very_long_walls() -> None:
 
 @pytest.mark.parametrize("theta", [0.0, 0.4, math.pi / 4, math.pi / 2, 3.0])
 def test_no_corner_passes_a_wall(chassis: Chassis, theta: float) -> None:
-    """Under remote control, the whole outline stays on the near side of the wall."""
     chassis.localise(Pose(10.5, 5.0, theta))
     aside = -math.sin(theta)
     drive(chassis, 6.0, linear=math.cos(theta), linear_y=aside)
@@ -106,17 +100,7 @@ def test_robot_can_turn_while_a_wall_blocks_the_way_ahead(chassis: Chassis) -> N
     assert chassis.base.pose.theta > before.theta
 
 
-def test_gap_uses_the_walls_of_a_new_map(chassis: Chassis) -> None:
-    chassis.localise(Pose(-2.2, -5.0, 0.0))
-    assert chassis.gap(chassis.base.pose) == math.inf
-    scene = chassis.scenes["scenex"]  # with shelves half a metre further south
-    chassis.switch_map(scene, scene.maps[0])
-    assert chassis.gap(Pose(-2.0, -5.4, 0.0)) < 0.0
-    assert chassis.readiness.located
-
-
 def test_obstacle_between_two_outline_corners_is_detected(chassis: Chassis) -> None:
-    """A thin post hits a side of the outline between two of its corners."""
     chassis.localise(Pose(0.0, -1.0, -math.pi / 2 + math.pi / 4))
     chassis.obstacles.put("post", 1.0, -2.0, 0.02)
     drive(chassis, 4.0, linear=0.5)
@@ -169,15 +153,6 @@ def test_cached_clearance_never_hides_a_wall(chassis: Chassis) -> None:
         move = rng.uniform(-0.2, 0.2), rng.uniform(-0.1, 0.1), rng.uniform(-0.5, 0.5)
         pose = pose.moved(*move)
         pose = Pose(min(12.3, max(-12.3, pose.x)), min(10.3, max(-10.3, pose.y)), pose.theta)
-
-
-def test_clearance_is_the_distance_to_the_nearest_obstacle(chassis: Chassis) -> None:
-    obstacles = chassis.obstacles
-    obstacles.put("a", 1.0, 0.0, 0.25)
-    obstacles.put("far", 9.0, 9.0, 0.25)
-    assert obstacles.clearance(0.0, 0.0) == pytest.approx(0.75, abs=0.01)
-    obstacles.put("a", 1.0, 0.0, 3.0)
-    assert obstacles.clearance(0.0, 0.0) == obstacles.clearance(1.0, 0.0) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -26,10 +27,9 @@ LISTS = {BEACONS: "beacons", CODES: "artags", REFLECTORS: "reflectors", MARKS: "
 
 
 @pytest.fixture
-def chassis() -> SteppedChassis:
-    chassis = SteppedChassis(profile="instant")
-    ask(chassis, SWITCH_WORK_MODE, mode=1)
-    return chassis
+def chassis(quick: SteppedChassis) -> SteppedChassis:
+    ask(quick, SWITCH_WORK_MODE, mode=1)
+    return quick
 
 
 def deploy(chassis: SteppedChassis, **body: Any) -> Json:
@@ -54,9 +54,8 @@ def test_point_is_collected_at_the_pose_of_the_robot(chassis: SteppedChassis, ki
     assert list(marker["pose"].values()) == pytest.approx([pose.x, pose.y, pose.theta])
     entries = mark_info(chassis)[LISTS[kind]]
     assert len(entries) == before + 1
-    assert (
-        str(entries[-1]["id"] if kind != MARKS else entries[-1]["identity"]["id"]) == marker["id"]
-    )
+    identity = entries[-1]["identity"] if kind == MARKS else entries[-1]
+    assert str(identity["id"]) == marker["id"]
 
 
 @pytest.mark.parametrize("kind", LISTS)
@@ -125,10 +124,8 @@ def test_points_collected_while_mapping_go_into_the_new_map(chassis: SteppedChas
     after = mark_info(chassis)
     assert [each["identity"]["no"] for each in after["storages"]] == ["1"]
     assert len(after["artags"]) == 1
-    assert {**before} == next(
-        each["markInfo"]
-        for each in ask(chassis, "woosh.map.SceneData", name="wooshmap").body["maps"]
-    )
+    (old,) = ask(chassis, "woosh.map.SceneData", name="wooshmap").body["maps"]
+    assert old["markInfo"] == before
     # They can still be cancelled.
     deploy(chassis, type=MARKS, mode=REMOVE)
     assert mark_info(chassis)["storages"] == []
@@ -137,7 +134,7 @@ def test_points_collected_while_mapping_go_into_the_new_map(chassis: SteppedChas
 def test_cancelled_update_forgets_its_points_only(chassis: SteppedChassis) -> None:
     deploy(chassis, type=MARKS, mode=COLLECT)
     count = len(mark_info(chassis)["storages"])
-    ask(chassis, BUILD_MAP, type=UPDATE, sceneName="wooshmap", mapName="wooshmap")
+    start_mapping(chassis, UPDATE, "wooshmap", "wooshmap")
     deploy(chassis, type=MARKS, mode=COLLECT)
     assert len(mark_info(chassis)["storages"]) == count + 1
     ask(chassis, BUILD_MAP, type=CANCEL)
@@ -146,14 +143,9 @@ def test_cancelled_update_forgets_its_points_only(chassis: SteppedChassis) -> No
 
 def test_mark_that_was_changed_meanwhile_stays(chassis: SteppedChassis) -> None:
     (marker,) = deploy(chassis, type=MARKS, mode=COLLECT)["markers"]
-
-    def rename(model: Any) -> None:
-        from dataclasses import replace
-
-        marks = dict(model.map.marks)
-        marks["A99"] = replace(marks.pop(marker["id"]), number="A99")
-        model.change_map(replace(model.map, marks=marks))
-
-    chassis.change(rename)
+    model = chassis.chassis
+    marks = dict(model.map.marks)
+    marks["A99"] = replace(marks.pop(marker["id"]), number="A99")
+    model.change_map(replace(model.map, marks=marks))
     deploy(chassis, type=MARKS, mode=REMOVE)
-    assert "A99" in chassis.chassis.map.marks
+    assert "A99" in model.map.marks

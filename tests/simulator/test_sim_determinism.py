@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -10,14 +9,12 @@ from typing import Any
 import pytest
 from google.protobuf import json_format
 
-from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import Json, JsonClient
+from tests.simulator.recorded_chassis import SCANNER_DATA, SteppedChassis
+from tests.simulator.sim_wire import Json, connected
 from woosh_robot_agent.link.protos import message_type
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
-from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
 
 Command = Callable[[Chassis], None]
 
@@ -75,8 +72,7 @@ END_S = 311.5
 """End of the runs in simulated seconds, before the next scan is pushed."""
 
 
-def config(speed: float = 1.0) -> SimulatorConfig:
-    return quick_config(port=0, tcp_port=0, speed=speed, seed=7, park_after=20.0)
+OPTIONS = {"profile": "instant", "seed": 7, "park_after": 20.0}
 
 
 class ScriptPlayer:
@@ -90,29 +86,14 @@ class ScriptPlayer:
             self._left.pop(0)[1](chassis)
 
 
-class Recorder(Client):
-    """A client without a connection that records its frames."""
-
-    def __init__(self) -> None:
-        super().__init__(None, 0)  # type: ignore[arg-type]
-        self.frames: list[Json] = []
-
-    def send(self, frame: str | bytes) -> None:
-        self.frames.append(json.loads(frame))
-
-
 def pushes_without_sockets() -> list[Json]:
     """Return all pushes of a run that is stepped by hand."""
-    chassis = Chassis(config())
-    exchange, recorder, player = Exchange(chassis), Recorder(), ScriptPlayer()
-    exchange.join(recorder)
-    subscription = {"type": "woosh.Subscription", "body": {"topics": sorted(TOPICS), "sub": True}}
-    exchange.receive(recorder, json.dumps(subscription))
-    while chassis.elapsed < END_S:
-        player.play(chassis)
-        chassis.tick(TIME_STEP)
-        exchange.report_changes(while_moving=True)
-    return recorder.frames
+    stepped, player = SteppedChassis(**OPTIONS), ScriptPlayer()
+    stepped.subscribe(SCANNER_DATA)
+    while stepped.chassis.elapsed < END_S:
+        player.play(stepped.chassis)
+        stepped.run(TIME_STEP)
+    return stepped.raw
 
 
 def pushes_over_a_socket(monkeypatch: pytest.MonkeyPatch, speed: float) -> list[Json]:
@@ -126,14 +107,12 @@ def pushes_over_a_socket(monkeypatch: pytest.MonkeyPatch, speed: float) -> list[
 
     with monkeypatch.context() as patched:
         patched.setattr(Chassis, "tick", gated)
-        with SimulatorThread(config(speed)) as simulator:
-            client = JsonClient(simulator.port)
+        with connected(speed=speed, **OPTIONS) as (_, client):
             client.subscribe(*sorted(TOPICS))
             subscribed.set()
             frames = [client.receive()]
             while not (frames[-1]["type"] == "woosh.robot.DeviceState" and occupied(frames[-1])):
                 frames.append(client.receive())
-            client.close()
     return frames
 
 
@@ -169,10 +148,6 @@ def test_script_covers_most_topics_and_task_states(reference: list[Json]) -> Non
     ]
     assert {PAUSED, ACTION_WAIT} <= {each["state"] for each in procs}
     assert any(each.get("action", {}).get("state") == 2 for each in procs)
-
-
-def test_runs_without_sockets_push_the_same_frames(reference: list[Json]) -> None:
-    assert pushes_without_sockets() == reference
 
 
 @pytest.mark.parametrize("speed", [100.0, 60.0])

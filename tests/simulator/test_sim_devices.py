@@ -22,11 +22,6 @@ def test_lights_are_kept_by_submodule(simulator: SimulatorThread, client: JsonCl
     assert simulator.state.lights == {0: LED(**red), 2: LED(submodule=2, color=8)}
 
 
-def test_unknown_light_is_refused(simulator: SimulatorThread, client: JsonClient) -> None:
-    assert client.refusal(LIGHT, {"submodule": 16}).startswith("unknown submodule 16 of the lights")
-    assert simulator.state.lights == {}
-
-
 def test_keys_of_the_remote_controller_are_pushed_when_they_change(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:

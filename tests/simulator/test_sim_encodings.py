@@ -29,10 +29,6 @@ def test_websocket_serves_protobuf_and_json(client: JsonClient) -> None:
     assert client.ask("woosh.robot.PoseSpeed")["pose"]["x"] == pytest.approx(info.pose_speed.pose.x)
 
 
-def test_missing_body_is_an_empty_message(tcp: TcpClient) -> None:
-    assert tcp.request("woosh.robot.Mode").ok
-
-
 def test_tcp_client_gets_pushes_and_refusals(tcp: TcpClient) -> None:
     tcp.send(subscription("woosh.robot.TaskProc"))
     request = robot_pack_pb2.ExecTask(type=1, mark_no="A2")  # type: ignore[arg-type]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from tests.simulator.sim_wire import JsonClient, TcpClient, packed, subscription
+from tests.simulator.sim_wire import JsonClient, TcpClient, connected, packed, subscription
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import running_chassis, wait_until
+from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
 BATTERY = "woosh.robot.Battery"
@@ -37,14 +37,10 @@ def test_refuse_answers_with_its_text(
     assert not client.ask("woosh.robot.DeviceState")["software"] & OCCUPIED
     assert simulator.counts[OCCUPY] == 2
     assert everything.hits == 2
-
-
-def test_refuse_applies_to_its_type_only(simulator: SimulatorThread, client: JsonClient) -> None:
+    # Other types are not refused.
     simulator.inject("refuse", type=OCCUPY)
     client.ask(MODE)
     assert client.refusal(OCCUPY) == "refused by the simulator"
-    simulator.clear_faults()
-    client.ask(OCCUPY)
 
 
 def test_clearing_all_faults_releases_delayed_answers(
@@ -73,15 +69,13 @@ def test_equal_seeds_give_equal_jitter() -> None:
     """The delays differ so much that the order of the answers shows them."""
     seen = []
     for _ in range(2):
-        with running_chassis(speed=1, seed=3) as simulator:
+        with connected(seed=3) as (simulator, client):
             fault = simulator.inject("delay", seconds=0.0, jitter=HOUR)
-            client = JsonClient(simulator.port)
             for sn in range(1, 11):
                 client.send({"type": MODE, "sn": sn})
             wait_until(lambda fault=fault: fault.hits == 10)
             simulator.clear_faults()  # releases the answers in the order of their delays
             seen.append([client.receive()["sn"] for _ in range(10)])
-            client.close()
     assert seen[0] == seen[1]
     assert sorted(seen[0]) == list(range(1, 11)) != seen[0]
 
@@ -89,11 +83,9 @@ def test_equal_seeds_give_equal_jitter() -> None:
 def test_reorder_shuffles_within_its_window() -> None:
     seen = []
     for _ in range(2):
-        with running_chassis(speed=1, seed=5) as simulator:
+        with connected(seed=5) as (simulator, client):
             simulator.inject("reorder", window=5, seconds=HOUR)
-            client = JsonClient(simulator.port)
             seen.append(answer_order(client, 15))
-            client.close()
     assert seen[0] == seen[1]
     for begin in (0, 5, 10):
         group = seen[0][begin : begin + 5]
@@ -194,59 +186,52 @@ def test_hook_replaces_the_earlier_one_of_its_kind(
     assert simulator.faults == []
 
 
-def test_waiting_requests_of_a_connection_are_limited() -> None:
-    with running_chassis(speed=1, max_waiting=3) as simulator:
-        client, other = JsonClient(simulator.port), TcpClient(simulator.tcp_port)
-        simulator.inject("delay", seconds=HOUR)
-        for sn in range(1, 6):
-            client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": sn})
-        refused = [client.receive() for _ in range(2)]
-        assert [answer["sn"] for answer in refused] == [4, 5]
-        for answer in refused:
-            assert (answer["type"], answer["ok"]) == (OCCUPY, False)
-            assert "3 requests of this connection are waiting" in answer["msg"]
-        assert simulator.counts[OCCUPY] == 5
-        other.send(packed(MODE, sn=1))  # each connection has its own limit
-        simulator.wait_received(MODE)
-        simulator.clear_faults()
-        assert [client.receive()["sn"] for _ in range(3)] == [1, 2, 3]
-        assert other.receive().ok
-        client.ask(MODE)
-        client.close()
-        other.close()
+@pytest.mark.chassis(speed=1, max_waiting=3)
+def test_waiting_requests_of_a_connection_are_limited(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
+    simulator.inject("delay", seconds=HOUR)
+    for sn in range(1, 6):
+        client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": sn})
+    refused = [client.receive() for _ in range(2)]
+    assert [answer["sn"] for answer in refused] == [4, 5]
+    for answer in refused:
+        assert (answer["type"], answer["ok"]) == (OCCUPY, False)
+        assert "3 requests of this connection are waiting" in answer["msg"]
+    assert simulator.counts[OCCUPY] == 5
+    tcp.send(packed(MODE, sn=1))  # each connection has its own limit
+    simulator.wait_received(MODE)
+    simulator.clear_faults()
+    assert [client.receive()["sn"] for _ in range(3)] == [1, 2, 3]
+    assert tcp.receive().ok
+    client.ask(MODE)
 
 
-def test_waiting_requests_of_a_frozen_chassis_are_limited() -> None:
-    with running_chassis(speed=1, max_waiting=2) as simulator:
-        client, tcp = JsonClient(simulator.port), TcpClient(simulator.tcp_port)
-        simulator.inject("freeze")
-        for sn in range(1, 5):
-            client.send({"type": MODE, "sn": sn})
-        for _ in range(3):  # subscriptions have no answer, so the connection is closed
-            tcp.send(subscription(MODE))
-        simulator.wait_received(MODE, 4)
-        with pytest.raises(ConnectionError):
-            tcp.receive()
-        simulator.clear_faults()
-        answers = [client.receive() for _ in range(4)]
-        assert {answer["sn"]: answer["ok"] for answer in answers} == {
-            1: True,
-            2: True,
-            3: False,
-            4: False,
-        }
-        client.ask(MODE)
-        client.close()
-        tcp.close()
+@pytest.mark.chassis(speed=1, max_waiting=2)
+def test_waiting_requests_of_a_frozen_chassis_are_limited(
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+) -> None:
+    simulator.inject("freeze")
+    for sn in range(1, 5):
+        client.send({"type": MODE, "sn": sn})
+    for _ in range(3):  # subscriptions have no answer, so the connection is closed
+        tcp.send(subscription(MODE))
+    simulator.wait_received(MODE, 4)
+    with pytest.raises(ConnectionError):
+        tcp.receive()
+    simulator.clear_faults()
+    answers = [client.receive() for _ in range(4)]
+    oks = {answer["sn"]: answer["ok"] for answer in answers}
+    assert oks == {1: True, 2: True, 3: False, 4: False}
+    client.ask(MODE)
 
 
 def test_waiting_answers_are_dropped_when_the_client_disconnects(
-    simulator: SimulatorThread,
+    simulator: SimulatorThread, client: JsonClient
 ) -> None:
     simulator.inject("delay", seconds=HOUR)
-    client = JsonClient(simulator.port)
     client.send({"type": MODE, "sn": 1})
     simulator.wait_received(MODE)
-    client.close()
+    client.complete(client.socket.close())
     wait_until(lambda: simulator.connections == 0)
     simulator.clear_faults()

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from tests.simulator.sim_wire import Json, JsonClient, TcpClient, pass_time, subscription
+from tests.simulator.sim_wire import ConnectTcp, Json, JsonClient, pass_time, subscription
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import running_chassis, wait_until
+from woosh_robot_agent.testing import wait_until
 
 POSE_SPEED = "woosh.robot.PoseSpeed"
 CODES = "woosh.robot.count.AbnormalCodes"
@@ -106,19 +106,19 @@ def test_burst_can_push_events(
         client.next_push(type_name)
 
 
-def test_burst_does_not_drop_clients_that_read() -> None:
+@pytest.mark.chassis(speed=1, max_outbox=100)
+def test_burst_does_not_drop_clients_that_read(
+    simulator: SimulatorThread, connect_tcp: ConnectTcp
+) -> None:
     """The burst is far longer than a client's queue. A client that does not read may be dropped."""
-    with running_chassis(speed=1, max_outbox=100) as simulator:
-        quick, slow = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
-        for each in (quick, slow):
-            each.send(subscription("woosh.robot.Scene"))
-            assert each.request("woosh.robot.Mode").ok
-        simulator.inject("burst", count=3000, type="woosh.robot.Scene")
-        for _ in range(3000):
-            assert quick.receive().type == "woosh.robot.Scene"
-        assert quick.request("woosh.robot.Mode").ok
-        quick.close()
-        slow.close()
+    quick, slow = connect_tcp(), connect_tcp()
+    for each in (quick, slow):
+        each.send(subscription("woosh.robot.Scene"))
+        assert each.request("woosh.robot.Mode").ok
+    simulator.inject("burst", count=3000, type="woosh.robot.Scene")
+    for _ in range(3000):
+        assert quick.receive().type == "woosh.robot.Scene"
+    assert quick.request("woosh.robot.Mode").ok
 
 
 def test_burst_keeps_its_rate(simulator: SimulatorThread, client: JsonClient) -> None:
@@ -204,7 +204,10 @@ def test_code_burst_repeats_codes_in_order(simulator: SimulatorThread, client: J
     assert sum(a == b for a, b in pairwise(codes)) > 200
     times = [int(body["time"]) for body in pushed]
     assert times == sorted(times)
+    # The robot keeps the last 50.
     assert client.ask("woosh.robot.count.StatusCodes")["scs"] == pushed[-50:]
+    assert client.ask("woosh.robot.RobotInfo")["statusCodes"]["scs"] == pushed[-50:]
+    assert client.ask(STATUS_CODE) == pushed[-1]
 
 
 def test_code_burst_sends_300_in_a_second(simulator: SimulatorThread, client: JsonClient) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
 
 import pytest
 import websockets
@@ -23,25 +24,47 @@ MIB = 1024 * 1024
 LEGACY = int(websockets.version.version.split(".")[0]) < 14
 
 
-class Peer(Protocol):
-    """A client that receives frames undecoded and parses them on demand."""
+class Peer:
+    """A client that receives frames undecoded and parses them on demand; here protobuf over TCP."""
 
-    def ask(self, sn: int, type_name: str = MODE) -> None: ...
+    def __init__(self, simulator: SimulatorThread) -> None:
+        self._client: Any = TcpClient(simulator.tcp_port)
 
-    def subscribe(self, type_name: str) -> None: ...
+    def ask(self, sn: int, type_name: str = MODE) -> None:
+        self._client.send(packed(type_name, sn=sn))
 
-    def receive_raw(self) -> bytes: ...
+    def subscribe(self, type_name: str) -> None:
+        self._client.send(subscription(type_name))
+
+    def receive_raw(self) -> bytes:
+        data: bytes = self._client.receive_bytes()
+        return data
 
     def parse(self, data: bytes) -> tuple[str, int, Any]:
         """Return type, serial number and body. Raise ValueError if it is not a valid frame."""
+        try:
+            pack = MessagePackJson.FromString(data)
+        except DecodeError as error:
+            raise ValueError from error
+        return pack.type, pack.sn, body_of(pack)
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        self._client.close()
 
 
-class JsonPeer:
+class BinaryPeer(Peer):
+    """Protobuf over a WebSocket."""
+
     def __init__(self, simulator: SimulatorThread) -> None:
         self._client = JsonClient(simulator.port)
 
+    def receive_raw(self) -> bytes:
+        data = self._client.complete(self._client.socket.recv())
+        assert isinstance(data, bytes)
+        return data
+
+
+class JsonPeer(BinaryPeer):
     def ask(self, sn: int, type_name: str = MODE) -> None:
         self._client.send({"type": type_name, "sn": sn})
 
@@ -57,56 +80,11 @@ class JsonPeer:
         frame = json.loads(data)
         return frame["type"], frame.get("sn", 0), frame["body"]
 
-    def close(self) -> None:
-        self._client.close()
 
-
-class _PackPeer:
-    _client: Any
-
-    def ask(self, sn: int, type_name: str = MODE) -> None:
-        self._client.send(packed(type_name, sn=sn))
-
-    def subscribe(self, type_name: str) -> None:
-        self._client.send(subscription(type_name))
-
-    def parse(self, data: bytes) -> tuple[str, int, Any]:
-        try:
-            pack = MessagePackJson.FromString(data)
-        except DecodeError as error:
-            raise ValueError from error
-        return pack.type, pack.sn, body_of(pack)
-
-    def close(self) -> None:
-        self._client.close()
-
-
-class BinaryPeer(_PackPeer):
-    """Protobuf over a WebSocket."""
-
-    def __init__(self, simulator: SimulatorThread) -> None:
-        self._client = JsonClient(simulator.port)
-
-    def receive_raw(self) -> bytes:
-        data = self._client.complete(self._client.socket.recv())
-        assert isinstance(data, bytes)
-        return data
-
-
-class TcpPeer(_PackPeer):
-    def __init__(self, simulator: SimulatorThread) -> None:
-        self._client = TcpClient(simulator.tcp_port)
-
-    def receive_raw(self) -> bytes:
-        return self._client.receive_bytes()
-
-
-@pytest.fixture(params=[JsonPeer, BinaryPeer, TcpPeer])
+@pytest.fixture(params=[JsonPeer, BinaryPeer, Peer])
 def peer(simulator: SimulatorThread, request: pytest.FixtureRequest) -> Iterator[Peer]:
-    connect: Callable[[SimulatorThread], Peer] = request.param
-    peer = connect(simulator)
-    yield peer
-    peer.close()
+    with closing(request.param(simulator)) as peer:
+        yield peer
 
 
 def exchange(peer: Peer, sn: int, type_name: str = MODE) -> tuple[str, int, Any]:
@@ -174,9 +152,8 @@ def test_frame_truncated_on_the_wire_ends_the_connection(
     peer.ask(1)
     with pytest.raises((ConnectionClosed, ConnectionError)):
         peer.receive_raw()
-    again = type(peer)(simulator)  # type: ignore[call-arg]
-    assert exchange(again, 2)[:2] == (MODE, 2)
-    again.close()
+    with closing(type(peer)(simulator)) as again:
+        assert exchange(again, 2)[:2] == (MODE, 2)
 
 
 def test_oversize_frame_is_valid(simulator: SimulatorThread, peer: Peer) -> None:
@@ -193,11 +170,10 @@ def test_oversize_frame_is_valid(simulator: SimulatorThread, peer: Peer) -> None
 
 
 def test_oversize_exceeds_64_mib_by_default(simulator: SimulatorThread) -> None:
-    peer = TcpPeer(simulator)
     simulator.inject("oversize")
-    peer.ask(1)
-    assert len(peer.receive_raw()) > 64 * MIB
-    peer.close()
+    with closing(Peer(simulator)) as peer:
+        peer.ask(1)
+        assert len(peer.receive_raw()) > 64 * MIB
 
 
 def test_unknown_fields_keep_the_other_fields(simulator: SimulatorThread, peer: Peer) -> None:

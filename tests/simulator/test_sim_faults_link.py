@@ -11,10 +11,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, packed
+from tests.simulator.sim_wire import TIMEOUT, Connect, ConnectTcp, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import FaultError, SimulatedChassis, SimulatorThread
-from woosh_robot_agent.simulator.faults import FAULTS, markdown
 from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
@@ -25,12 +24,12 @@ UPGRADE = (
 )
 
 
-def connect(port: int) -> socket.socket:
+def plain_socket(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port), TIMEOUT)
 
 
 def test_drop_closes_all_connections_once(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient, connect_tcp: ConnectTcp
 ) -> None:
     assert tcp.request(MODE).ok
     wait_until(lambda: simulator.connections == 2)
@@ -39,64 +38,55 @@ def test_drop_closes_all_connections_once(
         client.receive()
     with pytest.raises(ConnectionError):
         tcp.receive()
-    again = TcpClient(simulator.tcp_port)
-    assert again.request(MODE).ok
-    again.close()
+    assert connect_tcp().request(MODE).ok
     assert simulator.injected == Counter(drop=1)
     assert simulator.faults == []
 
 
 def test_accept_then_drop_closes_new_connections_only(
-    simulator: SimulatorThread, client: JsonClient
+    simulator: SimulatorThread, client: JsonClient, connect: Connect, connect_tcp: ConnectTcp
 ) -> None:
     client.ask(MODE)
     fault = simulator.inject("accept_then_drop", count=2)
-    new = JsonClient(simulator.port)  # the handshake still succeeds
+    new = connect()  # the handshake still succeeds
     with pytest.raises(ConnectionClosed):
         new.receive()
-    new.close()
-    with connect(simulator.tcp_port) as tcp:
+    with plain_socket(simulator.tcp_port) as tcp:
         assert tcp.recv(1) == b""
     wait_until(lambda: not fault.active)
     assert fault.hits == 2
-    third = TcpClient(simulator.tcp_port)
-    assert third.request(MODE).ok
-    third.close()
+    assert connect_tcp().request(MODE).ok
     client.ask(MODE)  # older connections stay open
     assert simulator.counts[MODE] == 3
 
 
-def test_off_refuses_connections_and_returns_to_the_same_ports(simulator: SimulatorThread) -> None:
+def test_off_refuses_connections_and_returns_to_the_same_ports(
+    simulator: SimulatorThread, tcp: TcpClient, connect: Connect, connect_tcp: ConnectTcp
+) -> None:
     ports = simulator.port, simulator.tcp_port
-    first = TcpClient(simulator.tcp_port)
-    assert first.request(MODE).ok
+    assert tcp.request(MODE).ok
     fault = simulator.inject("off")
     with pytest.raises(ConnectionError):
-        first.receive()
-    first.close()
+        tcp.receive()
     for port in ports:
         with pytest.raises(ConnectionRefusedError):
-            connect(port)
+            plain_socket(port)
         with socket.socket() as other, pytest.raises(OSError, match="in use"):
             other.bind(("127.0.0.1", port))
     fault.clear()
     assert (simulator.port, simulator.tcp_port) == ports
-    client, tcp = JsonClient(simulator.port), TcpClient(simulator.tcp_port)
-    client.ask(MODE)
-    assert tcp.request(MODE).ok
-    client.close()
-    tcp.close()
+    connect().ask(MODE)
+    assert connect_tcp().request(MODE).ok
 
 
 def test_half_open_connections_get_no_data_until_cleared(
     simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
 ) -> None:
-    """Neither old nor new connections get any data until the fault is cleared."""
     client.ask(MODE)
     fault = simulator.inject("half_open")
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 900})
     pong = client.complete(client.socket.ping())
-    with connect(simulator.port) as websocket, connect(simulator.tcp_port) as new:
+    with plain_socket(simulator.port) as websocket, plain_socket(simulator.tcp_port) as new:
         websocket.sendall(UPGRADE)
         request = packed(MODE, sn=5)
         new.sendall(bytes([len(request)]) + request)
@@ -187,14 +177,6 @@ def test_freeze_lasts_after_half_open_is_cleared(
     assert client.receive()["sn"] == 3
 
 
-def test_clearing_an_ended_fault_does_nothing(simulator: SimulatorThread) -> None:
-    fault = simulator.inject("half_open")
-    fault.clear()
-    fault.clear()
-    simulator.inject("drop").clear()
-    simulator.clear_faults()
-
-
 @pytest.mark.parametrize(
     ("name", "arguments", "complaint"),
     [
@@ -237,7 +219,7 @@ def test_fault_begin_and_end_are_logged_once(
     fault = simulator.inject("delay", seconds=0.5, type=MODE)
     fault.clear()
     fault.clear()
-    simulator.inject("drop")
+    simulator.inject("drop").clear()
     simulator.inject("emergency_stop", for_=1)
     wait_until(lambda: not simulator.faults)
     assert [record.message for record in caplog.records] == [
@@ -266,10 +248,3 @@ def test_faults_work_in_the_event_loop_of_the_caller() -> None:
             simulator.inject("off")  # the simulator can still shut down
 
     asyncio.run(scenario())
-
-
-def test_markdown_table_lists_every_fault() -> None:
-    rows = markdown().splitlines()
-    assert len(rows) == len(FAULTS) + 2
-    assert all(row.count(" | ") == 3 for row in rows)
-    assert all(fault.description for fault in FAULTS.values())

@@ -6,6 +6,7 @@ import http.client
 import json
 import socket
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from tests.simulator.sim_wire import TIMEOUT, Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
-from woosh_robot_agent.testing import running_chassis, wait_until
+from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
 OCCUPY = "woosh.robot.SetOccupancy"
@@ -54,33 +55,17 @@ class HttpClient:
 
 @pytest.fixture
 def web(simulator: SimulatorThread) -> Iterator[HttpClient]:
-    client = HttpClient(simulator.port)
-    yield client
-    client.close()
+    with closing(HttpClient(simulator.port)) as client:
+        yield client
 
 
-def test_answer_of_a_query(web: HttpClient, client: JsonClient) -> None:
+def test_answers_of_a_query_and_a_command(web: HttpClient, client: JsonClient) -> None:
     status, answer = web.post("woosh.robot.Battery", {"robotId": 30001})
     assert status == 200
     body = client.ask("woosh.robot.Battery")
     assert answer == {"body": body, "msg": "", "ok": True, "type": "woosh.robot.Battery"}
-
-
-def test_answer_of_a_command_can_have_another_type(web: HttpClient) -> None:
-    status, answer = web.post("woosh.robot.SwitchControlMode", {"mode": 1})
-    assert (status, answer["type"]) == (200, "woosh.robot.Mode")
-    assert (answer["msg"], answer["ok"], set(answer)) == (
-        "Request succeed",
-        True,
-        {"body", "msg", "ok", "type"},
-    )
-
-
-def test_a_refusal_has_status_200_and_the_reason(web: HttpClient, client: JsonClient) -> None:
-    request = {"type": 1, "markNo": "nowhere"}
-    status, answer = web.post("woosh.robot.ExecTask", request)
-    assert (status, answer["ok"], answer["body"]) == (200, False, {})
-    assert answer["msg"] == client.refusal("woosh.robot.ExecTask", request)
+    status, answer = web.post("woosh.robot.SetOccupancy", {"occupy": True})
+    assert (status, answer["msg"]) == (200, "Request succeed")
 
 
 def test_each_request_is_answered_as_over_the_websocket(
@@ -89,30 +74,11 @@ def test_each_request_is_answered_as_over_the_websocket(
     for name in HANDLERS:
         status, answer = web.post(name, {})
         other = client.request(name)
-        assert (status, answer["type"], answer["ok"]) == (200, other["type"], other["ok"])
+        assert status == 200
+        assert [answer[key] for key in ("type", "ok", "msg")] == [
+            other[key] for key in ("type", "ok", "msg")
+        ]
         assert set(answer["body"]) == set(other["body"])
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        {"sceneName": "scenex", "mapName": "scenex2"},
-        {"scene_name": "scenex", "map_name": "scenex2"},
-    ],
-)
-def test_both_forms_of_names_are_read(web: HttpClient, body: Json) -> None:
-    web.ask("woosh.robot.SwitchMap", body)
-    assert web.ask("woosh.robot.Scene")["mapName"] == "scenex2"
-
-
-@pytest.mark.parametrize("task_id", [1700000000001, "1700000000001"])
-@pytest.mark.parametrize("kind", [1, "kPick"])
-def test_64_bit_ids_are_numbers_or_texts_and_enums_numbers_or_names(
-    simulator: SimulatorThread, web: HttpClient, task_id: int | str, kind: int | str
-) -> None:
-    web.ask("woosh.robot.ExecTask", {"taskId": task_id, "type": kind, "markNo": "A2"})
-    sent: Any = simulator.last("woosh.robot.ExecTask")
-    assert (sent.task_id, sent.type) == (1700000000001, 1)
 
 
 @pytest.mark.parametrize("body", [None, "", " \r\n", "{}", "null", '{"newerField": [1]}'])
@@ -194,29 +160,26 @@ def test_chunked_bodies_credentials_and_other_content_types_are_accepted(web: Ht
 
 def test_velocities_drive_the_robot(simulator: SimulatorThread, web: HttpClient) -> None:
     start = simulator.state.pose
-    wait_until(
-        lambda: (
-            (
-                web.ask("woosh.robot.Twist", {"linear": 0.3})
-                and simulator.state.pose.distance(start.point) > 0.5
-            )
-            or simulator.state.pose.distance(start.point) > 0.5
-        )
-    )
+
+    def drives() -> bool:
+        web.ask("woosh.robot.Twist", {"linear": 0.3})
+        return simulator.state.pose.distance(start.point) > 0.5
+
+    wait_until(drives)
     web.ask("woosh.robot.Twist", {"linear": 0})
 
 
-def test_large_bodies_pass_and_too_large_ones_are_413() -> None:
-    with running_chassis(speed=1, max_frame=20 * MIB) as simulator:
-        web = HttpClient(simulator.port)
-        assert web.ask("woosh.robot.Speak", {"text": "x" * (15 * MIB)}) == {}
-        sent: Any = simulator.last("woosh.robot.Speak")
-        assert len(sent.text) == 15 * MIB
-        status, answer = web.post("woosh.robot.Speak", '{"text": "' + "x" * (20 * MIB) + '"}')
-        assert (status, answer["ok"]) == (413, False)
-        assert "more than 20971520 bytes" in answer["msg"]
-        assert web.ask(MODE)["work"] == 2
-        web.close()
+@pytest.mark.chassis(speed=1, max_frame=20 * MIB)
+def test_large_bodies_pass_and_too_large_ones_are_413(
+    simulator: SimulatorThread, web: HttpClient
+) -> None:
+    assert web.ask("woosh.robot.Speak", {"text": "x" * (15 * MIB)}) == {}
+    sent: Any = simulator.last("woosh.robot.Speak")
+    assert len(sent.text) == 15 * MIB
+    status, answer = web.post("woosh.robot.Speak", '{"text": "' + "x" * (20 * MIB) + '"}')
+    assert (status, answer["ok"]) == (413, False)
+    assert "more than 20971520 bytes" in answer["msg"]
+    assert web.ask(MODE)["work"] == 2
 
 
 def test_get_says_what_this_is(web: HttpClient) -> None:
@@ -247,23 +210,23 @@ def test_foreign_web_pages_are_refused(simulator: SimulatorThread, web: HttpClie
     assert web.post(MODE, {}, Origin="http://localhost:3000")[0] == 200
 
 
-def test_calls_beyond_the_limit_of_clients_are_refused() -> None:
-    with running_chassis(speed=1, max_connections=1) as simulator:
-        web = HttpClient(simulator.port)
-        assert web.ask(MODE)["work"] == 2  # the client counts only during the call
-        first = JsonClient(simulator.port)
+@pytest.mark.chassis(speed=1, max_connections=1)
+def test_calls_beyond_the_limit_of_clients_are_refused(
+    simulator: SimulatorThread, web: HttpClient
+) -> None:
+    assert web.ask(MODE)["work"] == 2  # the client counts only during the call
+    with closing(JsonClient(simulator.port)) as first:
         first.ask(MODE)
         status, answer = web.post(MODE)
         assert (status, answer["msg"]) == (503, "there are already 1 clients")
-        first.close()
-        wait_until(lambda: simulator.connections == 0)
-        assert web.ask(MODE)["work"] == 2
-        web.close()
+    wait_until(lambda: simulator.connections == 0)
+    assert web.ask(MODE)["work"] == 2
 
 
-def test_client_that_leaves_before_its_answer_is_forgotten(simulator: SimulatorThread) -> None:
+def test_client_that_leaves_before_its_answer_is_forgotten(
+    simulator: SimulatorThread, web: HttpClient
+) -> None:
     simulator.mute(MODE)
-    web = HttpClient(simulator.port)
     web.send(MODE)
     simulator.wait_received(MODE)
     assert simulator.connections == 1
@@ -308,24 +271,6 @@ def test_drop_ends_the_connections_of_calls(
         pass
     simulator.clear_faults()
     web.close()
-    assert web.ask(MODE)["work"] == 2
-
-
-def is_listening(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
-
-
-def test_off_refuses_calls_until_its_end(simulator: SimulatorThread, web: HttpClient) -> None:
-    web.ask(MODE)
-    fault = simulator.inject("off")
-    web.close()
-    wait_until(lambda: not is_listening(simulator.port))
-    with pytest.raises(ConnectionRefusedError):
-        web.ask(MODE)
-    fault.clear()
-    web.close()
-    wait_until(lambda: is_listening(simulator.port))
     assert web.ask(MODE)["work"] == 2
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import running_chassis
 
 PROC, OPERATION = "woosh.robot.TaskProc", "woosh.robot.OperationState"
 ABNORMAL, CODE = "woosh.robot.count.AbnormalCodes", "woosh.robot.count.StatusCode"
@@ -22,11 +20,8 @@ AVOIDED = "130104000031"
 GOAL = {"type": 1, "pose": {"x": 9.0, "y": 0.0}}
 
 
-@pytest.fixture
-def simulator() -> Iterator[SimulatorThread]:
-    """Simulator in real time at first, so that requests arrive before the obstacle does."""
-    with running_chassis(speed=1) as simulator:
-        yield simulator
+# In real time at first, so that requests arrive before the obstacle does.
+pytestmark = pytest.mark.chassis(speed=1)
 
 
 @pytest.fixture(autouse=True)

@@ -63,12 +63,8 @@ def in_toured_hall() -> SteppedChassis:
     chassis = SteppedChassis(profile="instant")
     start_mapping(chassis)
     save_map(chassis)
-
-    def put(model: object) -> None:
-        area = toured_hall()
-        chassis.chassis.switch_map(dataclasses.replace(chassis.chassis.scene, maps=[area]), area)
-
-    chassis.change(put)
+    area = toured_hall()
+    chassis.chassis.switch_map(dataclasses.replace(chassis.chassis.scene, maps=[area]), area)
     use_map(chassis)
     return chassis
 
@@ -199,8 +195,7 @@ def test_uploading_the_files_of_a_made_map_leaves_the_walls_where_they_are() -> 
 def test_download_after_an_update_has_the_new_picture(tmp_path: Path) -> None:
     chassis = SteppedChassis(profile="instant", scenes=(write_map(tmp_path, room_picture()),))
     chassis.chassis.obstacles.put("box", 3.0, -1.0, 0.3)
-    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
-    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="room", mapName="room")
+    start_mapping(chassis, UPDATE, "room", "room")
     turn_around(chassis)
     save_map(chassis)
     files = ask(chassis, "woosh.map.Download", sceneName="room").body["fileDatas"]
@@ -215,8 +210,7 @@ def test_update_continues_the_map() -> None:
     model = chassis.chassis
     before = model.map
     model.obstacles.put("box", 2.0, -7.0, 0.3)
-    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
-    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="wooshmap", mapName="wooshmap")
+    start_mapping(chassis, UPDATE, "wooshmap", "wooshmap")
     turn_around(chassis)
     save_map(chassis)
     after, grid = model.map, made_grid(model.map)
@@ -229,7 +223,7 @@ def test_update_continues_the_map() -> None:
     # The box has gone: another update forgets it.
     model.obstacles.clear()
     ask(chassis, "woosh.robot.InitRobot", isRecord=True)
-    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="wooshmap", mapName="wooshmap")
+    start_mapping(chassis, UPDATE, "wooshmap", "wooshmap")
     turn_around(chassis, 20.0)
     save_map(chassis)
     assert value_at(made_grid(model.map), 2.3, -7.0) == FREE
@@ -240,8 +234,7 @@ def test_update_continues_the_map() -> None:
 def test_updated_map_keeps_its_cells(tmp_path: Path) -> None:
     chassis = SteppedChassis(profile="instant", scenes=(write_map(tmp_path, room_picture()),))
     before = made_grid(chassis.chassis.map)
-    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
-    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="room", mapName="room")
+    start_mapping(chassis, UPDATE, "room", "room")
     turn_around(chassis)
     save_map(chassis)
     after = made_grid(chassis.chassis.map)
@@ -276,22 +269,6 @@ def test_robot_makes_a_map_of_a_hall_that_is_a_picture(tmp_path: Path) -> None:
     assert sum(value_at(hall, *place) == FREE for place in free) >= 0.995 * len(free)
 
 
-def test_scan_without_an_echo_adds_nothing() -> None:
-    grid = GrowingGrid()
-    grid.add_scan(Pose(1.0, 1.0, 0.0), -1.0, 0.01, [math.inf] * 200)
-    assert set(grid.raster().cells.flat) == {UNKNOWN}
-
-
-def test_floor_under_the_robot_is_free() -> None:
-    grid = GrowingGrid()
-    grid.add_floor([(0.4, 0.3), (0.4, -0.3), (-0.4, -0.3), (-0.4, 0.3)])
-    raster = grid.raster()
-    made = Grid(raster.cells, raster.resolution, raster.low)
-    assert value_at(made, 0.0, 0.0) == FREE
-    assert value_at(made, 0.3, 0.2) == FREE
-    assert value_at(made, 0.5, 0.0) == UNKNOWN
-
-
 def test_distant_wall_keeps_the_cells_that_no_ray_hits() -> None:
     """Rays along a wall hit only some of its cells. The others must not become free."""
     grid, wall = GrowingGrid(), Wall(-10.0, 1.0, 30.0, 1.0)
@@ -301,23 +278,18 @@ def test_distant_wall_keeps_the_cells_that_no_ray_hits() -> None:
     ]
     near = [wall.y1 / math.sin(angle) for angle in angles]
     first = angles[0]
-    for x in (0.0, 5.0, 10.0):
+    for x in (0.0, 5.0, 10.0, *[0.0] * 300):
         grid.add_scan(Pose(x, 0.0, 0.0), first, -increment, near)
-    for _ in range(300):
-        grid.add_scan(Pose(0.0, 0.0, 0.0), first, -increment, near)
-    raster = grid.raster()
-    made = Grid(raster.cells, raster.resolution, raster.low)
+    made = Grid(*grid.raster())
     found = [value_at(made, 0.05 * column, 1.0) for column in range(2, 300)]
     assert set(found) == {OCCUPIED, UNKNOWN}
     assert found.count(OCCUPIED) > 0.8 * len(found)
 
 
-def test_pictures_of_an_update_begin_with_the_whole_map() -> None:
-    chassis = SteppedChassis(profile="instant")
-    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
-    ask(chassis, "woosh.robot.BuildMap", type=UPDATE, sceneName="wooshmap", mapName="wooshmap")
-    chassis.run(1.1)
-    body = pushed(chassis, BUILD_MAP_DATA)[-1].body
+def test_pictures_of_an_update_begin_with_the_whole_map(quick: SteppedChassis) -> None:
+    start_mapping(quick, UPDATE, "wooshmap", "wooshmap")
+    quick.run(1.1)
+    body = pushed(quick, BUILD_MAP_DATA)[-1].body
     assert at(body, picture(body), -10.0, -9.0) == 254
 
 

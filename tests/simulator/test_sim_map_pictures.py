@@ -69,6 +69,7 @@ def test_nav2_map_alone_is_a_scene(tmp_path: Path) -> None:
         scene = load_scene(path)
         (area,) = scene.maps
         assert (scene.name, area.name) == ("room" if path is file else tmp_path.name, "room")
+        assert area.id == 1  # the id 0 stands for no map
         assert (area.low, area.high) == ((-1.0, -2.0), pytest.approx((5.0, 2.0)))
     chassis = Chassis(quick_config(seed=1, scenes=(file,)))
     # Without a start pose, the robot starts on free floor.

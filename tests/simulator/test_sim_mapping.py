@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import statistics
 from collections.abc import Callable
+from contextlib import closing
 from itertools import pairwise
 from typing import Any
 
@@ -43,10 +44,12 @@ from tests.simulator.recorded_chassis import (
     pushed,
     wait_frame,
 )
-from tests.simulator.sim_wire import Json, JsonClient, pass_time
+from tests.simulator.sim_wire import Connect, Json, JsonClient, pass_time
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.testing import running_chassis, wait_until
+from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.testing import wait_until
 
 FACTS = real_robot()
 TIMES, RATES = FACTS["times"], FACTS["rates"]
@@ -54,18 +57,6 @@ UNINIT, IDLE, FAULT, MAPPING = 1, 2, 6, 9
 FREE = 254
 SCENE_LIST = "woosh.map.SceneList"
 PAUSED = 4
-
-
-@pytest.fixture
-def real() -> SteppedChassis:
-    """A chassis as real as it gets."""
-    return SteppedChassis()
-
-
-@pytest.fixture
-def quick() -> SteppedChassis:
-    """A chassis that does everything at once."""
-    return SteppedChassis(profile="instant")
 
 
 def states(chassis: SteppedChassis) -> list[int]:
@@ -337,22 +328,18 @@ def test_refusals_have_the_codes_of_the_real_robot(
         ask(real, command, **arguments)
     answer = answer_to(real, name, **body)
     assert (answer.ok, answer.body) == (False, {})
-    assert wait_frame(real, lambda frame: frame.type.endswith("StatusCode")).body["code"] == str(
-        code
-    )
+    pushed_code = wait_frame(real, lambda frame: frame.type.endswith("StatusCode"))
+    assert pushed_code.body["code"] == str(code)
 
 
 def test_map_with_a_name_that_was_taken_meanwhile_can_still_be_saved(
     quick: SteppedChassis,
 ) -> None:
     start_mapping(quick)
-    model = quick.chassis
-    taken = model.scenes["wooshmap"]
-    model.scenes["new"] = type(taken)(
-        "new", [type(taken.maps[0])(5, "hall", "", 1, *[(0.0, 0.0)] * 2, ())]
-    )
+    scenes = quick.chassis.scenes
+    scenes["new"] = Scene("new", [Map(5, "hall", "", 1, (0.0, 0.0), (0.0, 0.0), ())])
     assert answer_to(quick, BUILD_MAP, type=SAVE).ok is False
-    del model.scenes["new"]
+    del scenes["new"]
     save_map(quick)
 
 
@@ -362,49 +349,44 @@ def test_mapping_waits_while_it_is_started_and_ended(real: SteppedChassis) -> No
         real.request(BUILD_MAP, type=kind, sceneName="new", mapName="hall")
         real.run(1.0)
         for other in (ADD, UPDATE, CANCEL, SAVE):
-            assert (
-                answer_to(real, BUILD_MAP, type=other, sceneName="wooshmap", mapName="other").ok
-                is False
-            )
+            answer = answer_to(real, BUILD_MAP, type=other, sceneName="wooshmap", mapName="other")
+            assert answer.ok is False
         assert answer_to(real, DEPLOYMENT, type=4, mode=1).ok is False
         real.run(8.0)
     assert scenes(real)["new"] == ["hall"]
 
 
-def test_lost_link_does_not_lose_the_map(simulator: SimulatorThread) -> None:
-    client = JsonClient(simulator.port)
-    mapping(client)
-    client.close()
+def test_lost_link_does_not_lose_the_map(simulator: SimulatorThread, connect: Connect) -> None:
+    with closing(JsonClient(simulator.port)) as client:
+        mapping(client)
     pass_time(simulator, 5.0)
-    other = JsonClient(simulator.port)
+    other = connect()
     assert other.ask(STATE)["state"] == MAPPING
     other.subscribe(BUILD_MAP_DATA)
     assert other.next_push(BUILD_MAP_DATA)["width"] > 100
     simulator.drop()
-    third = JsonClient(simulator.port)
+    third = connect()
     third.ask(BUILD_MAP, {"type": SAVE})
     assert third.ask(SCENE)["mapName"] == "hall"
-    other.close()
-    third.close()
 
 
-def test_save_whose_client_has_gone_is_completed() -> None:
-    with running_chassis(speed=20, profile="tr200") as simulator:
-        client, other = JsonClient(simulator.port), JsonClient(simulator.port)
-        mapping(client)
-        other.subscribe(STATE)
-        client.send({"type": BUILD_MAP, "body": {"type": SAVE}, "sn": 99})
+@pytest.mark.chassis(speed=20, profile="tr200")
+def test_save_whose_client_has_gone_is_completed(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.subscribe(STATE)
+    with closing(JsonClient(simulator.port)) as other:
+        mapping(other)
+        other.send({"type": BUILD_MAP, "body": {"type": SAVE}, "sn": 99})
         simulator.wait_received(BUILD_MAP, 2)
-        client.close()
-        other.next_push(STATE, lambda body: body["state"] == UNINIT)
-        assert other.ask(SCENE)["mapName"] == "hall"
-        other.close()
+    client.next_push(STATE, lambda body: body["state"] == UNINIT)
+    assert client.ask(SCENE)["mapName"] == "hall"
 
 
 def test_lost_robot_neither_adds_scans_nor_saves(quick: SteppedChassis) -> None:
     start_mapping(quick)
     quick.run(1.1)
-    quick.change(lambda model: model.lose_localisation())
+    quick.chassis.lose_localisation()
     quick.run(1.1)
     assert states(quick)[-1] == FAULT
     seen = picture(pushed(quick, BUILD_MAP_DATA)[-1].body)
@@ -423,11 +405,11 @@ def test_lost_robot_neither_adds_scans_nor_saves(quick: SteppedChassis) -> None:
 
 def test_emergency_stop_interrupts_the_drive_but_not_the_mapping(quick: SteppedChassis) -> None:
     start_mapping(quick)
-    quick.change(lambda model: model.set_emergency_stop(True))
+    quick.chassis.set_emergency_stop(True)
     quick.run(0.1)
     assert states(quick)[-1] == FAULT
     assert answer_to(quick, TWIST, linear=0.2).ok is False
-    quick.change(lambda model: model.set_emergency_stop(False))
+    quick.chassis.set_emergency_stop(False)
     quick.run(1.1)
     assert states(quick)[-1] == MAPPING
     assert pushed(quick, BUILD_MAP_DATA)
@@ -439,7 +421,7 @@ def test_map_that_becomes_too_large_keeps_what_it_has(
     start_mapping(quick)
     quick.run(1.1)
     before = pushed(quick, BUILD_MAP_DATA)[-1].body
-    quick.change(lambda model: model.base.place(Pose(300.0, 300.0, 0.0)))
+    quick.chassis.base.place(Pose(300.0, 300.0, 0.0))
     quick.run(1.1)
     after = pushed(quick, BUILD_MAP_DATA)[-1].body
     assert (picture(after) == FREE).sum() >= (picture(before) == FREE).sum()
@@ -470,12 +452,11 @@ def test_scans_and_pictures_can_be_pushed_in_bursts(
     assert min(widths) > 100
 
 
-def test_quick_chassis_answers_at_once() -> None:
-    chassis = SteppedChassis(profile="instant")
-    start_mapping(chassis)
-    save_map(chassis)
-    assert chassis.chassis.elapsed == 0.0
-    assert chassis.chassis.map.name == "hall"
+def test_quick_chassis_answers_at_once(quick: SteppedChassis) -> None:
+    start_mapping(quick)
+    save_map(quick)
+    assert quick.chassis.elapsed == 0.0
+    assert quick.chassis.map.name == "hall"
 
 
 def test_id_of_the_last_task_survives_a_mapping(quick: SteppedChassis) -> None:

@@ -9,16 +9,11 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import execute, quick_config
-from woosh_robot_agent.simulator.body.base import ACCELERATION, STANDSTILL, Base, Velocity, approach
+from woosh_robot_agent.simulator.body.base import ACCELERATION, STANDSTILL, Base, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.world.geometry import Pose, wrap
 
 STEPS_PER_S = round(1 / TIME_STEP)
-
-
-@pytest.fixture
-def chassis() -> Chassis:
-    return Chassis(quick_config(seed=1))
 
 
 def run(chassis: Chassis, seconds: float) -> list[Velocity]:
@@ -31,23 +26,6 @@ def run(chassis: Chassis, seconds: float) -> list[Velocity]:
 
 def open_floor(pose: Pose) -> float:
     return math.inf
-
-
-@pytest.mark.parametrize("distance", [0.0004, 0.003, 0.05, 0.7, 3.0, -2.0])
-def test_approach_stops_exactly_at_the_goal_within_limits(distance: float) -> None:
-    position = speed = 0.0
-    for _ in range(400):
-        wanted = approach(distance - position, 0.8, 1.0, TIME_STEP)
-        # It never brakes harder than the base can, so it never passes the goal.
-        assert abs(wanted) >= abs(speed) - TIME_STEP * 1.0 - 1e-9
-        speed = (
-            wanted
-            if abs(wanted) < abs(speed)
-            else math.copysign(min(abs(wanted), abs(speed) + TIME_STEP * 1.0), wanted)
-        )
-        position += speed * TIME_STEP
-        assert abs(position) <= abs(distance) + 1e-9
-    assert position == pytest.approx(distance, abs=1e-9)
 
 
 def test_base_integrates_an_arc_exactly() -> None:

@@ -16,9 +16,9 @@ CALL = "woosh.ros.CallAction"
 SUCCESS, EXECUTING, PAUSE = 1, 2, 3
 
 
-def points(path: Callable[[float], tuple[float, float, float]], count: int = 200) -> list[Json]:
+def points(path: Callable[[float], tuple[float, float, float]]) -> list[Json]:
     """Return poses along a path, which is a function of the length from its start, in metres."""
-    places = [path(0.03 * number) for number in range(count)]
+    places = [path(0.03 * number) for number in range(200)]
     return [{"x": x, "y": y, "theta": theta} for x, y, theta in places]
 
 

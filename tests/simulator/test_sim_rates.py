@@ -17,11 +17,6 @@ RATES, DRIVING = FACTS["rates"], FACTS["driving"]
 SPEED = 0.1
 
 
-@pytest.fixture
-def chassis() -> SteppedChassis:
-    return SteppedChassis()
-
-
 def drive(chassis: SteppedChassis, seconds: float) -> None:
     """Send a velocity every 0.1 s."""
     for _ in range(round(seconds / 0.1)):
@@ -29,117 +24,117 @@ def drive(chassis: SteppedChassis, seconds: float) -> None:
         chassis.run(0.1)
 
 
-def test_pose_is_pushed_at_its_rate_while_the_robot_moves(chassis: SteppedChassis) -> None:
-    exec_task(chassis)
-    chassis.run(8.0)
-    times = [frame.time for frame in pushed(chassis, POSE)]
+def test_pose_is_pushed_at_its_rate_while_the_robot_moves(real: SteppedChassis) -> None:
+    exec_task(real)
+    real.run(8.0)
+    times = [frame.time for frame in pushed(real, POSE)]
     assert len(times) > 20
     periods = [after - before for before, after in pairwise(times)]
     assert periods == [pytest.approx(RATES["PoseSpeed while moving"], rel=0.02)] * len(periods)
 
 
-def test_pushed_pose_is_that_of_the_time_of_the_push(chassis: SteppedChassis) -> None:
+def test_pushed_pose_is_that_of_the_time_of_the_push(real: SteppedChassis) -> None:
     """Also between two steps of the motion."""
-    drive(chassis, 5.0)
-    found = pushed(chassis, POSE)[3:]
+    drive(real, 5.0)
+    found = pushed(real, POSE)[3:]
     for before, after in pairwise(found):
         moved = [after.body["pose"][axis] - before.body["pose"][axis] for axis in ("x", "y")]
         distance = (moved[0] ** 2 + moved[1] ** 2) ** 0.5
         assert distance == pytest.approx(SPEED * (after.time - before.time), rel=0.01)
 
 
-def test_robot_that_stands_pushes_no_pose(chassis: SteppedChassis) -> None:
-    drive(chassis, 1.0)
-    chassis.run(3.0)
-    assert pushed(chassis, POSE)[-1].body["twist"] == {"linear": 0.0, "angular": 0.0}
-    count = len(pushed(chassis, POSE))
-    chassis.run(60.0)
-    assert len(pushed(chassis, POSE)) == count
+def test_robot_that_stands_pushes_no_pose(real: SteppedChassis) -> None:
+    drive(real, 1.0)
+    real.run(3.0)
+    assert pushed(real, POSE)[-1].body["twist"] == {"linear": 0.0, "angular": 0.0}
+    count = len(pushed(real, POSE))
+    real.run(60.0)
+    assert len(pushed(real, POSE)) == count
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.01, 0.03, 0.049])
-def test_first_motion_comes_after_the_velocity(chassis: SteppedChassis, phase: float) -> None:
-    chassis.run(1.0)
-    chassis.chassis.run_until(1.0 + phase)
-    drive(chassis, 1.0)
-    first = pushed(chassis, POSE)[0].time - (1.0 + phase)
+def test_first_motion_comes_after_the_velocity(real: SteppedChassis, phase: float) -> None:
+    real.run(1.0)
+    real.chassis.run_until(1.0 + phase)
+    drive(real, 1.0)
+    first = pushed(real, POSE)[0].time - (1.0 + phase)
     assert first == pytest.approx(DRIVING["velocity to first motion"], rel=0.2)
 
 
-def test_velocity_that_is_stopped_at_once_moves_nothing(chassis: SteppedChassis) -> None:
-    chassis.request(TWIST, linear=0.5)
-    chassis.run(0.1)
-    chassis.request(TWIST)
-    chassis.run(2.0)
-    assert not pushed(chassis, POSE)
+def test_velocity_that_is_stopped_at_once_moves_nothing(real: SteppedChassis) -> None:
+    real.request(TWIST, linear=0.5)
+    real.run(0.1)
+    real.request(TWIST)
+    real.run(2.0)
+    assert not pushed(real, POSE)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.02, 0.049])
-def test_robot_rolls_on_after_a_velocity_of_zero(chassis: SteppedChassis, phase: float) -> None:
-    drive(chassis, 3.0)
-    stepped = chassis.chassis.elapsed
-    chassis.chassis.run_until(stepped + phase)
-    stopped, place = chassis.chassis.elapsed, chassis.chassis.pose
-    chassis.request(TWIST)
-    chassis.run(3.0)
+def test_robot_rolls_on_after_a_velocity_of_zero(real: SteppedChassis, phase: float) -> None:
+    drive(real, 3.0)
+    stepped = real.chassis.elapsed
+    real.chassis.run_until(stepped + phase)
+    stopped, place = real.chassis.elapsed, real.chassis.pose
+    real.request(TWIST)
+    real.run(3.0)
     least, most = DRIVING["roll after a velocity of zero"]
-    assert least - 1e-4 <= place.distance(chassis.chassis.pose.point) <= most + 1e-4
-    last = pushed(chassis, POSE)[-1].time - stopped
+    assert least - 1e-4 <= place.distance(real.chassis.pose.point) <= most + 1e-4
+    last = pushed(real, POSE)[-1].time - stopped
     assert last == pytest.approx(DRIVING["velocity of zero to last change of the pose"], rel=0.2)
 
 
-def test_roll_is_limited_by_the_brakes_at_high_speed(chassis: SteppedChassis) -> None:
+def test_roll_is_limited_by_the_brakes_at_high_speed(real: SteppedChassis) -> None:
     for _ in range(30):
-        chassis.request(TWIST, linear=1.0)
-        chassis.run(0.1)
-    chassis.request(TWIST)
-    chassis.run(0.05)
-    speed = chassis.chassis.base.velocity.forward
-    chassis.run(0.05)
-    assert speed - chassis.chassis.base.velocity.forward == pytest.approx(0.05)
+        real.request(TWIST, linear=1.0)
+        real.run(0.1)
+    real.request(TWIST)
+    real.run(0.05)
+    speed = real.chassis.base.velocity.forward
+    real.run(0.05)
+    assert speed - real.chassis.base.velocity.forward == pytest.approx(0.05)
 
 
-def test_measured_step_ends_without_rolling_on(chassis: SteppedChassis) -> None:
-    place = chassis.chassis.pose
+def test_measured_step_ends_without_rolling_on(real: SteppedChassis) -> None:
+    place = real.chassis.pose
     steps = [{"mode": 1, "value": 0.5, "speed": 0.3}]
-    ask(chassis, "woosh.ros.CallAction", stepControl={"action": 1, "steps": steps})
-    chassis.run(6.0)
-    assert place.distance(chassis.chassis.pose.point) == pytest.approx(0.5, abs=2e-3)
+    ask(real, "woosh.ros.CallAction", stepControl={"action": 1, "steps": steps})
+    real.run(6.0)
+    assert place.distance(real.chassis.pose.point) == pytest.approx(0.5, abs=2e-3)
 
 
-def test_scans_are_new_at_their_rate(chassis: SteppedChassis) -> None:
-    exec_task(chassis)
-    chassis.run(4.0)
+def test_scans_are_new_at_their_rate(real: SteppedChassis) -> None:
+    exec_task(real)
+    real.run(4.0)
     changes, last = [], None
     for _ in range(80):
-        scan = ask(chassis, SCAN)
+        scan = ask(real, SCAN)
         if scan.body["ranges"] != last:
-            changes.append(chassis.chassis.elapsed)
+            changes.append(real.chassis.elapsed)
             last = scan.body["ranges"]
-        chassis.run(0.05)
+        real.run(0.05)
     periods = [after - before for before, after in pairwise(changes[1:])]
     assert sum(periods) / len(periods) == pytest.approx(RATES["scan"], rel=0.2)
 
 
-def test_unchanged_battery_is_pushed_again(chassis: SteppedChassis) -> None:
-    chassis.chassis.battery.level = 50.0
-    chassis.run(1.0)
-    start = len(pushed(chassis, BATTERY))
+def test_unchanged_battery_is_pushed_again(real: SteppedChassis) -> None:
+    real.chassis.battery.level = 50.0
+    real.run(1.0)
+    start = len(pushed(real, BATTERY))
     for _ in range(1600):
-        chassis.chassis.battery.level = 50.0
-        chassis.run(1.0)
-    times = [frame.time for frame in pushed(chassis, BATTERY)[start:]]
+        real.chassis.battery.level = 50.0
+        real.run(1.0)
+    times = [frame.time for frame in pushed(real, BATTERY)[start:]]
     least, most = RATES["Battery"]
     periods = [after - before for before, after in pairwise(times)]
     assert periods
     assert all(least <= period <= most for period in periods), periods
 
 
-def test_battery_is_pushed_when_it_changes(chassis: SteppedChassis) -> None:
-    chassis.run(1.0)
-    chassis.chassis.battery.level -= 5.0
-    chassis.run(0.1)
-    (push,) = pushed(chassis, BATTERY)
+def test_battery_is_pushed_when_it_changes(real: SteppedChassis) -> None:
+    real.run(1.0)
+    real.chassis.battery.level -= 5.0
+    real.run(0.1)
+    (push,) = pushed(real, BATTERY)
     values = {key: value for key, value in push.body.items() if key not in ("power", "robotId")}
     assert values == {
         "chargeState": 1,

@@ -20,6 +20,7 @@ from google.protobuf.json_format import ParseDict
 from PIL import Image
 
 from tests.fact_files import FOLDER
+from tests.simulator.mapping import UPDATE, save_map, start_mapping
 from tests.simulator.real_tasks import ended, triple
 from tests.simulator.recorded_chassis import Frame, SteppedChassis, answer_to, ask, wait_frame
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -33,6 +34,7 @@ SCENE = FOLDER / "real_scene"
 MAP = "Wego_Robotics_503"
 CHARGER = "75B59C1A"
 END = Pose(-0.08284062433618766, -0.4481934137334172, -1.7769225315003054)
+STEP, WAIT = 2, 6
 EXEC_TASK, TASK_PROC = "woosh.robot.ExecTask", "woosh.robot.TaskProc"
 DOWNLOAD, UPLOAD, SWITCH_MAP = "woosh.map.Download", "woosh.map.Upload", "woosh.robot.SwitchMap"
 
@@ -85,6 +87,12 @@ def actions(reports: list[tuple[str, str, str]]) -> list[str]:
     return [action for _, action, state in reports if state == "kRosExecuting"]
 
 
+def action_reports(frames: list[Frame], kind: int) -> list[Frame]:
+    """Return the reports about actions of a type."""
+    reports = [frame for frame in frames if frame.type == TASK_PROC]
+    return [frame for frame in reports if frame.body.get("action", {}).get("type") == kind]
+
+
 def test_robot_stands_in_its_scene_where_it_was_last(chassis: SteppedChassis) -> None:
     scene = ask(chassis, "woosh.robot.Scene").body
     assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("real_scene", MAP, "18")
@@ -119,12 +127,11 @@ def test_robot_drives_from_mark_to_mark(chassis: SteppedChassis) -> None:
         assert chassis.chassis.pose.distance(marks[number].pose.point) < 0.01
 
 
-@pytest.mark.parametrize("target", [{}, {"pose": {"x": 0, "y": 0, "theta": 0}}])
 @pytest.mark.parametrize("number", [0, 1])
 def test_charge_task_without_a_mark_leads_to_the_charger(
-    chassis: SteppedChassis, number: int, target: Any
+    chassis: SteppedChassis, number: int
 ) -> None:
-    reports = task_reports(chassis, type=3, taskTypeNo=number, **target)
+    reports = task_reports(chassis, type=3, taskTypeNo=number)
     steps = ["kStepCtrl"] * (2 if number == 0 else 4)
     assert actions(reports) == ["kNav", "kSecondposEnter", *steps, "kCharge"]
     assert reports[-1] == ("kCompleted", "kCharge", "kRosSuccess")
@@ -140,11 +147,7 @@ def test_charge_task_without_a_mark_leads_to_the_charger(
 def test_steps_of_a_charge_task_are_those_of_the_table(chassis: SteppedChassis) -> None:
     before = len(chassis.frames)
     task_reports(chassis, type=3)
-    times = [
-        frame.time
-        for frame in chassis.frames[before:]
-        if frame.type == TASK_PROC and frame.body.get("action", {}).get("type") == 2
-    ]
+    times = [frame.time for frame in action_reports(chassis.frames[before:], STEP)]
     first, second = times[1] - times[0], times[3] - times[2]
     assert first == pytest.approx(0.03 / 0.015, abs=0.1)
     assert second == pytest.approx(0.02 / 0.015, abs=0.1)
@@ -155,9 +158,8 @@ def test_charge_task_without_a_charger_is_refused(folder: Path) -> None:
     del info.storages[-1]
     (folder / MAP / "mark_info.data").write_bytes(info.SerializeToString())
     chassis = SteppedChassis(profile="instant", scenes=(folder,))
-    before, sent = chassis.chassis.pose, len(chassis.frames)
-    sn = chassis.request(EXEC_TASK, type=3, pose={"x": 0, "y": 0, "theta": 0})
-    assert wait_frame(chassis, lambda frame: frame.sn == sn, sent).ok is False
+    before = chassis.chassis.pose
+    assert answer_to(chassis, EXEC_TASK, type=3, pose={"x": 0, "y": 0, "theta": 0}).ok is False
     chassis.run(5.0)
     assert chassis.chassis.pose == before
 
@@ -173,11 +175,7 @@ def test_task_follows_the_table_of_its_scene(folder: Path) -> None:
     assert actions(reports) == ["kNav", "kStepCtrl", "kWait"]
     mark = chassis.chassis.map.marks["758033B0"].pose
     assert chassis.chassis.pose.theta == pytest.approx(mark.theta + 1.0, abs=0.01)
-    waits = [
-        frame
-        for frame in chassis.frames[before:]
-        if frame.type == TASK_PROC and frame.body.get("action", {}).get("type") == 6
-    ]
+    waits = action_reports(chassis.frames[before:], WAIT)
     assert {frame.body["action"]["waitId"] for frame in waits} == {7}
     assert waits[1].time - waits[0].time == pytest.approx(3.0, abs=0.1)
     # A task of another number has no actions.
@@ -297,20 +295,18 @@ def test_paths_keep_out_of_the_keep_out_areas(folder: Path) -> None:
     assert "is in a keep-out area" in last.body["msg"]
 
 
-def test_update_of_the_map_keeps_its_keep_out_areas(folder: Path) -> None:
+def test_update_of_the_map_keeps_its_keep_out_areas(folder: Path, quick: SteppedChassis) -> None:
     paint_keepout(folder, [(0.5, 1.0, 1.2, 1.4)])
     chassis = SteppedChassis(profile="instant", scenes=(folder,))
-    ask(chassis, "woosh.robot.SwitchWorkMode", mode=1)
-    ask(chassis, "woosh.robot.BuildMap", type=2, sceneName="office", mapName=MAP)
+    start_mapping(chassis, UPDATE, "office", MAP)
     chassis.run(1.0)
-    ask(chassis, "woosh.robot.BuildMap", type=4)
+    save_map(chassis)
     grid = chassis.chassis.map.grid
     assert grid is not None
     assert grid.kept_out(0.8, 1.2)
     assert not grid.kept_out(0.8, 0.8)
-    other = SteppedChassis(profile="instant")
-    upload(other, "office", download(chassis, "office"))
-    moved = other.chassis.scenes["office"].maps[0].grid
+    upload(quick, "office", download(chassis, "office"))
+    moved = quick.chassis.scenes["office"].maps[0].grid
     assert moved is not None
     assert moved.kept_out(0.8, 1.2)
     assert not moved.kept_out(0.8, 0.8)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import string
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,7 +12,7 @@ import pytest
 from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
 from woosh_robot_agent.simulator import SimulatorThread, refusals
 from woosh_robot_agent.simulator.refusals import REFUSALS
-from woosh_robot_agent.testing import running_chassis, wait_until
+from woosh_robot_agent.testing import wait_until
 
 CALL, CODE, PROC = "woosh.ros.CallAction", "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
 EXEC_TASK, TWIST = "woosh.robot.ExecTask", "woosh.robot.Twist"
@@ -25,14 +25,9 @@ NOT_AUTO = "It is not auto mode,request failed"
 NOT_TASK_MODE = "It is not task or dispatch mode,request failed"
 NO_TWIST = "State not allow to twist"
 
+pytestmark = pytest.mark.chassis(speed=1, profile="tr200")
+
 Prepare = Callable[[SimulatorThread, JsonClient], object]
-
-
-@pytest.fixture
-def simulator() -> Iterator[SimulatorThread]:
-    """A chassis as real as it gets, in real time."""
-    with running_chassis(speed=1, profile="tr200") as simulator:
-        yield simulator
 
 
 def emergency_stop(simulator: SimulatorThread, client: JsonClient) -> None:
@@ -135,13 +130,13 @@ def test_real_robot_refuses_in_few_words_and_gives_its_reason_by_a_code(
         assert 0 <= push["timestamp"] - answer["timestamp"] <= 50
 
 
-def test_own_task_of_the_robot_gives_way_only_to_another_kind() -> None:
-    with connected(park_after=1.0, profile="tr200") as (_, client):
-        # Asked for, because the push may come before a subscription.
-        wait_until(lambda: client.ask("woosh.robot.RobotState")["state"] == 3, "parking")
-        parking = {"taskId": 7, "type": 2, "markNo": "P1"}
-        assert client.refusal(EXEC_TASK, parking) == EXECUTING
-        client.ask(*TASK)
+@pytest.mark.chassis(park_after=1.0)
+def test_own_task_of_the_robot_gives_way_only_to_another_kind(client: JsonClient) -> None:
+    # Asked for, because the push may come before a subscription.
+    wait_until(lambda: client.ask("woosh.robot.RobotState")["state"] == 3, "parking")
+    parking = {"taskId": 7, "type": 2, "markNo": "P1"}
+    assert client.refusal(EXEC_TASK, parking) == EXECUTING
+    client.ask(*TASK)
 
 
 @pytest.mark.parametrize("profile", ["tr200", "instant"])
@@ -155,17 +150,19 @@ def test_zero_velocity_is_accepted_in_every_state(profile: str) -> None:
         assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
 
 
-def test_quick_profile_explains_refusals_and_sends_no_codes() -> None:
-    with connected(speed=50) as (simulator, client):
-        client.subscribe(CODE)
-        simulator.inject("lost_localisation")
-        client.next_push(CODE)
-        client.pushes.clear()
-        reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
-        assert client.refusal(*TASK) == reason
-        assert client.refusal("woosh.robot.ActionOrder", {"order": 2}).startswith("no task is runn")
-        pass_time(simulator, 1.0)
-        assert client.take_pushes(CODE) == []
+@pytest.mark.chassis(speed=50, profile="instant")
+def test_quick_profile_explains_refusals_and_sends_no_codes(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.subscribe(CODE)
+    simulator.inject("lost_localisation")
+    client.next_push(CODE)
+    client.pushes.clear()
+    reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
+    assert client.refusal(*TASK) == reason
+    assert client.refusal("woosh.robot.ActionOrder", {"order": 2}).startswith("no task is running")
+    pass_time(simulator, 1.0)
+    assert client.take_pushes(CODE) == []
 
 
 def test_every_refusal_is_declared_with_the_values_that_it_is_given() -> None:

@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
+from tests.fact_files import facts
 from tests.simulator.sim_wire import JsonClient
 
+IDLE = 2
 # Bodies of the requests that must not be empty.
 BODIES: dict[str, Any] = {
     "woosh.robot.SwitchControlMode": {"mode": 1},
@@ -30,7 +32,8 @@ def _wifi(order: int, ssid: str) -> Any:
     return {"order": order, "content": content}
 
 
-def test_every_service_is_answered_with_its_type(client: JsonClient, endpoints: Any) -> None:
+def test_every_service_is_answered_with_its_type(client: JsonClient) -> None:
+    endpoints = facts("endpoints.yaml")
     services = endpoints["info_services"] | endpoints["command_services"]
     for service in services.values():
         request = service["request"]
@@ -59,6 +62,11 @@ def test_unknown_messages_are_refused(client: JsonClient) -> None:
         ("woosh.robot.ExecTask", {"markNo": "A2"}, "the task has no type"),
         ("woosh.robot.ExecTask", {"pose": {"x": 1}}, "the task has no type"),
         ("woosh.robot.ExecTask", {"planPath": {"planPath": [{}]}}, "no poses"),
+        (
+            "woosh.robot.ExecTask",
+            {"type": 1, "planPath": {"planPath": [{"path": {"poses": [{"x": 3.0}] * 201}}]}},
+            "201 poses",
+        ),
         ("woosh.robot.ExecTask", {"markNo": "A2", "type": 3}, "not a charger"),
         (
             "woosh.robot.ExecTask",
@@ -95,6 +103,12 @@ def test_unknown_messages_are_refused(client: JsonClient) -> None:
         ("woosh.ros.CallAction", {"stepControl": {"action": 0}}, "StepControl is not running"),
         ("woosh.ros.CallAction", {"moveBase": {"action": 2}}, "MoveBase is not running"),
         ("woosh.ros.CallAction", {"moveBase": {"action": 1}}, "no target"),
+        ("woosh.ros.CallAction", {"navMode": {"mode": 1}}, "no navigation is running"),
+        (
+            "woosh.ros.CallAction",
+            {"stepControl": {"action": 1, "steps": [{"mode": 1, "value": 0.001}] * 1001}},
+            "StepControl has 1001 steps, more than 1000: split it into several requests",
+        ),
         ("woosh.ros.CallAction", {"liftControl": {"action": 1}}, "unknown lift mode 0"),
         (
             "woosh.ros.CallAction",
@@ -104,6 +118,11 @@ def test_unknown_messages_are_refused(client: JsonClient) -> None:
         ("woosh.ros.CallAction", {"chargeControl": {"action": 1, "executeMode": 1}}, "charger"),
         ("woosh.robot.setting.Identity", {"name": "n" * 101}, "longer than 100 characters"),
         ("woosh.robot.setting.Server", {"ip": "i" * 254}, "longer than 253 characters"),
+        ("woosh.robot.CountData", {"reqType": 2}, "unknown request type 2"),
+        ("woosh.robot.CountData", {"countType": 4}, "unknown kind of statistics 4"),
+        ("woosh.robot.CountData", {"taskPage": -1}, "page -1 is negative"),
+        ("woosh.robot.CountData", {"bucket": {"start": 20, "end": 10}}, "span from 20 to 10 ends"),
+        ("woosh.robot.LED", {"submodule": 16}, "unknown submodule 16 of the lights"),
         ("woosh.robot.RobotWiFi", _wifi(2, "far-away"), "far-away is out of reach"),
         ("woosh.robot.RobotWiFi", _wifi(3, "warehouse-2"), "warehouse-2 is not known"),
     ],
@@ -127,36 +146,21 @@ def _lasting_info(client: JsonClient) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("change", "restore", "reason", "state"),
+    ("switch", "mode", "usual", "reason"),
     [
+        ("SwitchControlMode", 2, 1, "manual mode: switch to automatic first"),
+        ("SwitchControlMode", 3, 1, "maintenance mode: switch to automatic first"),
+        ("SwitchWorkMode", 1, 2, "deployment mode: switch to task mode first"),
         (
-            ("woosh.robot.SwitchControlMode", {"mode": 2}),
-            ("woosh.robot.SwitchControlMode", {"mode": 1}),
-            "robot is in manual mode: switch to automatic first",
+            "SwitchWorkMode",
+            3,
             2,
-        ),
-        (
-            ("woosh.robot.SwitchControlMode", {"mode": 3}),
-            ("woosh.robot.SwitchControlMode", {"mode": 1}),
-            "robot is in maintenance mode: switch to automatic first",
-            2,
-        ),
-        (
-            ("woosh.robot.SwitchWorkMode", {"mode": 1}),
-            ("woosh.robot.SwitchWorkMode", {"mode": 2}),
-            "robot is in deployment mode: switch to task mode first",
-            2,
-        ),
-        (
-            ("woosh.robot.SwitchWorkMode", {"mode": 3}),
-            ("woosh.robot.SwitchWorkMode", {"mode": 2}),
-            "robot is in schedule mode: a dispatch system drives it; switch to task mode first",
-            2,
+            "schedule mode: a dispatch system drives it; switch to task mode first",
         ),
     ],
 )
 def test_jobs_are_refused_outside_automatic_task_mode(
-    client: JsonClient, change: Any, restore: Any, reason: str, state: int
+    client: JsonClient, switch: str, mode: int, usual: int, reason: str
 ) -> None:
     requests: list[tuple[str, Any]] = [
         ("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"}),
@@ -165,12 +169,12 @@ def test_jobs_are_refused_outside_automatic_task_mode(
         ("woosh.ros.CallAction", {"moveBase": {"action": 1, "targetPose": {"x": 1}}}),
         ("woosh.ros.CallAction", {"liftControl": {"action": 1, "executeMode": 1}}),
     ]
-    client.ask(*change)
+    client.ask(f"woosh.robot.{switch}", {"mode": mode})
     assert client.ask("woosh.robot.OperationState")["robot"] == 0
     for name, body in requests:
-        assert client.refusal(name, body) == reason
-    assert client.ask("woosh.robot.RobotState")["state"] == state
-    client.ask(*restore)
+        assert client.refusal(name, body) == f"robot is in {reason}"
+    assert client.ask("woosh.robot.RobotState")["state"] == IDLE
+    client.ask(f"woosh.robot.{switch}", {"mode": usual})
     assert client.ask("woosh.robot.OperationState")["robot"] == 1
     for name, body in requests[:2]:
         client.ask(name, body)

@@ -6,14 +6,21 @@ import asyncio
 import dataclasses
 import socket
 from collections.abc import Iterable
+from contextlib import closing
 
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.simulator.sim_wire import JsonClient, TcpClient, pass_time, subscription
+from tests.simulator.sim_wire import (
+    Connect,
+    ConnectTcp,
+    JsonClient,
+    TcpClient,
+    pass_time,
+    subscription,
+)
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
-from woosh_robot_agent.testing import running_chassis
 
 GARBAGE: list[str | bytes] = [
     "",
@@ -49,28 +56,26 @@ def test_bad_frames_over_tcp_are_skipped(simulator: SimulatorThread, tcp: TcpCli
     assert tcp.request("woosh.robot.Mode").ok
 
 
-def test_pushes_reach_many_clients(simulator: SimulatorThread) -> None:
-    clients = [JsonClient(simulator.port) for _ in range(20)]
+def test_pushes_reach_many_clients(connect: Connect) -> None:
+    clients = [connect() for _ in range(20)]
     for each in clients:
         each.subscribe("woosh.robot.Mode")
     clients[0].ask("woosh.robot.SwitchWorkMode", {"mode": 3})
     for each in clients:
         assert each.next_push("woosh.robot.Mode")["work"] == 3
-    for each in clients:
-        each.close()
 
 
-def test_slow_client_is_dropped_and_delays_no_other() -> None:
-    with running_chassis(speed=1, max_outbox=5) as simulator:
-        slow, quick = TcpClient(simulator.tcp_port), TcpClient(simulator.tcp_port)
+@pytest.mark.chassis(speed=1, max_outbox=5)
+def test_slow_client_is_dropped_and_delays_no_other(
+    simulator: SimulatorThread, connect_tcp: ConnectTcp
+) -> None:
+    slow, quick = connect_tcp(), connect_tcp()
+    assert quick.request("woosh.robot.Mode").ok
+    slow.send(subscription("woosh.robot.count.StatusCode"))
+    simulator.wait_received("woosh.Subscription")
+    while simulator.connections > 1:  # `slow` never reads
+        simulator.push(robot_count_pb2.StatusCode(msg="x" * 1_000_000))
         assert quick.request("woosh.robot.Mode").ok
-        slow.send(subscription("woosh.robot.count.StatusCode"))
-        simulator.wait_received("woosh.Subscription")
-        while simulator.connections > 1:  # `slow` never reads
-            simulator.push(robot_count_pb2.StatusCode(msg="x" * 1_000_000))
-            assert quick.request("woosh.robot.Mode").ok
-        slow.close()
-        quick.close()
 
 
 def test_received_messages_are_recorded(simulator: SimulatorThread, client: JsonClient) -> None:
@@ -85,21 +90,6 @@ def test_received_messages_are_recorded(simulator: SimulatorThread, client: Json
     assert types == ["woosh.Subscription", "woosh.robot.Mode", "woosh.robot.Twist"]
     with pytest.raises(asyncio.TimeoutError):
         simulator.wait_received("woosh.robot.Twist", count=2, timeout=0.01)
-
-
-def test_mute_delay_and_answer_as_hooks(simulator: SimulatorThread, client: JsonClient) -> None:
-    simulator.mute("woosh.robot.SetOccupancy")
-    client.send({"type": "woosh.robot.SetOccupancy", "body": {"occupy": True}, "sn": 500})
-    assert client.ask("woosh.robot.DeviceState")["software"] == 9
-    # A delayed answer lets later ones pass.
-    simulator.delay("woosh.robot.Battery", 0.5)
-    client.send({"type": "woosh.robot.Battery", "sn": 501})
-    client.send({"type": "woosh.robot.Mode", "sn": 502})
-    assert [client.receive()["sn"] for _ in range(2)] == [502, 501]
-    simulator.answer_as("woosh.robot.Battery", "woosh.robot.Network")
-    assert client.request("woosh.robot.Battery")["type"] == "woosh.robot.Network"
-    simulator.accept("woosh.robot.Battery")
-    assert client.request("woosh.robot.Battery")["type"] == "woosh.robot.Battery"
 
 
 def test_interceptor_can_change_and_add_frames(
@@ -144,12 +134,13 @@ def test_raw_frames_and_pushes_can_be_sent(simulator: SimulatorThread, client: J
     assert client.receive() == {"type": "x"}
 
 
-def test_simulator_can_drop_clients_and_listen_again(simulator: SimulatorThread) -> None:
-    first = TcpClient(simulator.tcp_port)
-    assert first.request("woosh.robot.SwitchWorkMode").msg
+def test_simulator_can_drop_clients_and_listen_again(
+    simulator: SimulatorThread, tcp: TcpClient, connect_tcp: ConnectTcp
+) -> None:
+    assert tcp.request("woosh.robot.SwitchWorkMode").msg
     simulator.drop()
     with pytest.raises(ConnectionError):
-        first.request("woosh.robot.Mode")
+        tcp.request("woosh.robot.Mode")
     ports = simulator.port, simulator.tcp_port
     simulator.stop_listening()
     assert simulator.connections == 0
@@ -158,20 +149,16 @@ def test_simulator_can_drop_clients_and_listen_again(simulator: SimulatorThread)
             socket.create_connection(("127.0.0.1", port), 5)
     simulator.listen()
     assert (simulator.port, simulator.tcp_port) == ports
-    second = TcpClient(simulator.tcp_port)
-    assert second.request("woosh.robot.Mode").ok
-    first.close()
-    second.close()
+    assert connect_tcp().request("woosh.robot.Mode").ok
 
 
-def test_subscriptions_end_with_the_connection(simulator: SimulatorThread) -> None:
-    first = JsonClient(simulator.port)
-    first.subscribe("woosh.robot.Mode")
-    first.close()
-    second = JsonClient(simulator.port)
-    second.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
-    assert second.take_pushes("woosh.robot.Mode") == []
-    second.close()
+def test_subscriptions_end_with_the_connection(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    with closing(JsonClient(simulator.port)) as first:
+        first.subscribe("woosh.robot.Mode")
+    client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
+    assert client.take_pushes("woosh.robot.Mode") == []
 
 
 def test_port_in_use_raises_an_error(simulator: SimulatorThread) -> None:

@@ -56,25 +56,19 @@ def write_scene(folder: Path, text: str = SCENE) -> Path:
 @pytest.mark.parametrize(
     ("given", "ids"),
     [
-        ([None, None], [1, 2]),
-        ([None, 1, None], [2, 1, 3]),
-        ([0, None], [0, 1]),  # logs of real robots have maps with this id, too
+        (["", ""], [1, 2]),
+        (["", "id: 1, ", ""], [2, 1, 3]),
+        (["id: 0, ", ""], [0, 1]),  # logs of real robots have maps with this id, too
     ],
 )
 def test_maps_without_an_id_get_one_that_is_not_0(
-    tmp_path: Path, given: list[int | None], ids: list[int]
+    tmp_path: Path, given: list[str], ids: list[int]
 ) -> None:
     text = "maps:\n"
-    for number, id_ in enumerate(given):
-        key = "" if id_ is None else f"id: {id_}, "
+    for number, key in enumerate(given):
         text += f"  - {{name: m{number}, {key}walls: [[0, 0, 9, 0, 9, 9]]}}\n"
     (tmp_path / "scene.yaml").write_text(text)
     assert [area.id for area in load_scene(tmp_path).maps] == ids
-
-
-def test_maps_of_map_server_have_ids_that_are_not_0(tmp_path: Path) -> None:
-    write_map(tmp_path, room_picture())
-    assert [area.id for area in load_scene(tmp_path).maps] == [1]
 
 
 def test_custom_scene_is_loaded(tmp_path: Path) -> None:
@@ -97,11 +91,9 @@ def test_custom_scene_is_loaded(tmp_path: Path) -> None:
     answer = execute(chassis, "woosh.robot.ExecPreTask", task_set_id=12)
     assert "mark 17" not in answer.msg
     (repeat,) = chassis.scene.predefined.repeat_tasks
-    assert (repeat.times, [task.base.mark_no for task in repeat.task_set.tasks]) == (
-        2,
-        ["A1", "17"],
-    )
-    assert [task.base.type for task in repeat.task_set.tasks] == [4, 1]
+    assert repeat.times == 2
+    tasks = [(task.base.mark_no, task.base.type) for task in repeat.task_set.tasks]
+    assert tasks == [("A1", 4), ("17", 1)]
     (call,) = chassis.scene.calls.call_tasks
     assert call.call_info.events[0].caller.key_id == 2
 
@@ -150,10 +142,6 @@ INVALID_SCENES = [
     ("mark: A1}]}", "mark: Z9}]}", "calls[0].steps[0].mark: no map of the scene has a mark Z9"),
     ("type: carry", "type: fly", "steps[0].type: 'fly' is not one of pick, parking, charge, carry"),
     ("name: lab", "name: [", "scene.yaml: not readable as YAML"),
-    ("name: lab", "name: lab\n<<: {a: 1}", "merge keys (<<) are not supported"),
-    ("name: lab", "name: 2025-13-45", "scene.yaml"),
-    ("name: lab", "name: " + "[" * 50000, "scene.yaml: nested more than 20 levels"),
-    ("name: lab", "name: lab #" + "x" * 300000, "more than 262144"),
     (SCENE, "[]", "scene.yaml: must be a mapping of keys to values"),
     (SCENE, "maps: []", "scene.yaml: maps: has 0 entries, which is less than 1"),
 ]
@@ -195,17 +183,6 @@ def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFi
     first, second = err.splitlines()
     assert first.startswith(f"error: {tmp_path}")
     assert "not a scene: give a folder with scene.json or scene.yaml" in second
-
-
-def test_every_kind_of_mark_has_its_category() -> None:
-    body = dispatch(Chassis(quick_config()), SceneData()).body
-    assert isinstance(body, SceneData)
-    (area,) = body.maps
-    kinds = {each.identity.no: each.WhichOneof("category") for each in area.mark_info.storages}
-    assert kinds["C1"] == "charger"
-    assert kinds["A10"] == "pallet_platform"
-    assert kinds["7613B5D"] is None
-    assert len({kind for kind in kinds.values() if kind}) == 8
 
 
 def test_map_that_is_named_alone_is_that_of_the_only_scene_with_it(client: JsonClient) -> None:

@@ -14,6 +14,8 @@ from PIL import Image
 
 from tests.quick_chassis import execute, quick_config
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.profile import load_profile
+from woosh_robot_agent.simulator.scene_check import check_scene
 from woosh_robot_agent.simulator.scenes import files as scenes
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.collision import Obstacles
@@ -38,12 +40,9 @@ def test_default_scene_is_wooshmap() -> None:
     assert chassis.base.pose == Pose(4.23276472, -6.6727581, -0.255771846)
 
 
-def test_every_mark_of_the_shipped_scenes_is_reachable() -> None:
-    for scene in scenes.known_scenes()[0].values():
-        for area in scene.maps:
-            planner = Planner(area, 0.5)
-            for mark in area.marks.values():
-                assert planner.plan((2.0, 0.0), mark.pose.point), (area.name, mark)
+@pytest.mark.parametrize("name", ["wooshmap", "scenex"])
+def test_robot_can_use_everything_in_the_shipped_scenes(name: str) -> None:
+    assert check_scene(SHIPPED / name, load_profile("tr200")) == []
 
 
 def test_two_chassis_do_not_share_scenes() -> None:

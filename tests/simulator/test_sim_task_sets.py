@@ -9,7 +9,6 @@ import pytest
 from google.protobuf import json_format
 from google.protobuf.message import Message
 
-from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot import robot_pb2
@@ -172,13 +171,15 @@ def test_number_of_task_sets_is_limited(client: JsonClient) -> None:
     client.ask(REPEAT, put(1, "K10"))  # replacing one is possible
 
 
-def test_task_sets_belong_to_their_scene_and_their_robot(client: JsonClient) -> None:
+def test_task_sets_belong_to_their_scene_and_their_robot(
+    client: JsonClient, chassis: Chassis
+) -> None:
     client.ask(REPEAT, put(9, "A2"))
     client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex"})
     assert 9 not in listed(client)
     client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
     assert 9 in listed(client)
-    sets = Chassis(quick_config(seed=1)).scene.predefined.repeat_tasks
+    sets = chassis.scene.predefined.repeat_tasks
     assert 9 not in [each.task_set.base.id for each in sets]
 
 
@@ -266,8 +267,9 @@ def test_task_sets_are_refused_in_the_same_cases_as_tasks(profile: str, situatio
         (REPEAT, {"order": EXECUTE, "taskSet": {"base": {"id": 4}}}),
     ],
 )
-def test_robot_that_is_not_ready_says_so_before_anything_else(name: str, body: Json) -> None:
-    chassis = Chassis(quick_config(seed=1))
+def test_robot_that_is_not_ready_says_so_before_anything_else(
+    chassis: Chassis, name: str, body: Json
+) -> None:
     chassis.set_emergency_stop(True)
     assert ask(chassis, name, body).msg == "emergency stop is pressed: release it first"
 

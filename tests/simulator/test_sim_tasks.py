@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -14,6 +15,10 @@ PROC = "woosh.robot.TaskProc"
 INIT, READY, EXECUTING, PAUSED, ACTION_WAIT = 1, 2, 3, 4, 5
 COMPLETED, CANCELED, FAILED = 7, 8, 9
 ENDED = (COMPLETED, CANCELED, FAILED)
+CONTINUE, RECOVER = 3, 5
+TASK = ("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
+
+Change = Callable[[SimulatorThread, JsonClient], object]
 
 
 @pytest.fixture(autouse=True)
@@ -151,20 +156,48 @@ def test_wait_without_a_time_lasts_until_the_order(
     assert second[-1]["state"] == COMPLETED
 
 
-def test_emergency_stop_pauses_the_task_until_a_recovery_order(
-    simulator: SimulatorThread, client: JsonClient
+CONTROL_MODE = "woosh.robot.SwitchControlMode"
+POSE = {"x": 1.0, "y": 2.0}
+CONDITIONS: dict[str, tuple[Change, Change]] = {
+    "emergency stop is pressed": (
+        lambda simulator, client: simulator.set_emergency_stop(True),
+        lambda simulator, client: simulator.set_emergency_stop(False),
+    ),
+    "key switch is at manual": (
+        lambda simulator, client: simulator.set_key_switch(True),
+        lambda simulator, client: simulator.set_key_switch(False),
+    ),
+    "robot is in manual mode": (
+        lambda simulator, client: client.ask(CONTROL_MODE, {"mode": 2}),
+        lambda simulator, client: client.ask(CONTROL_MODE, {"mode": 1}),
+    ),
+    "robot has lost its localisation": (
+        lambda simulator, client: simulator.lose_localisation(),
+        lambda simulator, client: client.ask("woosh.robot.SetRobotPose", {"pose": POSE}),
+    ),
+}
+
+
+@pytest.mark.parametrize("order", [CONTINUE, RECOVER])
+@pytest.mark.parametrize("reason", CONDITIONS)
+def test_robot_that_is_not_ready_pauses_its_task_until_an_order(
+    simulator: SimulatorThread, client: JsonClient, reason: str, order: int
 ) -> None:
+    begin, end = CONDITIONS[reason]
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
     client.next_push(PROC, lambda body: body["state"] == EXECUTING)
-    simulator.set_emergency_stop(True)
+    begin(simulator, client)
     paused = client.next_push(PROC)
-    assert (paused["state"], paused["msg"]) == (PAUSED, "emergency stop is pressed")
-    assert simulator.state.velocity.speed == 0.0
-    simulator.set_emergency_stop(False)
+    assert (paused["state"], paused["msg"]) == (PAUSED, reason)
+    assert client.ask("woosh.robot.OperationState")["robot"] == 0
+    for name, body in (TASK, ("woosh.robot.ActionOrder", {"order": order})):
+        assert client.refusal(name, body).startswith(f"{reason}: ")
+    end(simulator, client)
+    assert client.ask("woosh.robot.OperationState")["robot"] == 1
     pass_time(simulator, 10.0)
-    # Releasing the button does not resume the task.
+    assert simulator.state.velocity.speed == 0.0
     assert client.take_pushes(PROC) == []
-    client.ask("woosh.robot.ActionOrder", {"order": 5})
+    client.ask("woosh.robot.ActionOrder", {"order": order})
     assert client.next_push(PROC)["state"] == EXECUTING
     assert client.next_push(PROC)["state"] == COMPLETED
 
@@ -272,12 +305,6 @@ def test_strict_path_is_driven_exactly(simulator: SimulatorThread, client: JsonC
     assert simulator.state.pose.theta == pytest.approx(1.0, abs=0.005)
 
 
-def test_number_of_poses_in_a_path_is_limited(client: JsonClient) -> None:
-    poses = [{"x": 3.0 + index / 100} for index in range(201)]
-    path = {"planPath": [{"path": {"poses": poses}}]}
-    assert "201 poses" in client.refusal("woosh.robot.ExecTask", {"type": 1, "planPath": path})
-
-
 @pytest.mark.parametrize(("arrival", "turned"), [(1, False), (2, True)])
 def test_only_accurate_arrival_turns_to_the_heading(
     simulator: SimulatorThread, client: JsonClient, arrival: int, turned: bool
@@ -307,18 +334,6 @@ def test_navigation_mode_changes_the_speed_while_navigating(client: JsonClient) 
         if frame["type"] == "woosh.robot.PoseSpeed":
             speeds.append(frame["body"]["twist"]["linear"])
     assert max(speeds) < 0.301
-
-
-def test_leaving_automatic_mode_pauses_the_task(client: JsonClient) -> None:
-    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
-    client.next_push(PROC, lambda body: body["state"] == EXECUTING)
-    client.ask("woosh.robot.SwitchControlMode", {"mode": 2})
-    paused = client.next_push(PROC)
-    assert (paused["state"], paused["msg"]) == (PAUSED, "robot is in manual mode")
-    assert "manual" in client.refusal("woosh.robot.ActionOrder", {"order": 3})
-    client.ask("woosh.robot.SwitchControlMode", {"mode": 1})
-    client.ask("woosh.robot.ActionOrder", {"order": 3})
-    assert client.next_push(PROC)["state"] == EXECUTING
 
 
 def test_remote_control_is_refused_until_the_task_is_paused(client: JsonClient) -> None:

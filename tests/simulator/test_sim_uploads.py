@@ -46,15 +46,17 @@ def floor_png(wall_x: float = 8.0) -> bytes:
 
 
 def switch_request(scene: str, map_name: str = "", **files: bytes) -> Json:
-    """Return the body of a SwitchMap request. In file names, `_` stands for the dot."""
-    return {"sceneName": scene, "mapName": map_name, "fileDatas": file_datas(files)}
+    """Return the body of a SwitchMap request; see `dotted`."""
+    return {"sceneName": scene, "mapName": map_name, "fileDatas": file_datas(dotted(files))}
+
+
+def dotted(files: dict[str, bytes]) -> dict[str, bytes]:
+    """Return files with a dot in place of `_` in their names, which may be keyword arguments."""
+    return {name.replace("_", "."): data for name, data in files.items()}
 
 
 def file_datas(files: dict[str, bytes]) -> list[Json]:
-    return [
-        {"name": name.replace("_", "."), "data": base64.b64encode(data).decode()}
-        for name, data in files.items()
-    ]
+    return [{"name": name, "data": base64.b64encode(data).decode()} for name, data in files.items()]
 
 
 def switch_map(client: JsonClient, request: Json) -> Json:
@@ -208,8 +210,7 @@ def test_invalid_uploads_are_refused_and_change_nothing(
     simulator: SimulatorThread, client: JsonClient, scene: str, files: dict[str, bytes], reason: str
 ) -> None:
     before = library(simulator)
-    request = {"sceneName": scene, "fileDatas": file_datas(files)}
-    text = client.refusal("woosh.robot.SwitchMap", request)
+    text = client.refusal("woosh.robot.SwitchMap", switch_request(scene, **files))
     assert reason in text
     assert len(text) < 1000
     assert library(simulator) == before

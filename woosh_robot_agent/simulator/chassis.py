@@ -116,8 +116,8 @@ class Chassis(Robot):
         """Choose how long the answer to a request takes, given the full name of its type."""
         answers = self.profile.answers
         times = answers.requests.get(type_name, answers.default)
-        self.answer_delay = times.sample(self.chance)
-        self.state_first = self.chance.random() < self.profile.tasks.state_first
+        self.answer_delay = times.sample(self.rng)
+        self.state_first = self.rng.random() < self.profile.tasks.state_first
 
     def tick(self, dt: float) -> None:
         """Advance the simulated time to `dt` seconds after the last step."""
@@ -157,7 +157,7 @@ class Chassis(Robot):
 
     def initialise(self) -> float:
         """Begin to initialise the robot; return the duration, in seconds."""
-        duration = self.profile.answers.initialisation.sample(self.chance)
+        duration = self.profile.answers.initialisation.sample(self.rng)
         self.readiness.initialised = False
 
         def finish() -> None:

@@ -18,7 +18,7 @@ from woosh_robot_agent.data_files import (
     DataFileError,
     NotNegative,
     load_yaml,
-    place,
+    source_field,
     structure,
 )
 from woosh_robot_agent.link.protos import message_type
@@ -229,7 +229,7 @@ class Profile:
     charging: ChargingProfile
     refusals: RefusalProfile
     status_codes: StatusCodeProfile
-    file: str = place()
+    file: str = source_field()
 
     @property
     def name(self) -> str:

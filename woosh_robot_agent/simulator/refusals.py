@@ -224,7 +224,6 @@ COLLECTING_OUTSIDE_DEPLOYMENT = Refusal(
 
 TEXT_TOO_LONG = Refusal("{field} is longer than {limit} characters: give a shorter one")
 
-
 # Wi-Fi
 
 NETWORK_NOT_KNOWN = Refusal("network {ssid} is not known: add it first")

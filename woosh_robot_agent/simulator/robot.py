@@ -41,7 +41,7 @@ class Robot(Timeline):
     Attributes:
         profile: behaviour of this robot model.
         omnidirectional: True if the base can move sideways.
-        chance: random number generator for everything that varies, e.g. answer times.
+        rng: random number generator for everything that varies, e.g. answer times.
         answer_delay: time until the current request is answered, in seconds. The handler of the
             request may change it.
         state_first: True if the changes that the current request causes are pushed before its
@@ -73,7 +73,7 @@ class Robot(Timeline):
         self.profile = load_profile(config.profile)
         self.omnidirectional = config.omnidirectional
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
-        self.chance = random.Random(f"{self._seed}:chance")
+        self.rng = random.Random(f"{self._seed}:chance")
         self.answer_delay = 0.0
         self.state_first = False
 

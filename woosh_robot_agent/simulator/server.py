@@ -155,21 +155,21 @@ class SimulatedChassis(Server):
     @property
     def received(self) -> list[Received]:
         """The last 10,000 messages from clients, oldest first."""
-        return list(self._exchange.received)
+        return list(self._handler.received)
 
     @property
     def counts(self) -> Counter[str]:
         """Number of messages from clients, subscriptions included, by type."""
-        return Counter(self._exchange.counts)
+        return Counter(self._handler.counts)
 
     @property
     def bad_frames(self) -> int:
         """Number of frames that could not be decoded."""
-        return self._exchange.bad_frames
+        return self._handler.bad_frames
 
     def last(self, type_name: str) -> Message | None:
         """Return the last message of a type from a client, None if there is none."""
-        for received in reversed(self._exchange.received):
+        for received in reversed(self._handler.received):
             if received.type == type_name:
                 return received.message
         return None
@@ -185,7 +185,7 @@ class SimulatedChassis(Server):
         Raises:
             asyncio.TimeoutError: they have not arrived within `timeout` seconds.
         """
-        await asyncio.wait_for(self._exchange.wait_received(type_name, count), timeout)
+        await asyncio.wait_for(self._handler.wait_received(type_name, count), timeout)
         return self.last(type_name)
 
     def refuse(self, type_name: str, text: str) -> None:

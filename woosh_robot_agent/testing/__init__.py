@@ -44,6 +44,7 @@ _WITH_ROS = {
     "running_agent",
     "spinning",
 }
+"""Names that are imported on first use."""
 
 __all__ = [
     "TIMEOUT",

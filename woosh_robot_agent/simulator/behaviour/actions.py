@@ -148,7 +148,6 @@ class Actions:
             elif progress.done:
                 self._end(run, ros_pack_pb2.kRosSuccess, progress.text)
             elif progress.impeded and not run.impeded:
-                run.impeded = True
                 self._report(run, ros_pack_pb2.kRosErrMsg, progress.text)
             elif self._robot.elapsed - run.reported_at >= REPORT_PERIOD - ROUNDING:
                 self._report(run, ros_pack_pb2.kRosExecuting, progress.text)

@@ -319,7 +319,7 @@ class Charge(Job):
     def __init__(self) -> None:
         self._time = 0.0
         """Time since the start of the job, in seconds."""
-        self._charges_on = False
+        self._keeps_charging = False
         """True if the battery goes on charging after the end of the job."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
@@ -330,8 +330,8 @@ class Charge(Job):
         if self._time >= profile.starts_after - ROUNDING:
             robot.battery.charging = robot_pb2.Battery.kAuto
         if profile.confirmed_after is not None:
-            self._charges_on = self._time >= profile.confirmed_after - ROUNDING
-            return Progress(done=self._charges_on, text="charging")
+            self._keeps_charging = self._time >= profile.confirmed_after - ROUNDING
+            return Progress(done=self._keeps_charging, text="charging")
         full = robot.setting.power.full
         if robot.battery.level >= full:
             return Progress(done=True, text=f"charged to {full} %")
@@ -340,7 +340,7 @@ class Charge(Job):
     def suspend(self, robot: Robot) -> None:
         """End the charge, unless it goes on after the end of the job."""
         self._time = 0.0
-        if not self._charges_on:
+        if not self._keeps_charging:
             robot.battery.charging = robot_pb2.Battery.kNot
 
 

@@ -71,9 +71,6 @@ class Mapping:
     The robot still localises itself while it makes a map, and the new map has the frame of the
     current map. After saving or cancelling, the robot has to be initialised.
 
-    Args:
-        robot: the robot.
-
     Attributes:
         draft: the new map without its cells; None if there is none or a map is being updated.
         picture_time: simulated time at which the last picture of the map was due, in seconds.
@@ -90,7 +87,7 @@ class Mapping:
         self._grid: GrowingGrid | None = None
         """Cells of the map; None while no map is being made."""
         self._located_before = True
-        """The robot knew its pose before the mapping."""
+        """True if the robot knew its pose before the mapping."""
         self._added_time = -math.inf
         """Simulated time of the last scan that was added, in seconds."""
         self._added_pose = Pose()
@@ -110,7 +107,7 @@ class Mapping:
         """Check that no map is being made.
 
         Raises:
-            RefusedError: a map is being made; `refusal` is the situation.
+            RefusedError: a map is being made. The error has the given `refusal`.
         """
         if self._phase is not Phase.NONE:
             raise RefusedError(refusal, map=self._map_name, phase=self._phase.value)
@@ -176,7 +173,7 @@ class Mapping:
         if self.draft:
             self._require_new(self._scene_name, self._map_name)
         robot, profile = self._robot, self._profile
-        duration = profile.save.sample(robot.chance)
+        duration = profile.save.sample(robot.rng)
         use_map = partial(self._use_map, self._finished_grid(), self.draft, robot.base.pose)
         self._phase = Phase.SAVING
         self._pictures.cancel_all()
@@ -192,7 +189,7 @@ class Mapping:
         """
         self._require_running()
         robot = self._robot
-        duration = self._profile.cancel.sample(robot.chance)
+        duration = self._profile.cancel.sample(robot.rng)
         self._phase = Phase.CANCELLING
         self._pictures.cancel_all()
         self.draft = None
@@ -253,14 +250,15 @@ class Mapping:
             raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
 
     def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
+        """Schedule the first scan; return the duration of the start, in seconds."""
         robot, profile = self._robot, self._profile
         self._scene_name, self._map_name = scene_name, map_name
         self._phase = Phase.STARTING
-        duration = profile.start.sample(robot.chance)
-        robot.after(min(profile.state_after, duration), partial(self._begin, update=update))
+        duration = profile.start.sample(robot.rng)
+        robot.after(min(profile.state_after, duration), partial(self._begin_scans, update=update))
         return duration
 
-    def _begin(self, *, update: bool) -> None:
+    def _begin_scans(self, *, update: bool) -> None:
         """Begin to add scans to the map."""
         from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
         from woosh_robot_agent.simulator.world.picture import rasterised
@@ -276,11 +274,12 @@ class Mapping:
         self._phase = Phase.RUNNING
         self._added_time = -math.inf
         self.tick()
-        self._pictures.add(self._profile.picture_period, self._picture_is_due)
+        self._pictures.add(self._profile.picture_period, self._request_picture)
 
-    def _picture_is_due(self) -> None:
+    def _request_picture(self) -> None:
+        """Let a picture of the map be pushed, and schedule the next one."""
         self.picture_time = self._robot.elapsed
-        self._pictures.add(self._profile.picture_period, self._picture_is_due)
+        self._pictures.add(self._profile.picture_period, self._request_picture)
 
     def _finished_grid(self) -> Grid:
         """Return the cells of the map as it is now."""
@@ -396,10 +395,10 @@ class Deployment:
             entries = getattr(others, kind.value)
             id_ = max((each.id for each in entries), default=0) + 1
             entry = entries.add(id=id_)
-            where = entry.point if kind is PointKind.BEACON else entry.pose
-            where.x, where.y = pose.point
+            position = entry.point if kind is PointKind.BEACON else entry.pose
+            position.x, position.y = pose.point
             if kind is not PointKind.BEACON:
-                where.theta = pose.theta
+                position.theta = pose.theta
         point = CollectedPoint(kind, id_, pose)
         self._replace_area(dataclasses.replace(area, marks=marks, other_marks=others))
         self._collected.append(point)

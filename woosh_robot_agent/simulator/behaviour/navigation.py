@@ -121,7 +121,7 @@ def plan_route(
             poses.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
             here = corner
         legs.append(tuple(leg))
-    poses[-1] = goal
+    poses[-1] = goal  # with its own heading
     return Route(tuple(legs), tuple(poses))
 
 
@@ -337,7 +337,7 @@ class Navigate(Job):
             gives_up_after = wait_timeout
         else:
             detours_after = wait_timeout if mode == navigation_pb2.kTimeout else 0.0
-            if self._waited > detours_after and not base.moving and self._detour(robot):
+            if self._waited > detours_after and not base.moving and self._plan_detour(robot):
                 return self._progress(base)
             timeout = robot.profile.tasks.obstacle_timeout
             gives_up_after = math.inf if timeout is None else detours_after + timeout
@@ -345,7 +345,7 @@ class Navigate(Job):
             return failed(f"{text}: remove it or choose another goal")
         return Progress(text=text, impeded=True)
 
-    def _detour(self, robot: Robot) -> bool:
+    def _plan_detour(self, robot: Robot) -> bool:
         """Plan a path round the current obstacles. Return False if there is no path."""
         obstacles = robot.obstacles.walls
         if self._strict or obstacles == self._tried_obstacles:
@@ -363,6 +363,7 @@ class Navigate(Job):
         base, stretch = robot.base, self._stretch_ahead(robot.base.pose)
         distance, bearing = base.pose.distance(corner), base.pose.bearing(corner)
         second = stretch.second
+        # The base has passed the corner if it is nearer to the second corner than the corner is.
         if second and base.pose.distance(second) <= math.dist(corner, second):
             return False
         if distance <= _POSITION_TOLERANCE:

@@ -214,7 +214,11 @@ class Ownership:
         return not self._tasks.automatic or self._tasks.proc.type == order.type
 
     def _take_device_for_task(self) -> None:
-        """Take the device of the task's job, or raise RefusedError if the robot is not ready."""
+        """Take the device of the task's job.
+
+        Raises:
+            RefusedError: the robot is not ready, or an action owns the device.
+        """
         self._robot.readiness.require_ready()
         device = self._tasks.device
         self._require_no_action(device)

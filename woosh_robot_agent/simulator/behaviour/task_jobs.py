@@ -1,4 +1,4 @@
-"""The jobs of which a task consists, by the table of the scene."""
+"""The jobs of which a task consists, as `action_groups.json` of the scene lists them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from woosh_robot_agent.simulator.world.maps import Mark
 
 
 def task_actions(robot: Robot, kind: util_task_pb2.Type, number: int) -> tuple[Action, ...]:
-    """Return the actions of a task, by the table of the scene.
+    """Return the actions of a task, as `action_groups.json` of the scene lists them.
 
     Args:
         robot: the robot.
@@ -34,7 +34,7 @@ def task_actions(robot: Robot, kind: util_task_pb2.Type, number: int) -> tuple[A
         number: number of the task among the tasks of its type.
 
     Raises:
-        RefusedError: the table has no actions for this task.
+        RefusedError: the file lists no actions for this task.
     """
     kind, groups = kind or util_task_pb2.kPick, robot.scene.action_groups
     actions = groups.actions(kind, number)

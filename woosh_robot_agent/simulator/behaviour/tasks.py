@@ -17,7 +17,7 @@ from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
 from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.status_codes import failure_code
-from woosh_robot_agent.simulator.timeline import DelayedCalls
+from woosh_robot_agent.simulator.timeline import DelayedCalls, copy_of
 
 
 class TaskReports:
@@ -81,8 +81,7 @@ class TaskReports:
         msg: str = "",
     ) -> robot_pb2.TaskProc:
         """Return a new report about a task."""
-        report = robot_pb2.TaskProc()
-        report.CopyFrom(task)
+        report = copy_of(task)
         report.state = state
         report.time = int(self._robot.time)
         if self._robot.profile.tasks.messages:
@@ -387,7 +386,7 @@ class Tasks:
             starting.popleft()()  # the others follow in the next ticks
 
         if self._profile.first_report:
-            delay += self._robot.chance.choice(self._profile.first_report)
+            delay += self._robot.rng.choice(self._profile.first_report)
             self._scheduled.add(delay, announce)
         else:
             # Begun in the next tick, so that the reports follow the answer to the request.
@@ -496,7 +495,7 @@ class Tasks:
             # The last report stays: the task can be recovered, or the robot is still charging.
             self._scheduled.add(_PUSH_GAP, self._clear_state)
         else:
-            self._scheduled.add(empty_report.sample(self._robot.chance), self._leave_task)
+            self._scheduled.add(empty_report.sample(self._robot.rng), self._leave_task)
 
     def _clear_state(self) -> None:
         """Set `state` to that of a robot without a task."""
@@ -510,7 +509,7 @@ class Tasks:
 
     def _order_delay(self) -> float:
         """Return the time from an order to the report that shows its effect, in seconds."""
-        return self._profile.order_effect.sample(self._robot.chance)
+        return self._profile.order_effect.sample(self._robot.rng)
 
     def _report(
         self,

@@ -192,6 +192,7 @@ def _accelerated(now: Velocity, wanted: Velocity, dt: float) -> Velocity:
     share = limit / change if change > limit + _TOLERANCE else 1.0
     turn_limit = ANGULAR_ACCELERATION * dt
     turn = min(turn_limit, max(-turn_limit, wanted.turn - now.turn))
+    # A wanted value within the limit is reached exactly, without a rounding error.
     return Velocity(
         now.forward + share * forward if share < 1.0 else wanted.forward,
         now.left + share * left if share < 1.0 else wanted.left,

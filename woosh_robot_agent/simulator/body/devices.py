@@ -24,24 +24,20 @@ class Device(Enum):
     NONE = auto()
 
 
+@dataclass
 class Battery:
     """A battery that drains with time and distance, and can be charged.
 
-    Args:
-        level: charge at the start, in percent.
-        profile: drain and charge rates, and constants that are reported but not simulated, e.g.
-            `health`.
-
     Attributes:
         level: charge, in percent.
-        profile: as above.
+        profile: drain and charge rates, and constants that are reported but not simulated, e.g.
+            `health`.
         charging: state of charging.
     """
 
-    def __init__(self, level: float, profile: BatteryProfile) -> None:
-        self.level = level
-        self.profile = profile
-        self.charging: robot_pb2.Battery.ChargeState = robot_pb2.Battery.kNot
+    level: float
+    profile: BatteryProfile
+    charging: robot_pb2.Battery.ChargeState = robot_pb2.Battery.kNot
 
     @property
     def percent(self) -> int:
@@ -96,7 +92,9 @@ class Lift:
 
 
 _IN_REACH = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
-"""Signal strengths of the Wi-Fi networks within reach, in percent."""
+"""Signal strengths of the Wi-Fi networks within reach, in percent, by SSID."""
+
+_WiFiState = robot_pb2.Network.WiFi
 
 
 class WiFi:
@@ -114,14 +112,13 @@ class WiFi:
         self.list_json = b""
         self._known = {self.name}
 
-    def state(self) -> robot_pb2.Network.WiFi:
+    def state(self) -> _WiFiState:
         """Return the state as reported to clients."""
-        mode = robot_pb2.Network.WiFi
-        return mode(
+        return _WiFiState(
             name=self.name,
             list_json=self.list_json,
             strength=_IN_REACH.get(self.name, 0),
-            mode=mode.kAP if self.hotspot else mode.kClient,
+            mode=_WiFiState.kAP if self.hotspot else _WiFiState.kClient,
         )
 
     def scan(self) -> bytes:
@@ -193,8 +190,8 @@ class Readiness:
 
     Attributes:
         requested_control: control mode that a client has requested.
-        key_manual: True if the key switch is at manual, which overrides the request
-            and switches the motors off.
+        key_manual: True if the key switch is at manual, which overrides `requested_control` and
+            switches the motors off.
         key_accepts: True if requests are accepted although the key switch is at manual.
         work: work mode.
         initialised: True if a client has told the robot its pose since it was switched on.

@@ -192,6 +192,7 @@ class Codes:
         self._publish = publish
         self._statistics = statistics
         self._abnormal: dict[int, count_pb2.StatusCode] = {}
+        """Codes of the current problems, by number."""
 
     @property
     def abnormal(self) -> list[count_pb2.StatusCode]:

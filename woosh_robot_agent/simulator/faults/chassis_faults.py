@@ -114,6 +114,7 @@ def _clock_jump(server: Server, injection: Injection) -> End:
     return end
 
 
+# Texts with keys, which a page can show in another language.
 _BOTH = Sentence("fault.bothOrNone", "obstacle: give both x and y, or neither of them")
 _NO_TOPIC = Sentence("fault.noTopic", "burst: type: {type} is not one of {topics}")
 

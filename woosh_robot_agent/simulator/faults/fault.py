@@ -15,6 +15,7 @@ from woosh_robot_agent.simulator.serving.server import Server
 
 Value = int | float | str
 
+# Texts with keys, which a page can show in another language.
 _OR = Sentence("said.or", "{one} or {other}")
 _NO_MESSAGE = Sentence("argument.noMessage", "{name}: no message has the type {value}")
 _MESSAGE = Sentence("argument.message", "message type")
@@ -134,7 +135,7 @@ def _number(value: float) -> str:
 
 
 def _article(text: str) -> str:
-    """Add the indefinite article to a description such as "integer"; not to a list of choices."""
+    """Return a description such as "integer" with its article; a list of choices has none."""
     if " or " in text or not isinstance(text, Said):
         return text
     article = "an" if text[0] in "aeiou" else "a"
@@ -233,6 +234,7 @@ def fault(
     return add
 
 
+@dataclass(eq=False)
 class Injection:
     """An injected fault.
 
@@ -245,21 +247,14 @@ class Injection:
         active: True until the fault ends.
     """
 
-    def __init__(
-        self,
-        fault: Fault,
-        number: int,
-        arguments: dict[str, Any],
-        rng: random.Random,
-        clear: Callable[[Injection], None],
-    ) -> None:
-        self.fault = fault
-        self.number = number
-        self.arguments = arguments
-        self.rng = rng
-        self.hits = 0
-        self.active = True
-        self._clear = clear
+    fault: Fault
+    number: int
+    arguments: dict[str, Any]
+    rng: random.Random
+    _clear: Callable[[Injection], None]
+    """Ends a fault."""
+    hits: int = 0
+    active: bool = True
 
     def __getitem__(self, name: str) -> Any:
         """Return the value of an argument."""

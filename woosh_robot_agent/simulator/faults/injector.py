@@ -29,6 +29,7 @@ from woosh_robot_agent.simulator.serving.server import Server
 
 _LOG = logging.getLogger(__name__)
 
+# Texts with keys, which a page can show in another language.
 _UNKNOWN = Sentence("fault.unknown", "unknown fault {name}: use one of {known}")
 _UNREADABLE = Sentence("fault.unreadable", "fault {text}: {error}")
 _NO_PAIR = Sentence("fault.noPair", "{fault}: {word} is not of the form key=value")
@@ -220,6 +221,7 @@ class Injector:
             self.inject(step.name, **step.arguments)
 
     def _clear(self, injection: Injection) -> None:
+        """End an injection. A shared fault ends with its last injection."""
         if not injection.active:
             return
         injection.active = False

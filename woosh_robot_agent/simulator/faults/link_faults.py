@@ -101,7 +101,7 @@ def _on_frames(
 
         return add_hook(server.hooks.faults, intercept)
 
-    begin.__name__ = alter.__name__
+    begin.__name__ = alter.__name__  # which names the fault
     return begin
 
 
@@ -149,7 +149,7 @@ class _Shuffle:
         """Timeouts of the collected frames, by client."""
 
     def keep(self, client: object, release: Release) -> None:
-        """Collect a frame instead of sending it; the `hold` of an `Outgoing`."""
+        """Collect a frame instead of sending it. This is the `hold` of the frame."""
         kept = self._kept.setdefault(client, [])
         kept.append(release)
         if len(kept) >= self._injection["window"] or not self._injection.active:
@@ -259,12 +259,12 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
     """Turn a function that damages an encoded frame into the function that begins the fault."""
 
     def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
-        before = frame.damage
+        damage_before = frame.damage  # that of another fault
 
         def damage_further(codec: Codec, data: str | bytes) -> Encoded:
-            damaged = before(codec, data) if before else data
-            # Another fault may have damaged the frame already, or writes the frame itself.
-            if callable(damaged) or (before and not _readable(codec, damaged)):
+            damaged = damage_before(codec, data) if damage_before else data
+            # The other fault may write the frame itself, or may have made it unreadable.
+            if callable(damaged) or (damage_before and not _readable(codec, damaged)):
                 return damaged
             return damage(injection, codec, damaged)
 
@@ -407,11 +407,9 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
 def _body(pack: MessagePackJson) -> Message | None:
     """Return the decoded body of a frame, None if its type is unknown."""
     try:
-        message = message_type(pack.type)()
-        message.ParseFromString(pack.body.value)
+        return message_type(pack.type).FromString(pack.body.value)
     except KeyError:
         return None
-    return message
 
 
 def _readable(codec: Codec, data: str | bytes) -> bool:

@@ -62,7 +62,7 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
             chassis.auto_tasks.postpone()
         result = HANDLERS[name](chassis, request)
     except RefusedError as error:
-        return _answer_refusal(chassis, name, error)
+        return _answer_refused(chassis, name, error)
     if isinstance(result, str):
         explained = chassis.profile.refusals.explained
         return Answer(name, None, ok=True, msg=result if explained else SUCCESS)
@@ -72,7 +72,8 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
     return Answer(result.DESCRIPTOR.full_name, result, ok=True, msg=msg)
 
 
-def _answer_refusal(chassis: Chassis, name: str, error: RefusedError) -> Answer:
+def _answer_refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
+    """Return the answer to a request that its handler has refused, worded as in the profile."""
     refusal, profile = error.refusal, chassis.profile.refusals
     _LOG.info("%s is refused: %s", name, error)
     if profile.explained:

@@ -16,6 +16,7 @@ from woosh_robot_agent.simulator.scenes.scene import (
     storages_of,
     with_marks,
 )
+from woosh_robot_agent.simulator.timeline import copy_of
 from woosh_robot_agent.simulator.world.maps import Mark
 
 _MAX_NUMBER = 100
@@ -37,8 +38,7 @@ def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Result:
 
 @command(storage_edit_pb2.Create)
 def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
-    area, storage = chassis.map, mark_pb2.Storage()
-    storage.CopyFrom(request.storage)  # the recorded request must not change
+    area, storage = chassis.map, copy_of(request.storage)  # the recorded request must not change
     if len(area.marks) >= MAX_MARKS:
         raise RefusedError(f"map {area.name} has {MAX_MARKS} marks already: delete one first")
     if storage.identity.no in area.marks:
@@ -61,6 +61,7 @@ def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
     by_id = next((mark for mark in area.marks.values() if id_ and mark.id == id_), None)
     old = area.marks.get(number) or by_id or named_mark(chassis, number)
     storage = storage_of(old)
+    # A given field replaces the old one, and a given category replaces another category.
     for field, _ in changes.ListFields():
         if field.containing_oneof:
             storage.ClearField(storage.WhichOneof(field.containing_oneof.name) or field.name)

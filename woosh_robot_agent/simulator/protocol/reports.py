@@ -33,7 +33,8 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map
 
 _Hardware = robot_pb2.HardwareState
-_Bit = robot_pb2.DeviceState
+_Device = robot_pb2.DeviceState
+_Operation = robot_pb2.OperationState
 
 
 def pose2d(pose: Pose) -> common_pb2.Pose2D:
@@ -138,15 +139,15 @@ def task_history(chassis: Chassis) -> robot_pb2.TaskHistory:
 def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
     """Return buttons and flags as bits."""
     flags = (
-        (chassis.readiness.located, _Bit.kLocation),
-        (chassis.jack.raised, _Bit.kGoodsState),
-        (chassis.occupied, _Bit.kOccupancy),
-        (chassis.call_muted, _Bit.kMuteCall),
-        (chassis.program_muted, _Bit.kProgramMute),
+        (chassis.readiness.located, _Device.kLocation),
+        (chassis.jack.raised, _Device.kGoodsState),
+        (chassis.occupied, _Device.kOccupancy),
+        (chassis.call_muted, _Device.kMuteCall),
+        (chassis.program_muted, _Device.kProgramMute),
     )
     return robot_pb2.DeviceState(
         robot_id=chassis.robot_id,
-        hardware=_Bit.kEmgBtn if chassis.readiness.emergency_stop else 0,
+        hardware=_Device.kEmgBtn if chassis.readiness.emergency_stop else 0,
         software=sum(bit for is_set, bit in flags if is_set),
     )
 
@@ -168,11 +169,10 @@ def hardware_state(chassis: Chassis) -> robot_pb2.HardwareState:
 
 def operation_state(chassis: Chassis) -> robot_pb2.OperationState:
     """Return whether the robot accepts tasks, and whether an obstacle is in its way."""
-    state = robot_pb2.OperationState
-    return state(
+    return _Operation(
         robot_id=chassis.robot_id,
-        nav=state.kImpede if chassis.impeded else 0,
-        robot=state.kTaskable if chassis.readiness.ready else 0,
+        nav=_Operation.kImpede if chassis.impeded else 0,
+        robot=_Operation.kTaskable if chassis.readiness.ready else 0,
     )
 
 
@@ -380,6 +380,8 @@ PERIODIC: dict[type[Message], Callable[[Chassis], Message]] = {
 
 _STATES = {cls.DESCRIPTOR.full_name: report for cls, report in STATES.items()}
 _PERIODIC = {cls.DESCRIPTOR.full_name: report for cls, report in PERIODIC.items()}
+"""The same reports, by topic."""
+
 _POSE_SPEED = robot_pb2.PoseSpeed.DESCRIPTOR.full_name
 _BATTERY = robot_pb2.Battery.DESCRIPTOR.full_name
 
@@ -426,7 +428,7 @@ class StateWatch:
     def watch(self, topics: set[str]) -> None:
         """Watch these topics only. Their current states do not count as changes."""
         if _BATTERY in topics and _BATTERY not in self._last:
-            self._plan_battery()
+            self._schedule_battery()
         self._last = {
             topic: self._last.get(topic) or _STATES[topic](self._chassis).SerializeToString()
             for topic in _STATES
@@ -459,9 +461,9 @@ class StateWatch:
                 self._last[topic] = now
                 messages.append(message)
                 if topic == _POSE_SPEED:
-                    self._plan_pose()
+                    self._schedule_pose()
                 elif topic == _BATTERY:
-                    self._plan_battery()
+                    self._schedule_battery()
         return messages
 
     def _pose_is_due(self) -> bool:
@@ -470,13 +472,13 @@ class StateWatch:
     def _battery_is_due(self) -> bool:
         return self._chassis.elapsed >= self._repeat_battery - ROUNDING
 
-    def _plan_pose(self) -> None:
+    def _schedule_pose(self) -> None:
         self._next_pose = self._wake_after(self._chassis.profile.rates.pose_speed)
 
-    def _plan_battery(self) -> None:
+    def _schedule_battery(self) -> None:
         period = self._chassis.profile.rates.battery
         if period:
-            self._repeat_battery = self._wake_after(period.sample(self._chassis.chance))
+            self._repeat_battery = self._wake_after(period.sample(self._chassis.rng))
 
     def _wake_after(self, delay: float) -> float:
         """Schedule another check for changes after `delay` seconds; return its time."""

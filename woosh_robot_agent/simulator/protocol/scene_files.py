@@ -49,10 +49,10 @@ def updated_scene(
     *,
     replace: bool = False,
 ) -> Scene | None:
-    """Return a scene after an upload, in which each map that has changed has another version.
+    """Return a scene after an upload. Each map that has changed gets a higher version.
 
-    That is the uploaded version if all files of a robot's folder are uploaded, because these files
-    must not change; otherwise a higher one.
+    If all files of a robot's folder are uploaded, each map keeps the version in these files, unless
+    that is the version of the old map.
 
     Args:
         name: name of the scene.
@@ -81,7 +81,7 @@ def updated_scene(
         before = old.map(area.name) if old else None
         if before:
             whole = replace and SCENE_INDEX in new  # all files of a robot's folder
-            scene = with_map_changed(scene, area, _with_history(area, before, whole=whole))
+            scene = with_map_changed(scene, area, _successor(area, before, whole=whole))
     return scene
 
 
@@ -114,13 +114,13 @@ def _read_upload(
     return handwritten
 
 
-def _with_history(area: Map, before: Map, *, whole: bool) -> Map:
-    """Return an uploaded map with the version, walls and end pose that follow from the old map.
+def _successor(area: Map, before: Map, *, whole: bool) -> Map:
+    """Return an uploaded map with its version, and with what the robot knows of the old map.
 
     Args:
         area: the map as its files describe it.
-        before: the map that it replaces.
-        whole: all files of the scene are uploaded.
+        before: the old map, which it replaces.
+        whole: True if all files of the scene are uploaded.
     """
     if not whole:
         area = dataclasses.replace(area, end=area.end or before.end)
@@ -152,10 +152,10 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
     for file in upload:
         if PurePosixPath(file.name).suffix.lower() in _PICTURES:
             # numpy and Pillow load slowly, and only pictures need them.
-            from woosh_robot_agent.simulator.scenes.map_server import check_picture
+            from woosh_robot_agent.simulator.scenes.map_server import read_pixels
 
             try:
-                check_picture(file.name, file.data)
+                read_pixels(file.name, file.data)
             except DataFileError as error:
                 raise RefusedError(f"{error}") from error
 
@@ -163,14 +163,14 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
 def merge_files(
     old: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
 ) -> dict[str, bytes]:
-    """Return the files of a scene, where the files of an upload replace or complete the old ones.
+    """Return the files of a scene after an upload, which adds files and replaces files.
 
     Raises:
         RefusedError: a file name is invalid, or the files are too many or too large.
     """
     new: dict[str, bytes] = {}
     for file in upload:
-        # Nothing is written to disk, but a name must not lead out of the folder on any system.
+        # A client that downloads the files writes them to a folder: no name may lead out of it.
         parts = file.name.split("/")
         if len(parts) > _MAX_FOLDERS + 1 or not all(map(is_plain, parts)):
             name = file.name[:MAX_NAME]

@@ -250,12 +250,6 @@ def _feedbacks(chassis: Chassis, request: ros_pack_pb2.Feedbacks) -> Result:
     return ros_pack_pb2.Feedbacks(fbs=chassis.actions.last.values())
 
 
-@query(count_pb2.StatusCode)
-def _status_code(chassis: Chassis, request: count_pb2.StatusCode) -> Result:
-    recent = chassis.codes.recent
-    return copy_of(recent[-1]) if recent else count_pb2.StatusCode(robot_id=chassis.robot_id)
-
-
 @query(map_pack_pb2.SceneDataEasy)
 def _scene_data_easy(chassis: Chassis, request: map_pack_pb2.SceneDataEasy) -> Result:
     return reports.scene_data_easy(named_scene(chassis, request.name))
@@ -345,13 +339,16 @@ def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
     return copy_of(chassis.statistics.days[-1])
 
 
-@query(count_pb2.Task)
-def _task(chassis: Chassis, request: count_pb2.Task) -> Result:
-    tasks = chassis.statistics.tasks
-    return copy_of(tasks[-1]) if tasks else count_pb2.Task(robot_id=chassis.robot_id)
+def _answer_with_last(records: Callable[[Chassis], Sequence[Message]]) -> Handler:
+    """Return the handler that answers with the last record; without records, with an empty one."""
+
+    def handle(chassis: Chassis, request: Any) -> Result:
+        found = records(chassis)
+        return copy_of(found[-1]) if found else type(request)(robot_id=chassis.robot_id)
+
+    return handle
 
 
-@query(count_pb2.Status)
-def _status(chassis: Chassis, request: count_pb2.Status) -> Result:
-    statuses = chassis.statistics.statuses
-    return copy_of(statuses[-1]) if statuses else count_pb2.Status(robot_id=chassis.robot_id)
+query(count_pb2.StatusCode)(_answer_with_last(lambda chassis: chassis.codes.recent))
+query(count_pb2.Task)(_answer_with_last(lambda chassis: chassis.statistics.tasks))
+query(count_pb2.Status)(_answer_with_last(lambda chassis: chassis.statistics.statuses))

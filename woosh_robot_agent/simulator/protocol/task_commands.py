@@ -34,6 +34,7 @@ from woosh_robot_agent.simulator.protocol.handlers import (
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.action_groups import Action
 from woosh_robot_agent.simulator.scenes.scene import set_predefined
+from woosh_robot_agent.simulator.timeline import copy_of
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
@@ -202,8 +203,7 @@ def _add_task(chassis: Chassis, request: AddTask) -> Result:
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
     """Add or replace a predefined task set; return the stored set."""
     sets = {each.task_set.base.id: each for each in chassis.scene.predefined.repeat_tasks}
-    kept = RepeatTask()
-    kept.CopyFrom(request)
+    kept = copy_of(request)
     kept.ClearField("order")
     base = kept.task_set.base
     if not base.id:
@@ -252,8 +252,7 @@ def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
     Raises:
         RefusedError: a task of the set is invalid.
     """
-    task_set = WooshTaskSet()
-    task_set.CopyFrom(given)
+    task_set = copy_of(given)
     task_set.base.id = task_set.base.id or int(chassis.time)
     _check_tasks(chassis, task_set)
     return task_set

@@ -54,8 +54,7 @@ def load_scene(path: Path) -> Scene:
 def read_robot_folder(folder: Path) -> dict[str, bytes]:
     """Return the files in a robot's folder of a scene, by the robot's name for them.
 
-    Hidden files beside those of the robot, and the folders that the program `maps` adds, are not
-    among them.
+    Hidden entries of the folder, and the folders that the program `maps` adds, are left out.
 
     Raises:
         DataFileError: a file cannot be read.

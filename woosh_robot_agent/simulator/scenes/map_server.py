@@ -72,7 +72,7 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
     """
     description = structure(_Description, content, name, known_only=False)
     picture = str(PurePosixPath(name).parent / description.image)
-    cells = _cells(*_pixels(picture, read(description.image)), description)
+    cells = _cells(*read_pixels(picture, read(description.image)), description)
     # The first row of a picture has the greatest y.
     low = description.origin.x, description.origin.y
     return Grid(np.ascontiguousarray(cells[::-1]), description.resolution, low)
@@ -91,7 +91,7 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
     """
     # the picture has no YAML file, so the thresholds are the defaults of map_server
     description = _Description(name, grid.resolution, _Origin(*grid.low, 0.0))
-    cells = _cells(*_pixels(name, data), description)[::-1]
+    cells = _cells(*read_pixels(name, data), description)[::-1]
     if cells.shape != grid.cells.shape:
         height, width = grid.cells.shape
         raise DataFileError(
@@ -101,17 +101,12 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
     return np.ascontiguousarray(cells == OCCUPIED)
 
 
-def check_picture(name: str, data: bytes) -> None:
-    """Check that a picture can be read.
+def read_pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
+    """Return brightness and, if the picture has transparency, opacity of each pixel: 0 to 1.
 
     Raises:
         DataFileError: the picture cannot be read.
     """
-    _pixels(name, data)
-
-
-def _pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
-    """Return brightness and, if the picture has transparency, opacity of each pixel: 0 to 1."""
     try:
         image: Image.Image = Image.open(io.BytesIO(data), formats=("PNG", "PPM"))
         width, height = image.size
@@ -151,14 +146,14 @@ def _cells(brightness: Floats, opacity: Floats | None, description: _Description
     if mode == "raw":
         values = np.rint(brightness * 255.0)
         return np.where(values <= OCCUPIED, values, UNKNOWN).astype(np.int8)
-    if mode == "trinary" and opacity is not None:
+    if mode == "trinary" and opacity is not None:  # for map_server, opacity is a fourth colour
         brightness = (3.0 * brightness + opacity) / 4.0
-    share = brightness if negate else 1.0 - brightness
-    cells = np.full(share.shape, UNKNOWN, np.int8)
+    occupancy = brightness if negate else 1.0 - brightness
+    cells = np.full(occupancy.shape, UNKNOWN, np.int8)
     if mode == "scale":
-        cells[:] = np.rint((share - free) / (occupied - free) * 100.0).clip(FREE, OCCUPIED)
-    cells[share < free] = FREE
-    cells[share > occupied] = OCCUPIED
+        cells[:] = np.rint((occupancy - free) / (occupied - free) * 100.0).clip(FREE, OCCUPIED)
+    cells[occupancy < free] = FREE
+    cells[occupancy > occupied] = OCCUPIED
     if mode == "scale" and opacity is not None:
         cells[opacity < 1.0] = UNKNOWN
     return cells

@@ -15,7 +15,7 @@ from woosh_robot_agent.data_files import (
     DataFileError,
     load_json,
     load_yaml,
-    place,
+    source_field,
     structure,
 )
 from woosh_robot_agent.pb.map import field_pb2, mark_pb2, path_pb2
@@ -93,12 +93,12 @@ def check_map_name(name: str) -> None:
 
 @dataclass(frozen=True)
 class _MapEntry:
-    """A map in the index of a scene."""
+    """A map in the index of a scene; `source` is the place of the entry, for errors."""
 
     id: Annotated[int, Between(0, 2**32 - 1)]
     name: Annotated[str, check_map_name]
     end_pose: _EndPose | None = None
-    where: str = place()
+    source: str = source_field()
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
         DataFileError: a file cannot be used.
     """
     entries = _index(files[SCENE_INDEX]).maps
-    check_unique([each.where for each in entries], "name", [each.name for each in entries])
-    check_unique([each.where for each in entries], "id", [each.id for each in entries])
+    check_unique([each.source for each in entries], "name", [each.name for each in entries])
+    check_unique([each.source for each in entries], "id", [each.id for each in entries])
     scene = Scene(name, [], files={**files})
     scene.action_groups = read_groups(scene.files.pop(ACTION_GROUPS, b""))
     before = files_of(old).of_maps if old else {}
@@ -132,7 +132,7 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
             scene.maps.append(_with_marks(entry, files, known))
         else:
             scene.maps.append(_map(entry, files))
-            check_pixels(entry.where, scene.maps)
+            check_pixels(entry.source, scene.maps)
         if entry.end_pose and not scene.start:
             scene.start, scene.start_map = scene.maps[-1].end, entry.name
     if TASK_INFO in files:
@@ -173,7 +173,7 @@ def _map(entry: _MapEntry, files: Mapping[str, bytes]) -> Map:
     """Read one map."""
     grid = read_map_picture(entry.name, files)
     grid.keep_out = read_map_keepout(entry.name, files, grid)
-    check_sides(entry.where, grid.low, grid.high)
+    check_sides(entry.source, grid.low, grid.high)
     area = Map(entry.id, entry.name, "", 1, grid.low, grid.high, walls=(), grid=grid)
     return _with_marks(entry, files, area)
 
@@ -243,7 +243,7 @@ def check_unused_files(name: str, files: Mapping[str, bytes]) -> None:
 
 
 def check_pixels(where: str, maps: Iterable[Map]) -> None:
-    """Check the total size of the pictures of a scene; `where` is the place of the last map.
+    """Check the total size of the pictures of a scene; `where` is the last map's place, for errors.
 
     Raises:
         DataFileError: the pictures are too large.
@@ -254,7 +254,7 @@ def check_pixels(where: str, maps: Iterable[Map]) -> None:
 
 
 def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None:
-    """Check the size of a map; `where` is its place in the file.
+    """Check the size of a map; `where` is its place in the file, for errors.
 
     Raises:
         DataFileError: the map is empty or too large.

@@ -30,6 +30,7 @@ from woosh_robot_agent.simulator.scenes.action_groups import (
     ActionGroups,
     default_action_groups,
 )
+from woosh_robot_agent.simulator.timeline import copy_of
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
 
@@ -86,10 +87,9 @@ def mark_of(storage: mark_pb2.Storage) -> Mark:
 
 def storage_of(mark: Mark) -> mark_pb2.Storage:
     """Return all data of a mark, as a new message."""
-    storage = mark_pb2.Storage()
     if mark.storage is not None:
-        storage.CopyFrom(mark.storage)
-        return storage
+        return copy_of(mark.storage)
+    storage = mark_pb2.Storage()
     pose = common_pb2.Pose2D(x=mark.pose.x, y=mark.pose.y, theta=mark.pose.theta)
     storage.identity.CopyFrom(mark_pb2.Identity(id=mark.id, no=mark.number, desc=mark.description))
     storage.pose.CopyFrom(mark_pb2.Pose(dock=pose, real=pose))
@@ -111,8 +111,7 @@ def storages_of(marks: Iterable[Mark]) -> mark_pb2.Storages:
 
 def mark_info_of(area: Map) -> mark_pb2.MarkInfo:
     """Return all marks of a map, as a new message."""
-    info = mark_pb2.MarkInfo()
-    info.CopyFrom(area.other_marks)
+    info = copy_of(area.other_marks)
     info.version = area.version
     info.floor_name = area.floor
     info.storages.extend(storage_of(mark) for mark in area.marks.values())
@@ -126,8 +125,7 @@ def marks_of(info: mark_pb2.MarkInfo) -> dict[str, Mark]:
 
 def other_marks(info: mark_pb2.MarkInfo) -> mark_pb2.MarkInfo:
     """Return the marks that are no storage places, as a new message."""
-    others = mark_pb2.MarkInfo()
-    others.CopyFrom(info)
+    others = copy_of(info)
     for name in ("version", "floor_name", "storages"):
         others.ClearField(name)
     return others
@@ -312,7 +310,7 @@ def _index(scene: Scene) -> bytes:
 
 
 def _missing_files(area: Map, given: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return new files of a map for those that are not in `given`."""
+    """Return new files for a map, in place of those that are not in `given`."""
     files: dict[str, bytes] = {}
     picture, folder = f"{area.name}/{PICTURE}", f"{area.name}/"
     if picture not in given:

@@ -15,7 +15,7 @@ from itertools import count, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
-from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, place, structure
+from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, source_field, structure
 from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
 from woosh_robot_agent.simulator.scenes.robot_files import (
     DEFAULT_FLOOR,
@@ -43,6 +43,8 @@ _MAX_WALLS = 1000
 a picture instead."""
 
 _INT32 = 2**31 - 1
+
+_CallInfo = woosh_task_pb2.CallInfo
 
 _Id = Annotated[int, Between(0, 2**32 - 1)]
 _Positive = Annotated[int, Between(1, _INT32)]
@@ -84,6 +86,7 @@ class MarkEntry:
         id: id of the mark; default: its index in the list, from 1.
         type: kind of mark.
         description: description for people.
+        source: file and place of the entry, for errors; not a key of the file.
     """
 
     number: str
@@ -91,7 +94,7 @@ class MarkEntry:
     id: _Id | None = None
     type: MarkKind = MarkKind.BASE
     description: str = ""
-    where: str = place()
+    source: str = source_field()
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,7 @@ class MapEntry:
         area: two corners of the mapped area: [x1, y1, x2, y2]; default: around everything.
         walls: polylines: x and y of each corner.
         marks: marks of the map.
+        source: file and place of the entry, for errors; not a key of the file.
     """
 
     name: Annotated[str, check_map_name]
@@ -117,7 +121,7 @@ class MapEntry:
     area: _Corners | None = None
     walls: Annotated[tuple[tuple[float, ...], ...], Between(0, _MAX_WALLS)] = ()
     marks: Annotated[tuple[MarkEntry, ...], Between(0, MAX_MARKS)] = ()
-    where: str = place()
+    source: str = source_field()
 
     def __post_init__(self) -> None:
         if not (self.image or self.walls):
@@ -133,13 +137,14 @@ class StepEntry:
         type: kind of task.
         direction: direction of a task that carries goods.
         wait: time to wait after the task, in seconds; -1 until a client tells it to continue.
+        source: file and place of the entry, for errors; not a key of the file.
     """
 
     mark: str
     type: Literal["pick", "parking", "charge", "carry"] = "pick"
     direction: Literal["feeding", "cutting"] | None = None
     wait: Annotated[int, Between(-1, _INT32)] = 0
-    where: str = place()
+    source: str = source_field()
 
 
 @dataclass(frozen=True)
@@ -165,6 +170,7 @@ class TaskSetEntry:
         steps: tasks of the set.
         times: for predefined sets: number of repetitions.
         button: for sets of call buttons: button that starts the set.
+        source: file and place of the entry, for errors; not a key of the file.
     """
 
     id: _Positive
@@ -172,7 +178,7 @@ class TaskSetEntry:
     steps: Annotated[tuple[StepEntry, ...], Between(1, MAX_TASKS)]
     times: _Positive = 1
     button: ButtonEntry | None = None
-    where: str = place()
+    source: str = source_field()
 
 
 _TaskSets = Annotated[tuple[TaskSetEntry, ...], Between(0, MAX_TASKS)]
@@ -237,7 +243,7 @@ def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
         if not isinstance(content, dict) or not content.get("image"):
             continue
         stem = Path(file).stem
-        entry = MapEntry(name=stem, image=file, where=file)
+        entry = MapEntry(name=stem, image=file, source=file)
         maps.append(_map(entry, len(maps) + 1, read, content))
         check_pixels(file, maps)
         if stem in [other.name for other in maps[:-1]]:
@@ -252,8 +258,8 @@ def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
     free_ids = (number for number in count(1) if number not in given)
     for each in entry.maps:
         maps.append(_map(each, next(free_ids) if each.id is None else each.id, read))
-        check_pixels(each.where, maps)
-    places = [each.where for each in entry.maps]
+        check_pixels(each.source, maps)
+    places = [each.source for each in entry.maps]
     check_unique(places, "name", [each.name for each in maps])
     check_unique(places, "id", [each.id for each in maps])
     scene = Scene(name, maps)
@@ -286,7 +292,7 @@ def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Ma
     walls = tuple(_walls(entry))
     if len(walls) > _MAX_WALLS:
         text = f"{len(walls)} walls are more than {_MAX_WALLS}"
-        raise DataFileError(f"{entry.where}.walls: {text}")
+        raise DataFileError(f"{entry.source}.walls: {text}")
     marks = _marks(entry)
     grid = None
     if entry.image:
@@ -300,7 +306,7 @@ def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Ma
         corners += [grid.low, grid.high] if grid else []
     x, y = zip(*corners, strict=True)
     low, high = (min(x), min(y)), (max(x), max(y))
-    check_sides(entry.where, low, high)
+    check_sides(entry.source, low, high)
     return Map(
         id=id_,
         name=entry.name,
@@ -326,7 +332,7 @@ def _walls(entry: MapEntry) -> Iterator[Wall]:
     for number, line in enumerate(entry.walls):
         if len(line) < 4 or len(line) % 2:
             text = "must be [x1, y1, x2, y2], or more corners in pairs of x and y"
-            raise DataFileError(f"{entry.where}.walls[{number}]: {text}")
+            raise DataFileError(f"{entry.source}.walls[{number}]: {text}")
         for start, end in pairwise(zip(line[::2], line[1::2], strict=True)):
             yield Wall(*start, *end)
 
@@ -342,7 +348,7 @@ def _marks(entry: MapEntry) -> dict[str, Mark]:
         )
         for index, each in enumerate(entry.marks, start=1)
     ]
-    places = [each.where for each in entry.marks]
+    places = [each.source for each in entry.marks]
     check_unique(places, "number", [mark.number for mark in marks])
     check_unique(places, "id", [mark.id for mark in marks])
     return {mark.number: mark for mark in marks}
@@ -350,10 +356,10 @@ def _marks(entry: MapEntry) -> dict[str, Mark]:
 
 def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.CallTask:
     if entry.button is None:
-        raise DataFileError(f"{entry.where}: button is missing")
-    info = woosh_task_pb2.CallInfo
-    caller = info.Caller(mac_addr=entry.button.mac, key_id=entry.button.key)
-    call = info(type=info.kOr, events=[info.CallEvent(caller=caller, release=1)])
+        raise DataFileError(f"{entry.source}: button is missing")
+    caller = _CallInfo.Caller(mac_addr=entry.button.mac, key_id=entry.button.key)
+    event = _CallInfo.CallEvent(caller=caller, release=1)
+    call = _CallInfo(type=_CallInfo.kOr, events=[event])
     return woosh_task_pb2.CallTask(call_info=call, task_set=_task_set(entry, marks))
 
 
@@ -362,7 +368,7 @@ def _task_set(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.Woo
     for number, step in enumerate(entry.steps, start=1):
         if step.mark not in marks:
             text = f"no map of the scene has a mark {step.mark}"
-            raise DataFileError(f"{step.where}.mark: {text}")
+            raise DataFileError(f"{step.source}.mark: {text}")
         base = task_pb2.TaskBase(
             id=number,
             name=f"{entry.name} {number}",

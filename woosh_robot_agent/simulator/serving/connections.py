@@ -17,7 +17,7 @@ from woosh_robot_agent.link.server import (
 )
 from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.serving.exchange import Client, Exchange
+from woosh_robot_agent.simulator.serving.exchange import Client, MessageHandler
 from woosh_robot_agent.simulator.serving.http import HttpCalls, HttpTransport
 
 _LOG = logging.getLogger(__name__)
@@ -30,15 +30,15 @@ class Connections:
     """Serves the connections of clients.
 
     Args:
-        exchange: handles the frames of the clients.
+        handler: handles the frames of the clients.
         config: the options; the limits are among them.
 
     Attributes:
-        calls: answers HTTP requests.
+        http_calls: answers HTTP requests.
     """
 
-    def __init__(self, exchange: Exchange, config: SimulatorConfig) -> None:
-        self._exchange = exchange
+    def __init__(self, handler: MessageHandler, config: SimulatorConfig) -> None:
+        self._handler = handler
         self._config = config
         self._paused = False
         """True if frames are neither read nor sent."""
@@ -48,47 +48,47 @@ class Connections:
         """Set while frames are read."""
         self._writing = asyncio.Event()
         """Set while frames are sent."""
-        self._left = asyncio.Event()
-        """Set when a client leaves."""
-        self.calls = HttpCalls(exchange, config, self.wait_readable, self._writing)
+        self._client_left = asyncio.Event()
+        """Set when a client has disconnected."""
+        self.http_calls = HttpCalls(handler, config, self.wait_readable, self._writing)
 
     @property
     def count(self) -> int:
         """Number of connected clients."""
-        return len(self._exchange.clients)
+        return len(self._handler.clients)
 
     @property
     def backlog(self) -> int:
         """Number of frames that wait for the slowest client."""
-        return max((client.backlog for client in self._exchange.clients), default=0)
+        return max((client.backlog for client in self._handler.clients), default=0)
 
     def open(self) -> None:
         """Start reading and writing."""
-        self._update_gates()
+        self._update_events()
 
     async def wait_disconnected(self) -> None:
         """Wait until no client is connected."""
         while self.count:
-            self._left.clear()
-            await self._left.wait()
+            self._client_left.clear()
+            await self._client_left.wait()
 
     async def close(self) -> None:
         """Close all connections within a second."""
-        clients = self._exchange.clients
+        clients = self._handler.clients
         closing = [client.transport.close(_CLOSE_TIMEOUT) for client in clients]
         await asyncio.gather(*closing, return_exceptions=True)
         self.drop()
 
     def drop(self) -> None:
         """Abort all connections, as a broken cable would."""
-        for client in list(self._exchange.clients):
+        for client in list(self._handler.clients):
             client.drop()
 
     def set_paused(self, paused: bool) -> None:
         """Stop reading and writing without closing the connections, or continue."""
         self._paused = paused
-        self._update_gates()
-        for client in self._exchange.clients:
+        self._update_events()
+        for client in self._handler.clients:
             if paused:
                 client.transport.pause()
             else:
@@ -96,17 +96,17 @@ class Connections:
 
     def set_frozen(self, frozen: bool) -> None:
         """Queue requests instead of executing them and send nothing, or continue."""
-        self._exchange.set_frozen(frozen)
-        self._update_gates()
+        self._handler.set_frozen(frozen)
+        self._update_events()
 
     def send_delayed(self) -> None:
         """Send all delayed frames at once."""
-        for client in list(self._exchange.clients):
+        for client in list(self._handler.clients):
             client.send_delayed()
 
     def send_raw(self, data: str | bytes) -> None:
         """Send a frame to every client unchanged; a call over HTTP gets nothing but its answer."""
-        for client in list(self._exchange.clients):
+        for client in list(self._handler.clients):
             if not isinstance(client.transport, HttpTransport):
                 client.send(data)
 
@@ -120,7 +120,7 @@ class Connections:
             transport.abort()
             return
         client = Client(transport, self._config.max_outbox)
-        self._exchange.join(client)
+        self._handler.join(client)
         writer = asyncio.ensure_future(client.write(self._writing))
         # The handshake of a WebSocket counts as a first frame.
         client.has_sent = isinstance(transport, WebSocketServerTransport)
@@ -135,8 +135,8 @@ class Connections:
         except TransportClosedError as error:
             _LOG.info("%s disconnected: %s", transport.peer, error)
         finally:
-            self._exchange.leave(client)
-            self._left.set()
+            self._handler.leave(client)
+            self._client_left.set()
             writer.cancel()
             await transport.close(_CLOSE_TIMEOUT)
 
@@ -153,7 +153,7 @@ class Connections:
             self._full = True
             return False
         self._full = False
-        if not self._exchange.hooks.admit():
+        if not self._handler.hooks.admit():
             _LOG.info("%s connected and is dropped by a fault", transport.peer)
             return False
         return True
@@ -162,7 +162,7 @@ class Connections:
         """Drop a client that sends nothing in time. The time starts again after a pause."""
 
         def check() -> None:
-            if client.has_sent or client not in self._exchange.clients:
+            if client.has_sent or client not in self._handler.clients:
                 return
             if self._paused:
                 self._drop_if_silent(client)
@@ -183,27 +183,28 @@ class Connections:
             client.has_sent = True
         except FrameError as error:
             client.has_sent = True
-            self._exchange.skip(client, error)
+            self._handler.skip(client, error)
         else:
             await self._reading.wait()
             try:
-                self._exchange.receive(client, data)
+                self._handler.receive(client, data)
             except Exception:  # from a test's interceptor, for example
                 _LOG.exception("cannot handle a frame of %s", client.transport.peer)
 
-    def _update_gates(self) -> None:
-        for gate, is_open in (
+    def _update_events(self) -> None:
+        """Set or clear `_reading` and `_writing`, as the connections are paused or frozen."""
+        for event, is_set in (
             (self._reading, not self._paused),
-            (self._writing, not (self._paused or self._exchange.frozen)),
+            (self._writing, not (self._paused or self._handler.frozen)),
         ):
-            if is_open:
-                gate.set()
+            if is_set:
+                event.set()
             else:
-                gate.clear()
+                event.clear()
 
 
 class Ports:
-    """The WebSocket and HTTP port, and the TCP port. Closed ports are opened again as before.
+    """The WebSocket and HTTP port, and the TCP port. They can be closed, and opened again.
 
     Args:
         config: the address and the ports.
@@ -254,11 +255,11 @@ class Ports:
 
     def set_listening(self, on: bool) -> None:
         """Start or stop listening in the background. Failures are logged."""
-        before = self._last_change
+        previous = self._last_change
 
         async def change() -> None:
-            if before:
-                await asyncio.wait({before})
+            if previous:
+                await asyncio.wait({previous})
             try:
                 await (self.listen() if on else self.close(reserve=True))
             except OSError as error:
@@ -281,7 +282,7 @@ class Ports:
                 max_size=config.max_frame,
                 open_timeout=config.first_frame_timeout,
                 before_handshake=connections.wait_readable,
-                respond=connections.calls.respond,
+                respond=connections.http_calls.respond,
                 # Otherwise a browser on this machine would let any web page connect.
                 local_pages_only=config.local,
             )

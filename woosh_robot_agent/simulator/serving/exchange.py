@@ -1,4 +1,4 @@
-"""The exchange of frames with the clients, and the hooks by which faults intercept it."""
+"""Messages of clients and pushes to clients, and the hooks by which faults change them."""
 
 from __future__ import annotations
 
@@ -237,8 +237,8 @@ class Request:
     refusal_reason: str = ""
 
 
-class Exchange:
-    """The exchange of messages between the robot and its clients.
+class MessageHandler:
+    """Executes the requests of the clients, and pushes messages to them.
 
     Args:
         chassis: executes the requests.

@@ -24,7 +24,7 @@ from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import TransportClosedError, peer_address
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
-from woosh_robot_agent.simulator.serving.exchange import Client, Exchange, Request
+from woosh_robot_agent.simulator.serving.exchange import Client, MessageHandler, Request
 
 _BODY_TIMEOUT = 60.0
 """Timeout for the body of a request, in seconds."""
@@ -58,7 +58,7 @@ _CODEC = _HttpCodec(defaults=True)
 
 
 class HttpTransport:
-    """The server's end of one HTTP call, whose only frame is the body of the response.
+    """A `ServerTransport` for one HTTP call, whose only frame is the body of the response.
 
     Args:
         connection: the connection.
@@ -103,7 +103,7 @@ class HttpTransport:
         raise TransportClosedError("a call has no further frames")
 
     async def ping(self) -> bool:
-        return False
+        return False  # HTTP has no ping
 
     async def close(self, timeout: float = 1.0) -> None:
         self.abort()
@@ -126,7 +126,7 @@ class HttpCalls:
     """Answers HTTP requests, by the same handlers as requests over a WebSocket.
 
     Args:
-        exchange: executes the requests.
+        handler: executes the requests.
         config: the options; the limits are among them.
         wait_readable: waits while nothing is read.
         writable: set while something may be sent.
@@ -134,12 +134,12 @@ class HttpCalls:
 
     def __init__(
         self,
-        exchange: Exchange,
+        handler: MessageHandler,
         config: SimulatorConfig,
         wait_readable: Callable[[], Awaitable[object]],
         writable: asyncio.Event,
     ) -> None:
-        self._exchange = exchange
+        self._handler = handler
         self._config = config
         self._wait_readable = wait_readable
         self._writable = writable
@@ -155,10 +155,10 @@ class HttpCalls:
         name = clip_type_name(request.path.strip("/").replace("/", "."))
         if request.method != "POST":
             return _refusal(HTTPStatus.METHOD_NOT_ALLOWED, "only POST and GET", Allow="GET, POST")
-        if len(self._exchange.clients) >= self._config.max_connections:
+        if len(self._handler.clients) >= self._config.max_connections:
             text = f"there are already {self._config.max_connections} clients"
             return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, text)
-        if not self._exchange.hooks.admit():
+        if not self._handler.hooks.admit():
             connection.transport.abort()
             return web.Response()
         if request.headers.get("Expect", "").lower() == "100-continue":  # curl, for large bodies
@@ -186,7 +186,7 @@ class HttpCalls:
         self, connection: HttpConnection, name: str, data: bytes
     ) -> web.StreamResponse:
         """Execute the request of the type `name`, and return its response."""
-        exchange, status = self._exchange, HTTPStatus.OK
+        handler, status = self._handler, HTTPStatus.OK
         message, reason = None, ""
         if name not in HANDLERS:
             status, reason = HTTPStatus.NOT_FOUND, f"unknown message type {name}"
@@ -195,18 +195,18 @@ class HttpCalls:
                 body = _CODEC.parse(data) if data.strip() else {}
                 message = _CODEC.body(Envelope(name, body), message_type(name))
             except FrameError as error:
-                exchange.bad_frames += 1
+                handler.bad_frames += 1
                 status, reason = HTTPStatus.BAD_REQUEST, f"unreadable body: {error}"
         transport = HttpTransport(connection, status)
         client = Client(transport, self._config.max_outbox)
-        exchange.join(client)
+        handler.join(client)
         writing = asyncio.ensure_future(client.write(self._writable))
         ends: set[asyncio.Future[Any]] = {transport.response, connection.lost}
         try:
-            exchange.submit(Request(client, _CODEC, name, 0, message, reason))
+            handler.submit(Request(client, _CODEC, name, 0, message, reason))
             await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            exchange.leave(client)
+            handler.leave(client)
             writing.cancel()
         return transport.response.result() if transport.response.done() else web.Response()
 

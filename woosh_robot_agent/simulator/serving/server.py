@@ -10,7 +10,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.serving.connections import Connections, Ports
-from woosh_robot_agent.simulator.serving.exchange import Exchange, Hooks
+from woosh_robot_agent.simulator.serving.exchange import Hooks, MessageHandler
 
 _LOG = logging.getLogger(__name__)
 
@@ -49,14 +49,14 @@ class Server:
         self.config = config or SimulatorConfig()
         self.chassis = Chassis(self.config)
         self.speed = self.config.speed
-        self._exchange = Exchange(self.chassis, self.config.max_waiting)
-        self._connections = Connections(self._exchange, self.config)
+        self._handler = MessageHandler(self.chassis, self.config.max_waiting)
+        self._connections = Connections(self._handler, self.config)
         self._ports = Ports(self.config, self._connections)
         self._ticker: asyncio.Task[None] | None = None
         self._step_start = 0.0
-        """Time of the event loop that corresponds to `Chassis.stepped`, in seconds."""
+        """Time of the event loop at which the current simulation step began, in seconds."""
         self.chassis.on_schedule = self._wake_for
-        self._exchange.before_request = self._catch_up
+        self._handler.before_request = self._catch_up
 
     @property
     def port(self) -> int:
@@ -76,7 +76,7 @@ class Server:
     @property
     def hooks(self) -> Hooks:
         """Hooks for connections, requests and outgoing frames."""
-        return self._exchange.hooks
+        return self._handler.hooks
 
     async def listen(self) -> None:
         """Start listening. A second call uses the same ports as the first one.
@@ -148,11 +148,11 @@ class Server:
 
     def push(self, message: Message) -> None:
         """Push a message to all subscribers of its type, without changing the state."""
-        self._exchange.push(message)
+        self._handler.push(message)
 
     def push_changes(self) -> None:
         """Push all events and changed states."""
-        self._exchange.report_changes(while_moving=True)
+        self._handler.report_changes(while_moving=True)
 
     @property
     def backlog(self) -> int:
@@ -171,7 +171,7 @@ class Server:
             self._ticker.cancel()
 
     def on_step(self) -> None:
-        """Act after each step of the simulated time, also while the robot is frozen."""
+        """Called after each step, also while the robot is frozen; subclasses may override it."""
 
     async def _tick(self) -> None:
         """Advance the simulated time step by step, as fast as `speed` says."""
@@ -190,10 +190,10 @@ class Server:
     def _step(self) -> None:
         """Advance the simulated time by one step, and push what has changed."""
         try:
-            if not self._exchange.frozen:
+            if not self._handler.frozen:
                 self.chassis.tick(TIME_STEP)
             self.on_step()
-            if not self._exchange.frozen:
+            if not self._handler.frozen:
                 self.push_changes()
         except Exception:  # the clock must not stop
             _LOG.exception("cannot complete a step of the simulation")
@@ -202,7 +202,7 @@ class Server:
     def _runs_within_steps(self) -> bool:
         """True if the simulated time advances within steps too."""
         return (
-            bool(self._ticker) and not self._exchange.frozen and TIME_STEP / self.speed >= _MIN_STEP
+            bool(self._ticker) and not self._handler.frozen and TIME_STEP / self.speed >= _MIN_STEP
         )
 
     def _wake_for(self, time: float) -> None:

@@ -133,8 +133,9 @@ class Grid:
     def gap(self, hull: Hull, pose: Pose) -> float:
         """Return the gap in metres between the outline at `pose` and the nearest occupied cell.
 
-        Cells are squares. Near a corner of the outline, the gap is slightly underestimated.
+        Near a corner of the outline, the gap is slightly underestimated.
         """
+        # Only cells in a square around the robot can be near: the square from `left` to `right`.
         middle = self._in_cells(pose.x, pose.y)
         reach = hull.radius / self.resolution + 1.0
         (left, bottom), (right, top) = (
@@ -143,6 +144,7 @@ class Grid:
         rows, columns = np.nonzero(self.cells[bottom : top + 1, left : right + 1] == OCCUPIED)
         if not rows.size:
             return math.inf
+        # Centres of the occupied cells from the centre of the robot, in metres.
         x = (columns + (left + 0.5)) * self.resolution + (self.low[0] - pose.x)
         y = (rows + (bottom + 0.5)) * self.resolution + (self.low[1] - pose.y)
         sides = np.array(hull.sides)
@@ -213,7 +215,7 @@ class Grid:
 
     @cached_property
     def _to_not_free(self) -> npt.NDArray[np.float32]:
-        """Distance from each cell to the nearest cell that is not free, in the same way."""
+        """As `_to_occupied`, but to the nearest cell that is not free."""
         free = (self.cells != OCCUPIED) & (self.cells != UNKNOWN)
         if self.keep_out is not None:
             free &= ~self.keep_out

@@ -1,8 +1,7 @@
 """Make occupancy grids from the scans of a laser; the grids grow with the scans.
 
 Each cell counts evidence: a ray that passes the cell says that the cell is free, an echo that it is
-occupied.
-The pose of each scan is known, so that no scan matching is needed.
+occupied. The pose of each scan is known, so that no scan matching is needed.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from woosh_robot_agent.simulator.world.geometry import Point, Pose
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 """Values of cells, as in nav_msgs/OccupancyGrid. Values between FREE and OCCUPIED count as free."""
-
 
 Cells: TypeAlias = npt.NDArray[np.int8]
 
@@ -78,7 +76,9 @@ class GrowingGrid:
             self.resolution = RESOLUTION
             # Walls are often at multiples of the resolution: they are in the middle of cells.
             self._anchor = (-0.5 * RESOLUTION, -0.5 * RESOLUTION)
+            """Corner from which columns and rows are counted, in metres in the map's frame."""
             self._evidence: Cells = np.zeros((1, 1), np.int8)
+            """For each cell: positive if it is occupied, negative if free, 0 if unknown."""
         else:
             self.resolution = base.resolution
             self._anchor = base.low
@@ -142,7 +142,7 @@ class GrowingGrid:
     def _add(
         self, columns: Indices, rows: Indices, echo_columns: Indices, echo_rows: Indices
     ) -> None:
-        """Add the free cells inside a polygon, but not on its sides, and some echoes."""
+        """Add free cells inside the polygon with corners in `columns` and `rows`, and echoes."""
         left, right = int(columns.min()), int(columns.max())
         bottom, top = int(rows.min()), int(rows.max())
         if not self._reserve(left, bottom, right, top):

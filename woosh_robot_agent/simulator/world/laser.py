@@ -13,7 +13,6 @@ from woosh_robot_agent.simulator.world.geometry import Pose, Wall, wrap
 if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
     from woosh_robot_agent.simulator.world.grid import Grid
 
-
 _MAX_RAYS = 10_000
 """Maximum number of rays of a scan."""
 
@@ -95,5 +94,5 @@ class Laser:
             for ray in range(first, last + 1):
                 angle = origin.theta + self.angle_min + ray * self.increment
                 across = math.cos(angle) * along_y - math.sin(angle) * along_x
-                if across > 0.0:
+                if across > 0.0:  # the ray meets the line of the wall, at `cross / across` metres
                     ranges[ray] = min(ranges[ray], cross / across)

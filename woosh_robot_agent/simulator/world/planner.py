@@ -1,4 +1,4 @@
-"""Path planner: A* on a lattice of places on the map's free floor, then a straightening."""
+"""Path planner: A* on a lattice of places on free floor; then the path is straightened."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Lattice:
                     places[place] = 1
 
     def around(self, point: Point) -> Iterator[tuple[int, Point]]:
-        """Return the places within reach of a point, with their positions in metres."""
+        """Yield the places within reach of a point, with their positions in metres."""
         x, y = point
         for place in self._within(x - _REACH, y - _REACH, x + _REACH, y + _REACH):
             centre = self.centre(place)
@@ -171,6 +171,7 @@ class Lattice:
         return self._low[0] + (column - 0.5) * _SPACING, self._low[1] + (row - 0.5) * _SPACING
 
     def _within(self, left: float, bottom: float, right: float, top: float) -> Iterator[int]:
+        """Yield the places in a rectangle, given in metres."""
         columns = self._span(left - self._low[0], right - self._low[0], self._columns)
         for row in self._span(bottom - self._low[1], top - self._low[1], self._rows):
             for column in columns:

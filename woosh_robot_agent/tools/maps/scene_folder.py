@@ -24,7 +24,7 @@ import yaml
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 from google.protobuf.message import DecodeError
 
-from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, place, structure
+from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, source_field, structure
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
 from woosh_robot_agent.robot.maps import MapError, keepout_files, map_files
@@ -195,7 +195,7 @@ class _MarkEntry:
     real: _Pose | None = None
     description: str = ""
     details: Any = None
-    where: str = place()
+    where: str = source_field()
 
     def __post_init__(self) -> None:
         if not self.pose and not self.real:
