@@ -81,8 +81,8 @@ def tool_options(parser: argparse.ArgumentParser) -> str:
 
 def status_codes_json() -> str:
     """Return the table of status codes as JSON, which is read much faster than YAML."""
-    table = yaml.safe_load((ROOT / "tests/facts/status_codes.yaml").read_text("utf-8"))
-    return json.dumps({str(code): text for code, text in table.items()}, indent=0) + "\n"
+    codes = yaml.safe_load((ROOT / "tests/facts/status_codes.yaml").read_text("utf-8"))
+    return json.dumps({str(code): text for code, text in codes.items()}, indent=0) + "\n"
 
 
 FILES: dict[str, Callable[[], str]] = {

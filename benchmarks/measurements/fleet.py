@@ -143,7 +143,9 @@ class Fleet:
         folder = self._stack.enter_context(tempfile.TemporaryDirectory())
         file = Path(folder, "fleet.yaml")
         # JSON is valid YAML
-        file.write_text(json.dumps({of: {"ros__parameters": v} for of, v in sections.items()}))
+        file.write_text(
+            json.dumps({node: {"ros__parameters": each} for node, each in sections.items()})
+        )
         return ["woosh_robot_agent.agent", "--ros-args", "--params-file", str(file)]
 
 

@@ -39,12 +39,12 @@ def _decode(record: Record) -> Envelope | None:
         return None
 
 
-_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
+_SUBSCRIPTION_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
 
 
 def is_subscription(envelope: Envelope) -> bool:
     """Return True if a client's frame changes its subscriptions."""
-    return envelope.type in _TYPES
+    return envelope.type in _SUBSCRIPTION_TYPES
 
 
 def apply_subscription(topics: set[str], envelope: Envelope, frame: str | bytes) -> None:
