@@ -78,6 +78,7 @@ def test_a_program_that_needs_ros_tells_how_to_get_it(
     assert status in (1, 2)
     assert "ROS is not available" in said
     assert "source the setup files of ROS and of the workspace" in said
+    assert ("or use --ip" in said) == (program == "tools monitor")
     assert "Traceback" not in said
     assert not list(tmp_path.iterdir())
 
