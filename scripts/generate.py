@@ -120,7 +120,7 @@ _BLOCK = re.compile(
 )
 
 
-def pages(root: Path = ROOT) -> list[Path]:
+def pages(root: Path) -> list[Path]:
     """Return the pages that may hold generated tables."""
     return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
 
@@ -140,7 +140,7 @@ def with_tables(text: str) -> str:
     return _BLOCK.sub(replace, text)
 
 
-def outdated(root: Path = ROOT) -> Iterator[tuple[Path, str | None]]:
+def outdated(root: Path) -> Iterator[tuple[Path, str | None]]:
     """Yield each file that is out of date, with its content; None if it should not exist.
 
     Raises:

@@ -157,9 +157,7 @@ ADDED = {
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_the_manufacturers_definitions_are_reproduced(
-    generated: dict[str, str], package: str
-) -> None:
+def test_the_manufacturers_definitions_are_reproduced(generated, package):
     ours = generated_parts(generated, package)
     facts = facts_of(package)
     assert {name: ours.get(name) for name in facts} == facts

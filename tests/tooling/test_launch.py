@@ -325,9 +325,7 @@ class TestLaunch:
             ["woosh_robot_agent", "sim.launch.py", "--launch-prefix", "gdb"],
         ],
     )
-    def test_other_arguments_are_accepted(
-        self, monkeypatch: pytest.MonkeyPatch, words: list[str], tmp_path: Path
-    ):
+    def test_other_arguments_are_accepted(self, monkeypatch, words, tmp_path):
         """Launch files that include these have arguments of their own, and `launch` has some."""
         (tmp_path / "sim.launch.py").touch()
         monkeypatch.chdir(tmp_path)

@@ -20,13 +20,7 @@ from woosh_robot_agent import agent, program
         ("10.4", "3.20.3", "protobuf 3.20.3"),
     ],
 )
-def test_the_agent_names_old_libraries_and_ends(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    websockets: str,
-    protobuf: str,
-    named: str,
-) -> None:
+def test_the_agent_names_old_libraries_and_ends(monkeypatch, capsys, websockets, protobuf, named):
     monkeypatch.setattr("websockets.version.version", websockets)
     monkeypatch.setattr(google.protobuf, "__version__", protobuf)
     assert agent._run([], signals=None) == 2  # type: ignore[arg-type]
@@ -37,9 +31,7 @@ def test_the_agent_names_old_libraries_and_ends(
 
 
 @pytest.mark.parametrize(("websockets", "protobuf"), [("10.4", "3.21.12"), ("17.4", "4.21.12")])
-def test_supported_libraries_are_accepted(
-    monkeypatch: pytest.MonkeyPatch, websockets: str, protobuf: str
-) -> None:
+def test_supported_libraries_are_accepted(monkeypatch, websockets, protobuf):
     monkeypatch.setattr("websockets.version.version", websockets)
     monkeypatch.setattr(google.protobuf, "__version__", protobuf)
     assert program.outdated_libraries() == ""

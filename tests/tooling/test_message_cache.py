@@ -96,9 +96,7 @@ def test_only_paths_of_the_build_are_changed(cache: Cache, tmp_path: Path) -> No
         lambda data: data[:3000] + bytes([data[3000] ^ 1]) + data[3001:],
     ],
 )
-def test_a_damaged_archive_is_removed_and_the_packages_stay(
-    cache: Cache, tmp_path: Path, damage
-) -> None:
+def test_a_damaged_archive_is_removed_and_the_packages_stay(cache, tmp_path, damage):
     library = os.urandom(5000) + b"\0"
     install = checkout(tmp_path / "first", library)
     cache.run("store", "--key", "k", install, "some_msgs")
@@ -138,9 +136,7 @@ def entry(name: str, **attributes: object) -> tarfile.TarInfo:
     ],
     ids=lambda unsafe: unsafe.name,
 )
-def test_an_archive_writes_nothing_outside_of_its_folder(
-    cache: Cache, tmp_path: Path, unsafe: tarfile.TarInfo
-) -> None:
+def test_an_archive_writes_nothing_outside_of_its_folder(cache, tmp_path, unsafe):
     unsafe.name = unsafe.name.format(tmp_path=tmp_path)
     cache.archives.mkdir(parents=True)
     archive = cache.archives / "k.tar.gz"
@@ -221,9 +217,7 @@ def test_the_newest_archives_are_kept(cache: Cache, tmp_path: Path) -> None:
     ]
 
 
-def test_the_key_depends_on_the_sources_and_not_on_the_checkout(
-    cache: Cache, tmp_path: Path
-) -> None:
+def test_the_key_depends_on_the_sources_and_not_on_the_checkout(cache, tmp_path):
     keys = []
     for name, text in (("first", "int32 a"), ("second", "int32 a"), ("third", "int32 b")):
         folder = tmp_path / name / "some_msgs"

@@ -95,9 +95,7 @@ def test_clock_is_allowed_only_with_simulated_time() -> None:
         (["client", "--read-only", "--only", "Pose", "--only", "cmd_vel"], "no endpoint matches"),
     ],
 )
-def test_bad_arguments_are_refused(
-    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_arguments_are_refused(arguments, complaint, capsys):
     with pytest.raises(SystemExit) as ended:
         sros2_policies.main(arguments)
     assert ended.value.code == 2

@@ -210,9 +210,7 @@ def test_caches_that_cannot_be_written_are_moved(releases: Path, home: str) -> N
 
 
 @pytest.mark.parametrize(("ros", "status"), [("humble", 2), ("kilted", 3), ("", 3)])
-def test_tests_of_a_release_need_a_shell_without_another_ros(
-    releases: Path, ros: str, status: int
-) -> None:
+def test_tests_of_a_release_need_a_shell_without_another_ros(releases, ros, status):
     shutil.copy(SCRIPTS / "test", releases / "scripts")
     (releases / "scripts" / "setup").write_text("#!/usr/bin/env bash\nexit 3\n")
     done = in_bash(f"ROS_DISTRO={ros} scripts/test --ros kilted", releases)
