@@ -91,7 +91,7 @@ FILES: dict[str, Callable[[], str]] = {
     "config/client.policy.xml": sros2_policies.client_policy,
     str(status_codes.TABLE.relative_to(ROOT)): status_codes_json,
 }
-"""Generated files: path, and the function that returns the content. Interface files come on top."""
+"""Generated files, except the interface files: path, and the function that returns the content."""
 
 TABLES: dict[str, Callable[[], str]] = {
     "endpoints": endpoints.markdown,

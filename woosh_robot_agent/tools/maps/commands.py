@@ -152,9 +152,10 @@ async def list_maps(library: MapLibrary, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(rows, indent=2))
         return
+    columns = ("scene", "map", "id", "floor", "version", "marks")
     table = [
-        ("SCENE", "MAP", "ID", "FLOOR", "VERSION", "MARKS"),
-        *(tuple(printable(str(value)) for value in list(row.values())[:-1]) for row in rows),
+        [name.upper() for name in columns],
+        *([printable(str(row[name])) for name in columns] for row in rows),
     ]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for index, cells in enumerate(table):

@@ -340,8 +340,7 @@ def write_scene(
                     contents[f"{_NAV2}/{file}"] = content
             except MapError as error:  # the robot's own files are saved nevertheless
                 warnings.append(f"{what} {area.name} is not saved for nav2: {error}")
-        in_file = _marks_in_files(area.name, files)
-        info = area.mark_info if in_file is None else in_file[1]
+        _, info = _marks_in_files(area.name, files) or ("", area.mark_info)
         contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = marks_as_yaml(info, area.name)
     try:
         _write_folder(target, contents, force=force)
@@ -372,8 +371,10 @@ def read_scene(folder: Path) -> SavedScene:
         found = _marks_in_files(area, files)
         if found is None:
             separate_marks[area] = path
-        elif (new := read_marks(path, found[1])) is not found[1]:
-            files[found[0]] = new.SerializeToString()
+            continue
+        name, old = found
+        if (new := read_marks(path, old)) is not old:
+            files[name] = new.SerializeToString()
     return SavedScene(unquote(folder.resolve().name), files, separate_marks)
 
 
