@@ -101,12 +101,10 @@ def test_the_libraries_of_recordings_fit_an_old_protobuf(monkeypatch: pytest.Mon
 
 def test_modules_that_are_not_compiled_are_named() -> None:
     status, said = run_without("woosh_robot_agent.pb", "simulator")
-    assert (status, said) == (1, f"error: {NOT_COMPILED}\n")
-
-
-NOT_COMPILED = (
-    "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
-)
+    text = (
+        "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
+    )
+    assert (status, said) == (1, f"error: {text}\n")
 
 
 def test_an_error_of_an_import_in_this_package_is_not_hidden() -> None:
