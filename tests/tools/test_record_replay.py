@@ -26,8 +26,8 @@ from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
 from woosh_robot_agent.tools.recording.timeline import prepare
 
 
-def simulator(**options: Any) -> SimulatedChassis:
-    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=50, seed=1, **options))
+def simulator() -> SimulatedChassis:
+    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=50, seed=1))
 
 
 def port_of(chassis: SimulatedChassis | ReplayedChassis, kind: str) -> int:
