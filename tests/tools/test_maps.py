@@ -30,7 +30,7 @@ from tests.simulator.sim_wire import JsonClient
 from tests.simulator.test_sim_map_library import scene_data, scenes, send_files
 from tests.simulator.test_sim_uploads import NAV2, floor_png
 from tests.tools.connections import Connection, serving
-from tests.tools.test_tool_programs import TIMEOUT, address, end, start
+from tests.tools.programs import TIMEOUT, address, end, start
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse, SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
 from woosh_robot_agent.robot.maps import cells_of

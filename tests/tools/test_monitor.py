@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from tests.tools.test_tool_programs import HOSTILE, TIMEOUT, address, end, harmless, run, start
+from tests.tools.programs import HOSTILE, TIMEOUT, address, end, harmless, run, start
 from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (

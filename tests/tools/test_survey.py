@@ -16,8 +16,8 @@ import yaml
 from tests.fact_files import FOLDER
 from tests.quick_chassis import quick_config
 from tests.tools.connections import connected, link
+from tests.tools.programs import TIMEOUT, address, end, start
 from tests.tools.recordings import recording
-from tests.tools.test_tool_programs import TIMEOUT, address, end, start
 from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, Twist
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread

@@ -11,8 +11,6 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ import pytest
 
 from tests.quick_chassis import edit_bodies
 from tests.simulator.sim_wire import JsonClient
+from tests.tools.programs import HOSTILE, TIMEOUT, address, end, harmless, run, start
 from tests.tools.recordings import add_numbered, writer
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link import LinkConfig
@@ -38,44 +37,8 @@ from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.timeline import prepare
 from woosh_robot_agent.vda5050 import __main__ as vda5050
 
-TIMEOUT = 60.0
 ROOT = Path(__file__).parents[2]
-HOSTILE = "\x1b]0;owned\x07 \x9b31m \u202e gnp \u2028 \r\nok    taskable"
-"""Text that sets a terminal's title, rings, colours, runs backwards and makes lines of its own."""
 TOOLS = ("dashboard", "monitor", "doctor", "record", "replay", "maps")
-
-
-@contextmanager
-def start(tool: str, *arguments: str, **streams: Any) -> Iterator[Any]:
-    """Start a program; yield its process, which is killed at the end."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "woosh_robot_agent.tools", tool, *arguments],
-        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams},
-        text=True,
-        # as in a terminal: tests that run in the background pass on that SIGINT is ignored
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def end(process: Any, number: signal.Signals | None = signal.SIGINT) -> tuple[int, str, str]:
-    """End a program by a signal, or wait for its end; return exit status, stdout and stderr."""
-    if number is not None:
-        process.send_signal(number)
-    out, err = process.communicate(timeout=2 * TIMEOUT)
-    return process.returncode, out, err
-
-
-def run(tool: str, *arguments: str) -> tuple[int, str, str]:
-    with start(tool, *arguments) as process:
-        return end(process, None)
-
-
-def address(chassis: SimulatorThread) -> list[str]:
-    return ["--ip", f"127.0.0.1:{chassis.port}"]
 
 
 def empty_recording(folder: Path) -> Path:
@@ -152,10 +115,6 @@ def test_a_reader_that_has_gone_ends_a_program_quietly(chassis, tmp_path, comman
     )
     os.close(writer)
     assert (done.returncode, done.stderr) == (1, b"")
-
-
-def harmless(text: str) -> bool:
-    return all(character.isprintable() or character == "\n" for character in text)
 
 
 def test_texts_of_the_robot_cannot_control_the_terminal_of_doctor(chassis, capsys):
