@@ -302,7 +302,7 @@ class ReplayedChassis:
     def _answer(
         self, client: ConnectedClient, codec: Codec, envelope: Envelope, data: str | bytes
     ) -> None:
-        exchange = self._playback.answers.find(envelope, data)
+        exchange = self._playback.answers.take(envelope, data)
         if exchange is None:
             text = f"the recording has no request of type {envelope.type}"
             if envelope.type not in self._unknown:

@@ -120,7 +120,7 @@ class RosRecorder:
         self._has_crashed = False
         self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
         self._node.create_timer(_FLUSH_PERIOD, self._files.flush)
-        self._thread.start(self._crashed)
+        self._thread.start(self._on_crash)
 
     @property
     def paths(self) -> list[Path]:
@@ -145,7 +145,7 @@ class RosRecorder:
 
     # The methods below run in the thread.
 
-    def _crashed(self, error: Exception) -> None:
+    def _on_crash(self, error: Exception) -> None:
         _LOG.error("the recording of ROS topics failed", exc_info=error)
         self._has_crashed = True
         self._on_early_end(f"internal error: {error!r}")

@@ -222,7 +222,7 @@ class RecordedAnswers:
         """Types of all recorded requests."""
         return sorted({name for name, body in self._recorded if body is None})
 
-    def find(self, envelope: Envelope, frame: str | bytes) -> Exchange | None:
+    def take(self, envelope: Envelope, frame: str | bytes) -> Exchange | None:
         """Return the next exchange for a request; None if no request of its type was recorded."""
         for key in _keys(envelope, frame):
             if recorded := self._recorded.get(key):
