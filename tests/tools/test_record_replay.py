@@ -15,7 +15,7 @@ from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, SwitchWorkMode
-from woosh_robot_agent.pb.robot.robot_pb2 import Mode, RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import Mode, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis
@@ -32,10 +32,6 @@ def simulator() -> SimulatedChassis:
 
 def port_of(chassis: SimulatedChassis | ReplayedChassis, kind: str) -> int:
     return chassis.tcp_port if kind == "tcp" else chassis.port
-
-
-def is_end(message: Any) -> bool:
-    return isinstance(message, TaskProc) and message.state == task.kCompleted
 
 
 def frames(found: Recording) -> list[Any]:
@@ -57,7 +53,7 @@ async def test_a_task_is_recorded_and_replayed(kind, tmp_path):
         connected(port, kind) as (client, pushes),
     ):
         assert (await client.request(ExecTask(task_id=7, type=task.kPick, mark_no="A2"))).ok
-        await eventually(lambda: any(map(is_end, pushes)), "the task's end")
+        await eventually(lambda: task.kCompleted in [getattr(m, "state", None) for m in pushes])
         info = (await client.request(RobotInfo())).body
     found = read_recording(path)
     assert events(found) == [("open", "client"), ("close", "client")]
