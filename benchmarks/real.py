@@ -197,9 +197,9 @@ def time_figures(facts: Any, simulated: Times) -> list[Figure]:
     logged = real_times()
     found = []
     for name in sorted(logged.keys() | simulated.keys()):
-        given = facts["times"].get(_FACTS.get(name, name.partition(",")[0]))
+        expected = facts["times"].get(_FACTS.get(name, name.partition(",")[0]))
         real, ours = logged.get(name, []), simulated.get(name, [])
-        found.append(_figure("task", name, given, ours, RESOLUTION, f"; logs: {_spread(real)}"))
+        found.append(_figure("task", name, expected, ours, RESOLUTION, f"; logs: {_spread(real)}"))
     return found
 
 

@@ -122,9 +122,9 @@ def _tasks(seen: Observations) -> _Found:
     for each in seen.answered(pack.ExecTask) + seen.answered(pack.ExecPreTask):
         if each.request_body is None:
             continue
-        wanted = getattr(each.request_body, "task_id", 0)
+        task_id = getattr(each.request_body, "task_id", 0)  # 0: the robot chooses one
         for t, proc in reports:
-            is_of_task = proc.robot_task_id == wanted if wanted else proc.robot_task_id != 0
+            is_of_task = proc.robot_task_id == task_id if task_id else proc.robot_task_id != 0
             if is_of_task and 0.0 <= t - each.t <= _MAX_FIRST_REPORT:
                 first_reports.append(t - each.t)
                 break

@@ -234,6 +234,7 @@ class ReplayedChassis:
     # Clients
 
     async def _listen(self) -> None:
+        """Listen on both ports, unless they are open already."""
         if self._listeners:
             return
         for serve, port in ((serve_websocket, self.port), (serve_tcp, self.tcp_port)):
