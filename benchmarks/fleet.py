@@ -262,10 +262,8 @@ def _robots_file(path: Path, ports: list[int]) -> Path:
     names = [f"r{number}" for number, _ in enumerate(ports)]
     sections: dict[str, Any] = {"/**": {"robots": names, "ip": "127.0.0.1"}}
     sections |= {f"/{name}/agent": {"port": port} for name, port in zip(names, ports, strict=True)}
-    # JSON is valid YAML
-    path.write_text(
-        json.dumps({node: {"ros__parameters": each} for node, each in sections.items()})
-    )
+    content = {node: {"ros__parameters": each} for node, each in sections.items()}
+    path.write_text(json.dumps(content))  # JSON is valid YAML
     return path
 
 
