@@ -35,8 +35,8 @@ _MAX_LOSS = 0.1
 """Maximum share of the scans that a viewer may miss because of the other viewers."""
 _MAX_SLOWDOWN = 1.5
 """Maximum factor by which the viewers may lengthen the median round trip of the link."""
-_MAX_LOAD = (300_000, 1.0)
-"""Maximum size of the first load, in bytes, and maximum time until the map is there, in seconds."""
+_MAX_LOAD = {"bytes": 300_000, "seconds": 1.0}
+"""Maximum size of the first load, and maximum time until the map is there."""
 _MIN_FRAMES = 57.0
 """Minimum number of frames in a second while the robot drives; the screen shows 60."""
 _MAX_GROWTH = 1000.0
@@ -156,9 +156,9 @@ def excess(found: dict[str, dict[str, float]]) -> list[str]:
 def _excess_of_page(found: dict[str, dict[str, float]]) -> list[str]:
     problems = []
     load, frames, hour = found["load"], found["frames"], found["hour"]
-    for (name, value), limit in zip(load.items(), _MAX_LOAD, strict=True):
-        if value > limit:
-            problems.append(f"{name} of the first load: {value:g}, limit {limit:g}")
+    for name, limit in _MAX_LOAD.items():
+        if load[name] > limit:
+            problems.append(f"{name} of the first load: {load[name]:g}, limit {limit:g}")
     if frames["rate"] < _MIN_FRAMES:
         problems.append(
             f"frames in a second: {frames['rate']:.1f}, at least {_MIN_FRAMES:g}; end the other "
@@ -200,4 +200,4 @@ def table(found: dict[str, dict[str, float]]) -> str:
 def main(arguments: Sequence[str]) -> int:
     """Measure, and print the figures."""
     given = make_parser("dashboard", __doc__).parse_args(arguments)
-    return report(given, measure(1.0 if given.smoke else 20.0), table, excess)
+    return report(given, measure(1.0 if given.smoke else page.DURATION), table, excess)

@@ -9,22 +9,12 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from scripts.markdown_table import table as markdown
+
 MICROSECONDS = 1e6
 """Microseconds in a second."""
 Measured = dict[str, tuple[float, str]]
 """Figures of one repetition, by name: the value, and a text with the measurements behind it."""
-
-
-def markdown(header: Sequence[str], rows: Iterable[Sequence[object]], align: str = "") -> str:
-    """Return a Markdown table.
-
-    Args:
-        header: titles of the columns.
-        rows: cells of each row.
-        align: one letter per column, `l` or `r`; empty aligns all columns left.
-    """
-    rules = ["---:" if letter == "r" else "---" for letter in align or "l" * len(header)]
-    return "\n".join("| " + " | ".join(map(str, row)) + " |" for row in (header, rules, *rows))
 
 
 # Robustness

@@ -125,9 +125,8 @@ def _broker() -> Iterator[tuple[subprocess.Popen[bytes], int]]:
         raise SystemExit("mosquitto is not installed; install it, e.g. with apt-get")
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "mosquitto.conf")
-        config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
-        # Root could not end it after it has changed its user, if it did not stay root.
-        config.write_text(config.read_text() + "user root\n")
+        # Started by root, it would change its user, and could then not be ended.
+        config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nuser root\n")
         with subprocess.Popen([path, "-c", str(config)], stderr=subprocess.DEVNULL) as process:
             try:
                 wait_until(lambda: _listens(port), "the broker to listen", _TIMEOUT)
@@ -263,8 +262,8 @@ def _robots_file(path: Path, ports: list[int]) -> Path:
     names = [f"r{number}" for number, _ in enumerate(ports)]
     sections: dict[str, Any] = {"/**": {"robots": names, "ip": "127.0.0.1"}}
     sections |= {f"/{name}/agent": {"port": port} for name, port in zip(names, ports, strict=True)}
-    # JSON is valid YAML
-    path.write_text(json.dumps({name: {"ros__parameters": of} for name, of in sections.items()}))
+    content = {node: {"ros__parameters": each} for node, each in sections.items()}
+    path.write_text(json.dumps(content))  # JSON is valid YAML
     return path
 
 
@@ -304,9 +303,10 @@ def _measure(
         100.0 * (b - a) / took for a, b in zip(before, after, strict=True)
     )
     time.sleep(1.0)  # the last states are still on their way
-    messages = [each for each in master.received if each[1].rpartition("/")[2] != "order"]
-    sent = len([each for each in master.received[first:] if not each[1].endswith("/order")])
-    size = sum(len(payload) for _, name, payload in master.received[first:] if "order" not in name)
+    messages, driving = (
+        [each for each in received if not each[1].endswith("/order")]
+        for received in (master.received, master.received[first:])
+    )
     latencies = _latencies(pushes, messages)
     states = master.last_states().values()
     return VehicleCost(
@@ -314,9 +314,9 @@ def _measure(
         latency=Spread.of(latencies),
         measured=len(latencies),
         unseen=len(pushes) - len(latencies),
-        messages=sent,
-        rate=sent / took,
-        traffic=size / took,
+        messages=len(driving),
+        rate=len(driving) / took,
+        traffic=sum(len(payload) for *_, payload in driving) / took,
         lost=_lost(messages),
         ended=sum(state["lastNodeId"] == last and not state["nodeStates"] for state in states),
         cpu=cpu,

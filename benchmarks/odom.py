@@ -98,17 +98,18 @@ class Track:
 
     def at(self, time: float) -> Pose2D:
         """Return the pose at a time."""
-        before, share = self._before(time)
+        before, share = self._step_at(time)
         one, other = self._poses[before], self._poses[before + 1]
         forward, left, turn = other.seen_from(one).arc
         return one * Pose2D.from_arc(share * forward, share * left, share * turn)
 
     def moves(self, time: float) -> bool:
         """Return True if the robot moves at a time."""
-        before, _ = self._before(time)
+        before, _ = self._step_at(time)
         return self._poses[before] != self._poses[before + 1]
 
-    def _before(self, time: float) -> tuple[int, float]:
+    def _step_at(self, time: float) -> tuple[int, float]:
+        """Return the index of the last step before a time, and the elapsed share of that step."""
         before = min(max(bisect_right(self.times, time) - 1, 0), len(self.times) - 2)
         start, end = self.times[before : before + 2]
         return before, (time - start) / (end - start)
@@ -266,7 +267,7 @@ def planar_pose(message: Odometry) -> Pose2D:
     return Pose2D(position.x, position.y, 2 * math.atan2(rotation.z, rotation.w))
 
 
-def at_share(values: Sequence[float], share: float) -> float:
+def quantile(values: Sequence[float], share: float) -> float:
     """Return the value that this share of all values does not exceed."""
     return sorted(values)[min(len(values) - 1, int(share * len(values)))] if values else math.nan
 
@@ -276,19 +277,19 @@ def figures(result: Drive) -> dict[str, dict[str, float]]:
     found = {
         name: {
             "messages": float(len(errors.stamps)),
-            "position_median": at_share(errors.position, 0.5) * 1e3,
-            "position_99": at_share(errors.position, 0.99) * 1e3,
-            "heading_median": at_share(errors.heading, 0.5) * 1e3,
-            "heading_99": at_share(errors.heading, 0.99) * 1e3,
+            "position_median": quantile(errors.position, 0.5) * 1e3,
+            "position_99": quantile(errors.position, 0.99) * 1e3,
+            "heading_median": quantile(errors.heading, 0.5) * 1e3,
+            "heading_99": quantile(errors.heading, 0.99) * 1e3,
         }
         for name, errors in result.errors.items()
     }
     gaps = [other - one for (one, _), (other, _) in pairwise(result.predicted)]
     found["times"] = {
         "interval_median": statistics.median(gaps) * 1e3,
-        "interval_99": at_share(gaps, 0.99) * 1e3,
-        "stamp_delay_median": at_share(result.delays, 0.5) * 1e3,
-        "stamp_delay_99": at_share(result.delays, 0.99) * 1e3,
+        "interval_99": quantile(gaps, 0.99) * 1e3,
+        "stamp_delay_median": quantile(result.delays, 0.5) * 1e3,
+        "stamp_delay_99": quantile(result.delays, 0.99) * 1e3,
     }
     return found
 
@@ -349,26 +350,26 @@ def draw(path: Path, drive: Drive) -> None:
     def shown(poses: list[tuple[float, Pose2D]]) -> list[Pose2D]:
         return [pose for time, pose in poses if start <= time <= end]
 
-    figure, (way, error) = plt.subplots(1, 2, figsize=(10, 4.2))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2))
     true = [drive.truth.at(time) for time in drive.truth.times if start <= time <= end]
-    way.plot([p.x for p in true], [p.y for p in true], color="0.7", linewidth=4, label="robot")
+    left.plot([p.x for p in true], [p.y for p in true], color="0.7", linewidth=4, label="robot")
     predicted, reported = shown(drive.predicted), shown(drive.reported)
-    way.plot([p.x for p in predicted], [p.y for p in predicted], ".", markersize=3, label="odom")
-    way.plot(
+    left.plot([p.x for p in predicted], [p.y for p in predicted], ".", markersize=3, label="odom")
+    left.plot(
         [p.x for p in reported], [p.y for p in reported], "o", fillstyle="none", label="reports"
     )
-    way.set(xlabel="x in map, m", ylabel="y in map, m", aspect="equal")
-    way.legend()
+    left.set(xlabel="x in map, m", ylabel="y in map, m", aspect="equal")
+    left.legend()
     for errors, label, style in ((last, "last report", "0.7"), (odom, "odom", "C0")):
         points = [
             (time - start, 1000 * each)
             for time, each in zip(errors.stamps, errors.position, strict=True)
             if time <= end
         ]
-        error.plot(*zip(*points, strict=True), ".-", markersize=3, color=style, label=label)
-    error.set(xlabel="time, s", ylabel="distance from the robot, mm")
-    error.grid(visible=True, color="0.9")
-    error.legend()
+        right.plot(*zip(*points, strict=True), ".-", markersize=3, color=style, label=label)
+    right.set(xlabel="time, s", ylabel="distance from the robot, mm")
+    right.grid(visible=True, color="0.9")
+    right.legend()
     figure.tight_layout()
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)

@@ -20,6 +20,8 @@ _MESSAGES = 40
 _HOUR = 3600.0
 _RATE = 32.0
 """Number of messages that a page gets in a second while the robot drives."""
+DURATION = 20.0
+"""Duration of a full measurement, in seconds. In a shorter one, the page gets fewer messages."""
 _TIMEOUT = 60.0
 _READY = "globalThis.mapCanvas?.area != null && store.scan.value !== null"
 
@@ -37,7 +39,7 @@ def measure(seconds: float, domain: int) -> dict[str, dict[str, float]]:
     """Return the figures of the page beside a simulated robot.
 
     Args:
-        seconds: how long frames are counted, and a thirtieth of the messages of an hour is sent.
+        seconds: time for which frames are counted.
         domain: ROS domain of the robot's process.
     """
     command = ("woosh_robot_agent.simulator", "--port", "0", "--tcp-port", "0", "--dashboard", "0")
@@ -130,7 +132,7 @@ def _hour(driver: Any, seconds: float) -> dict[str, float]:
 
     The page receives messages that it has got before, as fast as it can draw them.
     """
-    messages = round(_HOUR * _RATE * seconds / 20.0)
+    messages = round(_HOUR * _RATE * seconds / DURATION)
     driver.execute_async_script(
         "const [count, done] = arguments; globalThis.recorded = [];"
         "const receive = connection.received.bind(connection);"

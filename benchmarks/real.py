@@ -39,30 +39,22 @@ from woosh_robot_agent.pb.util import robot_pb2
 
 _SEEDS = range(8)
 """Seeds of the simulated runs."""
-
 _ANSWERS = 300
 """Number of requests of each type whose answers are timed."""
-
 TOLERANCE = 0.2
 """Share by which a simulated time may differ from the real one."""
-
 RESOLUTION = 0.016
 """Resolution of the times in the logs of the real robot, in seconds."""
-
 _NEXT_TASK = "kIdle to first report of the next task"
 _FACTS = {_NEXT_TASK: "answer to first report"}
 """Names of times in the figures of the real robot, where they differ from the names here."""
-
 _EFFECTS = {"kSuspend": "pause", "kRosCancel": "cancel", "kRosExecuting": "continue"}
 """Orders by the action state in the report that shows their effect."""
-
 BUILD_MAP = "woosh.robot.BuildMap"
-
 _UNINIT, _IDLE, _MAPPING = robot_pb2.kUninit, robot_pb2.kIdle, robot_pb2.kMapping
 
 Times = dict[str, list[float]]
 """Times in seconds, by name."""
-
 Runs = dict[str, list[list[Triple]]]
 """Reports of each run of each scenario."""
 
@@ -205,9 +197,9 @@ def time_figures(facts: Any, simulated: Times) -> list[Figure]:
     logged = real_times()
     found = []
     for name in sorted(logged.keys() | simulated.keys()):
-        given = facts["times"].get(_FACTS.get(name, name.partition(",")[0]))
+        expected = facts["times"].get(_FACTS.get(name, name.partition(",")[0]))
         real, ours = logged.get(name, []), simulated.get(name, [])
-        found.append(_figure("task", name, given, ours, RESOLUTION, f"; logs: {_spread(real)}"))
+        found.append(_figure("task", name, expected, ours, RESOLUTION, f"; logs: {_spread(real)}"))
     return found
 
 
@@ -252,9 +244,9 @@ def answer_figures(facts: Any, count: int) -> list[Figure]:
         times = answer_times(name, count)
         ours = statistics.median(times), times[int(0.9 * len(times))], times[-1]
         ok = abs(ours[0] - median) <= TOLERANCE * median + RESOLUTION and ours[2] <= longest
-        told = " / ".join(f"{1000 * time:.0f}" for time in (median, usual, longest))
+        expected = " / ".join(f"{1000 * time:.0f}" for time in (median, usual, longest))
         value = " / ".join(f"{1000 * time:.0f}" for time in ours)
-        found.append(Figure("answer, ms", name.rpartition(".")[2], value, told, ok))
+        found.append(Figure("answer, ms", name.rpartition(".")[2], value, expected, ok))
     for name, median in facts["median_answers"].items():
         middle = statistics.median(answer_times(name, 5))
         ok = abs(middle - median) <= TOLERANCE * median

@@ -14,6 +14,7 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from benchmarks.figures import Measured, Results, Target
 from benchmarks.measurements import (
@@ -36,7 +37,9 @@ from woosh_robot_agent.testing import own_domain
 
 Measure = Callable[[int, Options], Measured]
 """Measures some figures in a ROS domain."""
-GROUPS: tuple[tuple[Measure, dict[str, Target]], ...] = (
+Group = tuple[Measure, dict[str, Target]]
+"""Figures that are measured together, with their targets."""
+GROUPS: tuple[Group, ...] = (
     (calls.measure, calls.FIGURES),
     (pushes.measure, pushes.FIGURES),
     (large_pushes.measure, large_pushes.FIGURES),
@@ -53,7 +56,6 @@ GROUPS: tuple[tuple[Measure, dict[str, Target]], ...] = (
     (fleet.measure, fleet.FIGURES),
     (rosbridge.measure, rosbridge.FIGURES),
 )
-"""Groups of figures that are measured together, each with the targets of its figures."""
 TARGETS = {name: target for _, figures in GROUPS for name, target in figures.items()}
 _SMOKE_THREADS = 3
 """Number of measurements at a time if their figures mean nothing. Most of the time they wait."""
@@ -88,13 +90,7 @@ def _measure(options: Options, repeat: int, only: Sequence[str]) -> Results:
     wanted = [group for group in GROUPS if set(group[1]) & set(only)]
     results = Results()
     for repetition in range(repeat):
-
-        def run(group: tuple[Measure, dict[str, Target]], number: int = repetition) -> Measured:
-            measure, names = group
-            print(f"{number + 1}: {', '.join(names)}", file=sys.stderr, flush=True)
-            with own_domain() as domain:
-                return measure(domain, options)
-
+        run = partial(_run, repetition, options)
         if options.smoke:
             # the outer domain keeps the variables set, which each inner one resets at its end
             with own_domain(), ThreadPoolExecutor(_SMOKE_THREADS) as pool:
@@ -104,3 +100,11 @@ def _measure(options: Options, repeat: int, only: Sequence[str]) -> Results:
         for measured in found:
             results.add(measured)
     return results
+
+
+def _run(repetition: int, options: Options, group: Group) -> Measured:
+    """Measure a group of figures in a ROS domain of its own."""
+    measure, names = group
+    print(f"{repetition + 1}: {', '.join(names)}", file=sys.stderr, flush=True)
+    with own_domain() as domain:
+        return measure(domain, options)

@@ -50,7 +50,7 @@ def _nodes(context):
                 "robot_description": Path(given["urdf"]).read_text(),
                 # the agent and the model must use the same prefix
                 "frame_prefix": given["frame_prefix"]
-                or _in_file(Path(given["params_file"]), node, "frame_prefix"),
+                or _parameter_in(Path(given["params_file"]), node, "frame_prefix"),
             }
         ],
         output="screen",
@@ -58,7 +58,7 @@ def _nodes(context):
     return [agent, model]
 
 
-def _in_file(path, node, parameter):
+def _parameter_in(path, node, parameter):
     """Return a node's parameter from a file, or ""; as in rclpy the last matching section wins."""
     found = ""
     for name, values in _sections(yaml.safe_load(path.read_text()) or {}):

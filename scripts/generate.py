@@ -81,8 +81,8 @@ def tool_options(parser: argparse.ArgumentParser) -> str:
 
 def status_codes_json() -> str:
     """Return the table of status codes as JSON, which is read much faster than YAML."""
-    table = yaml.safe_load((ROOT / "tests/facts/status_codes.yaml").read_text("utf-8"))
-    return json.dumps({str(code): text for code, text in table.items()}, indent=0) + "\n"
+    codes = yaml.safe_load((ROOT / "tests/facts/status_codes.yaml").read_text("utf-8"))
+    return json.dumps({str(code): text for code, text in codes.items()}, indent=0) + "\n"
 
 
 FILES: dict[str, Callable[[], str]] = {
@@ -91,7 +91,7 @@ FILES: dict[str, Callable[[], str]] = {
     "config/client.policy.xml": sros2_policies.client_policy,
     str(status_codes.TABLE.relative_to(ROOT)): status_codes_json,
 }
-"""Generated files: path, and the function that returns the content. Interface files come on top."""
+"""Generated files, except the interface files: path, and the function that returns the content."""
 
 TABLES: dict[str, Callable[[], str]] = {
     "endpoints": endpoints.markdown,
@@ -120,7 +120,7 @@ _BLOCK = re.compile(
 )
 
 
-def pages(root: Path = ROOT) -> list[Path]:
+def pages(root: Path) -> list[Path]:
     """Return the pages that may hold generated tables."""
     return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
 
@@ -140,7 +140,7 @@ def with_tables(text: str) -> str:
     return _BLOCK.sub(replace, text)
 
 
-def outdated(root: Path = ROOT) -> Iterator[tuple[Path, str | None]]:
+def outdated(root: Path) -> Iterator[tuple[Path, str | None]]:
     """Yield each file that is out of date, with its content; None if it should not exist.
 
     Raises:

@@ -63,7 +63,7 @@ class InterfaceError(Exception):
     """The interface files cannot be generated; the text says why."""
 
 
-_Path = tuple[int, ...]
+_Location = tuple[int, ...]
 """Place of an element in a file, as `source_code_info` has it: field number, index, and so on."""
 
 
@@ -151,43 +151,45 @@ def _comments(file: FileDescriptorProto) -> dict[str, str]:
     """Return the comments of a file by full name; that of an enum value is ENUM.VALUE."""
     names = dict(_names(file))
     return {
-        names[tuple(place.path)]: place.leading_comments.strip()
-        for place in file.source_code_info.location
-        if place.leading_comments and tuple(place.path) in names
+        names[tuple(each.path)]: each.leading_comments.strip()
+        for each in file.source_code_info.location
+        if each.leading_comments and tuple(each.path) in names
     }
 
 
-def _names(file: FileDescriptorProto) -> Iterator[tuple[_Path, str]]:
-    """Yield place and full name of each element of a file."""
-    number = FileDescriptorProto.DESCRIPTOR.fields_by_name
+def _names(file: FileDescriptorProto) -> Iterator[tuple[_Location, str]]:
+    """Yield location and full name of each element of a file."""
+    fields = FileDescriptorProto.DESCRIPTOR.fields_by_name
     for i, message in enumerate(file.message_type):
-        yield from _message_names(message, (number["message_type"].number, i), file.package)
+        yield from _message_names(message, (fields["message_type"].number, i), file.package)
     for i, enum in enumerate(file.enum_type):
-        yield from _enum_names(enum, (number["enum_type"].number, i), file.package)
+        yield from _enum_names(enum, (fields["enum_type"].number, i), file.package)
 
 
 def _message_names(
-    message: DescriptorProto, path: _Path, scope: str
-) -> Iterator[tuple[_Path, str]]:
-    number = DescriptorProto.DESCRIPTOR.fields_by_name
+    message: DescriptorProto, location: _Location, scope: str
+) -> Iterator[tuple[_Location, str]]:
+    fields = DescriptorProto.DESCRIPTOR.fields_by_name
     name = f"{scope}.{message.name}"
-    yield path, name
+    yield location, name
     for i, field in enumerate(message.field):
-        yield (*path, number["field"].number, i), f"{name}.{field.name}"
+        yield (*location, fields["field"].number, i), f"{name}.{field.name}"
     for i, oneof in enumerate(message.oneof_decl):
-        yield (*path, number["oneof_decl"].number, i), f"{name}.{oneof.name}"
+        yield (*location, fields["oneof_decl"].number, i), f"{name}.{oneof.name}"
     for i, nested in enumerate(message.nested_type):
-        yield from _message_names(nested, (*path, number["nested_type"].number, i), name)
+        yield from _message_names(nested, (*location, fields["nested_type"].number, i), name)
     for i, enum in enumerate(message.enum_type):
-        yield from _enum_names(enum, (*path, number["enum_type"].number, i), name)
+        yield from _enum_names(enum, (*location, fields["enum_type"].number, i), name)
 
 
-def _enum_names(enum: EnumDescriptorProto, path: _Path, scope: str) -> Iterator[tuple[_Path, str]]:
-    number = EnumDescriptorProto.DESCRIPTOR.fields_by_name
+def _enum_names(
+    enum: EnumDescriptorProto, location: _Location, scope: str
+) -> Iterator[tuple[_Location, str]]:
+    fields = EnumDescriptorProto.DESCRIPTOR.fields_by_name
     name = f"{scope}.{enum.name}"
-    yield path, name
+    yield location, name
     for i, value in enumerate(enum.value):
-        yield (*path, number["value"].number, i), f"{name}.{value.name}"
+        yield (*location, fields["value"].number, i), f"{name}.{value.name}"
 
 
 @dataclass(frozen=True)
@@ -295,7 +297,7 @@ def enum_constant(value_name: str) -> str:
 
 
 def member_constant(oneof: OneofDescriptor, member: str = "") -> str:
-    """Return the name of the constant for a member of a oneof; by default of that for none."""
+    """Return the name of the constant for a member of a oneof, or for none of its members."""
     return f"{oneof.name}_{member}_SET".upper() if member else f"{oneof.name}_NOT_SET".upper()
 
 
@@ -321,7 +323,7 @@ _SCALARS = {
     FieldDescriptor.TYPE_BYTES: "uint8[]",
 }
 _NUMBERS = {"woosh.task.TaskSetBase.rtype": "uint32"}
-"""Enum fields that are plain numbers: their enum's package depends on the field's package."""
+"""Enum fields that are plain numbers, as the package of the enum depends on that of the field."""
 
 
 def field_type(field: FieldDescriptor) -> str:
@@ -470,7 +472,7 @@ OWN_MESSAGES = {
         [Line("bool online", "True while the link to the chassis is ready")],
     )
 }
-"""Content of the .msg files, by ROS type."""
+"""Content of the .msg files that mirror no protobuf message, by ROS type."""
 
 
 def interface_files(proto: Path) -> dict[str, str]:

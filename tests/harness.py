@@ -26,25 +26,10 @@ from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
+from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, wait_until
 from woosh_robot_agent.testing import AgentInProcess as RunningAgent
+from woosh_robot_agent.testing import own_domain as own_domain  # also for those that import this
 from woosh_robot_agent.testing.agents import NAMESPACE
-
-__all__ = [
-    "HUMBLE",
-    "NAMESPACE",
-    "TIMEOUT",
-    "Client",
-    "Collector",
-    "GoalClient",
-    "Program",
-    "Robot",
-    "RunningAgent",
-    "Spinner",
-    "own_domain",
-    "wait_future",
-    "wait_until",
-]
 
 HUMBLE = os.environ.get("ROS_DISTRO") == "humble"
 """True on ROS 2 Humble, which lacks some of what the agent uses; see `ros_release`."""

@@ -29,11 +29,11 @@ def main(url: str) -> None:
     goals: list[Any] = []
     feedback, result = ExecTask.Feedback(), ExecTask.Result()
 
-    def accepted(goal: Any) -> None:
+    def send_goal(goal: Any) -> None:
         goals.append(goal)
         chassis.send(FRAME % goal.request.arg.task_id)
 
-    def reported(frame: bytes) -> None:
+    def take_frame(frame: bytes) -> None:
         if _REPORT in frame:
             goals[0].publish_feedback(feedback)
             if _LAST in frame:
@@ -43,9 +43,9 @@ def main(url: str) -> None:
         goal.succeed()
         return result
 
-    chassis = BareSocket(url, reported)
+    chassis = BareSocket(url, take_frame)
     server = ActionServer(
-        node, ExecTask, "robot/ExecTask", execute, handle_accepted_callback=accepted
+        node, ExecTask, "robot/ExecTask", execute, handle_accepted_callback=send_goal
     )
     print("connected to", url, file=sys.stderr, flush=True)
     rclpy.spin(node, SingleThreadedExecutor())

@@ -123,9 +123,9 @@ class Load:
     def _start(self) -> None:
         if self._left > 0:
             self._left -= 1
-            self._call().add_done_callback(self._finished)
+            self._call().add_done_callback(self._on_answer)
 
-    def _finished(self, _future: Any) -> None:
+    def _on_answer(self, _future: Any) -> None:
         self.done += 1
         self._start()
 

@@ -142,8 +142,8 @@ class Fleet:
             sections[f"/{name}/agent"] = {**address, "robot_id": number}
         folder = self._stack.enter_context(tempfile.TemporaryDirectory())
         file = Path(folder, "fleet.yaml")
-        # JSON is valid YAML
-        file.write_text(json.dumps({of: {"ros__parameters": v} for of, v in sections.items()}))
+        content = {node: {"ros__parameters": each} for node, each in sections.items()}
+        file.write_text(json.dumps(content))  # JSON is valid YAML
         return ["woosh_robot_agent.agent", "--ros-args", "--params-file", str(file)]
 
 

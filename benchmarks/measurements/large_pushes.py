@@ -59,7 +59,7 @@ class _Diagnostics:
         self._client.node.create_subscription(DiagnosticArray, "/diagnostics", self._read, 10)
 
     def held(self) -> float:
-        """Return the longest turn of the link thread since the agent's start, in milliseconds."""
+        """Wait for a report; return the longest turn of the link thread since its start, in ms."""
         self._held.clear()
         # the first report may be from before this call
         if not self._client.spin_until(lambda: len(self._held) > 1, _TIMEOUT):

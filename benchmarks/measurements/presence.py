@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import statistics
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -147,9 +146,9 @@ def _measure_in_turn(
 
 def _idle(program: Program, options: Options) -> tuple[float, float]:
     """Return CPU (percent of one core) and memory (MiB) of an idle program."""
-    threading.Event().wait(5.0 * options.scale)  # until the start is over
+    time.sleep(5.0 * options.scale)  # until the start is over
     cpu, begin = program.cpu, time.monotonic()
-    threading.Event().wait(max(_IDLE_AT_LEAST, _IDLE * options.scale))
+    time.sleep(max(_IDLE_AT_LEAST, _IDLE * options.scale))
     percent = 100 * (program.cpu - cpu) / (time.monotonic() - begin)
     return percent, program.rss / MIB
 
@@ -172,7 +171,7 @@ class Watcher:
         deadline = time.monotonic() + _START_TIMEOUT
         while not (self._all_discovered() and (self._link_ready() or not connected)):
             assert time.monotonic() < deadline, "timed out waiting for the endpoints"
-            threading.Event().wait(_POLL)
+            time.sleep(_POLL)
 
     def _link_ready(self) -> bool:
         return any(message.data for message in self._connected.messages)

@@ -30,7 +30,7 @@ _RATE = 100.0
 
 
 def measure(domain: int, options: Options) -> Measured:
-    """Measure calls and pushes of both in turn; without rosbridge, measure nothing."""
+    """Measure calls and pushes through agent and rosbridge in turn; nothing without rosbridge."""
     if server_path() is None:
         return {}
     with (

@@ -50,7 +50,9 @@ class VelocityPath:
         self._chassis = chassis
         self._latencies: list[float] = []
         self._sent = 0
+        """Number of velocities."""
         self._cpu = 0.0
+        """CPU time of the program for all of them, in seconds."""
 
     def drive(
         self, rate: float, count: int, meanwhile: Callable[[], object] | None = None

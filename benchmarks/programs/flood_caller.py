@@ -46,8 +46,11 @@ class Caller:
         self._sent: dict[int, float] = {}
         """Time of each call, by its sequence number."""
         self._answers: Counter[int] = Counter()
+        """Number of answers to each call, by its sequence number."""
         self._kinds: Counter[str] = Counter()
+        """Number of answers, by their result: `ok`, or why the call was refused."""
         self._waits: list[float] = []
+        """Times from a call to its answer, in seconds."""
 
     def wait_for_service(self) -> None:
         """Wait until the service has answered a call.
@@ -58,10 +61,10 @@ class Caller:
         """
         while not self._client.service_is_ready():
             time.sleep(0.05)
-        while not self._answered_once():
+        while not self._call_once():
             pass
 
-    def _answered_once(self) -> bool:
+    def _call_once(self) -> bool:
         """Call once and wait for an answer; return False after a timeout."""
         self._client.handle.send_request(self._request)
         deadline = time.monotonic() + _FIRST_ANSWER_TIMEOUT

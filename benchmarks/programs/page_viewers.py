@@ -25,7 +25,7 @@ def connect(url: str) -> Any:
 
 
 async def first_scan(socket: Any) -> None:
-    """Receive messages until a laser scan has come; what comes at the beginning comes once."""
+    """Receive messages until the first laser scan. Those before it come only at the beginning."""
     while not isinstance(await socket.recv(), bytes):
         pass
 

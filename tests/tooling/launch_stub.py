@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from types import ModuleType
 from typing import Any
+from unittest import mock
 
 
 class Part:
@@ -17,10 +17,7 @@ class Part:
         self.named = named
 
     def __getattr__(self, name: str) -> Any:
-        try:
-            return self.__dict__["named"][name]
-        except KeyError:
-            raise AttributeError(name) from None
+        return self.named[name]
 
 
 class Context(dict[str, Any]):
@@ -44,10 +41,8 @@ class LaunchConfiguration(Part):
 
 def resolve(value: Any, context: Context) -> Any:
     """Return the value of a substitution; other values are returned as they are."""
-    kind = type(value).__name__
-    if kind == "LaunchConfiguration":
-        return context[value.arguments[0]]
-    return value
+    is_substitution = type(value).__name__ == "LaunchConfiguration"
+    return context[value.arguments[0]] if is_substitution else value
 
 
 _MODULES = {
@@ -66,21 +61,10 @@ _MODULES = {
 }
 
 
-@contextmanager
-def installed() -> Iterator[None]:
+def installed() -> AbstractContextManager[Any]:
     """Let launch files import this replacement."""
-    before = {name: sys.modules.get(name) for name in _MODULES}
+    modules = {name: ModuleType(name) for name in _MODULES}
     for name, classes in _MODULES.items():
-        module: Any = ModuleType(name)
         for each in classes:
-            known = globals().get(each)
-            setattr(module, each, known or type(each, (Part,), {}))
-        sys.modules[name] = module
-    try:
-        yield
-    finally:
-        for name, module in before.items():
-            if module is None:
-                del sys.modules[name]
-            else:
-                sys.modules[name] = module
+            setattr(modules[name], each, globals().get(each) or type(each, (Part,), {}))
+    return mock.patch.dict(sys.modules, modules)

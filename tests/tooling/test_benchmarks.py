@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -44,32 +46,40 @@ FIGURES = (
 """Names in the output of `--speed --json`, which scripts of users may depend on."""
 
 
+@pytest.fixture
+def smoke(capsys: pytest.CaptureFixture[str]) -> Callable[[Any], Any]:
+    """Function that runs a benchmark for seconds and returns its figures."""
+
+    def run(benchmark: Any) -> Any:
+        assert benchmark.main(["--smoke", "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return run
+
+
 def not_positive(figures: dict[str, float]) -> dict[str, float]:
     """Return the figures that are zero, negative or NaN."""
     return {name: value for name, value in figures.items() if not value > 0}
 
 
-def test_every_figure_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    assert speed.main(["--smoke", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_every_figure_is_measured(smoke):
+    found = smoke(speed)
     optional = ("rosbridge",) if server_path() else ()
     assert tuple(found) == FIGURES + optional
     # a difference of two idle agents may be nothing
     assert all("nav2_idle" in name for name in not_positive(found)), not_positive(found)
 
 
-def test_every_link_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    assert links.main(["--smoke", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_every_link_is_measured(smoke):
+    found = smoke(links)
     assert list(found) == list(links.LINKS)
     for figures in found.values():
         assert list(figures) == list(links.FIGURES)
         assert not not_positive(figures)
 
 
-def test_maps_are_measured_over_every_link(capsys: pytest.CaptureFixture[str]) -> None:
-    assert maps.main(["--smoke", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_maps_are_measured_over_every_link(smoke):
+    found = smoke(maps)
     assert list(found) == [*links.LINKS, maps.FLOOR]
     for name in links.LINKS:
         assert list(found[name]) == list(maps.FIGURES)
@@ -77,26 +87,23 @@ def test_maps_are_measured_over_every_link(capsys: pytest.CaptureFixture[str]) -
         assert all("memory" in name for name in not_positive(figures)), not_positive(figures)
 
 
-def test_every_curve_of_scale_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    assert scale.main(["--smoke", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_every_curve_of_scale_is_measured(smoke):
+    found = smoke(scale)
     assert list(found) == list(scale.SWEEPS)
     for curves in found.values():
         assert curves
         assert all(points for points in curves.values()), found
 
 
-def test_odom_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    assert odom.main(["--smoke", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_odom_is_measured(smoke):
+    found = smoke(odom)
     assert list(found) == [odom.ODOM, odom.REPORTS, odom.LAST, "times"]
     for figures in found.values():
         assert not not_positive(figures)
 
 
-def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    assert dashboard.main(["--smoke", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_the_dashboard_is_measured(smoke):
+    found = smoke(dashboard)
     in_browser = {
         "load": ["bytes", "seconds"],
         "frames": ["rate", "busy"],
@@ -110,9 +117,8 @@ def test_the_dashboard_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
         assert not not_positive(figures)
 
 
-def test_recordings_are_measured_and_complete(capsys: pytest.CaptureFixture[str]) -> None:
-    assert recording.main(["--smoke", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_recordings_are_measured_and_complete(smoke):
+    found = smoke(recording)
     assert list(found) == [
         recording.PROXY_FLOOR,
         recording.PROXY,
@@ -146,9 +152,8 @@ def test_set_up_is_measured_with_empty_and_with_filled_caches(tmp_path: Path) ->
 
 
 @pytest.mark.skipif(fleet.mosquitto_path() is None, reason="mosquitto is not installed")
-def test_vda5050_vehicles_are_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    assert fleet.main(["--smoke", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_vda5050_vehicles_are_measured(smoke):
+    found = smoke(fleet)
     assert [each["robots"] for each in found] == [1, 2]
     for figures in found:
         assert figures["lost"] == 0

@@ -152,11 +152,6 @@ def params_file(folder: Path, **values: Any) -> str:
 
 @pytest.mark.usefixtures("share")
 class TestLaunch:
-    def test_agent_starts_with_the_given_parameters(self):
-        (node,) = Launch("agent", ip="172.20.8.74", namespace="robot7").nodes
-        values = check_agent(node)
-        assert (values["ip"], node["namespace"]) == ("172.20.8.74", "robot7")
-
     @pytest.mark.parametrize("name", ["agent", "bringup"])
     def test_the_parameter_file_sets_what_is_not_given(self, name: str, tmp_path: Path):
         mine = {"ip": "172.20.8.74", "port": 5999, "frame_prefix": "r9/"}
@@ -166,20 +161,19 @@ class TestLaunch:
 
     @pytest.mark.parametrize("name", ["agent", "bringup"])
     def test_launch_arguments_override_the_parameter_file(self, name: str, tmp_path: Path):
+        given = {"ip": "172.20.8.75", "port": "0", "frame_prefix": "r1/", "namespace": "robot7"}
         file = params_file(tmp_path, ip="172.20.8.74", port=5999)
-        (node,) = Launch(
-            name, params_file=file, ip="172.20.8.75", port="0", frame_prefix="r1/"
-        ).nodes
+        (node,) = Launch(name, params_file=file, **given).nodes
         values = check_agent(node)
         assert (values["ip"], values["port"]) == ("172.20.8.75", 0)
-        assert values["frame_prefix"] == "r1/"
+        assert (values["frame_prefix"], node["namespace"]) == ("r1/", "robot7")
 
-    @pytest.mark.parametrize("name", ["agent", "bringup"])
+    @pytest.mark.parametrize("name", ["agent", "bringup", "sim"])
     def test_a_port_that_is_no_number_is_refused(self, name: str):
-        with pytest.raises(
-            ValueError, match="port must be a whole number from 0 to 65535, not '548O'"
-        ):
-            Launch(name, port="548O")
+        for port in ("548O", "65536", "-1", *([""] if name == "sim" else [])):
+            expected = f"port must be a whole number from 0 to 65535, not '{port}'"
+            with pytest.raises(ValueError, match=expected):
+                Launch(name, port=port)
 
     @pytest.mark.parametrize(("text", "value"), [("true", True), ("False", False)])
     def test_nav2_is_true_or_false(self, text: str, value: bool):
@@ -276,11 +270,6 @@ class TestLaunch:
             with pytest.raises(ValueError, match=rf"cannot use port {port}.*in use.*port:="):
                 Launch("sim", port=port)
 
-    @pytest.mark.parametrize("port", ["548O", "65536", "-1", ""])
-    def test_sim_refuses_what_is_no_port(self, port: str):
-        with pytest.raises(ValueError, match=f"from 0 to 65535, not '{port}'"):
-            Launch("sim", port=port)
-
     def test_the_end_of_the_simulator_ends_sim(self):
         """The agent would reconnect to whatever listens at the port next."""
         launch = Launch("sim", port="0")
@@ -325,9 +314,7 @@ class TestLaunch:
             ["woosh_robot_agent", "sim.launch.py", "--launch-prefix", "gdb"],
         ],
     )
-    def test_other_arguments_are_accepted(
-        self, monkeypatch: pytest.MonkeyPatch, words: list[str], tmp_path: Path
-    ):
+    def test_other_arguments_are_accepted(self, monkeypatch, words, tmp_path):
         """Launch files that include these have arguments of their own, and `launch` has some."""
         (tmp_path / "sim.launch.py").touch()
         monkeypatch.chdir(tmp_path)

@@ -20,13 +20,7 @@ from woosh_robot_agent import agent, program
         ("10.4", "3.20.3", "protobuf 3.20.3"),
     ],
 )
-def test_the_agent_names_old_libraries_and_ends(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    websockets: str,
-    protobuf: str,
-    named: str,
-) -> None:
+def test_the_agent_names_old_libraries_and_ends(monkeypatch, capsys, websockets, protobuf, named):
     monkeypatch.setattr("websockets.version.version", websockets)
     monkeypatch.setattr(google.protobuf, "__version__", protobuf)
     assert agent._run([], signals=None) == 2  # type: ignore[arg-type]
@@ -37,9 +31,7 @@ def test_the_agent_names_old_libraries_and_ends(
 
 
 @pytest.mark.parametrize(("websockets", "protobuf"), [("10.4", "3.21.12"), ("17.4", "4.21.12")])
-def test_supported_libraries_are_accepted(
-    monkeypatch: pytest.MonkeyPatch, websockets: str, protobuf: str
-) -> None:
+def test_supported_libraries_are_accepted(monkeypatch, websockets, protobuf):
     monkeypatch.setattr("websockets.version.version", websockets)
     monkeypatch.setattr(google.protobuf, "__version__", protobuf)
     assert program.outdated_libraries() == ""
@@ -78,6 +70,7 @@ def test_a_program_that_needs_ros_tells_how_to_get_it(
     assert status in (1, 2)
     assert "ROS is not available" in said
     assert "source the setup files of ROS and of the workspace" in said
+    assert ("or use --ip" in said) == (program == "tools monitor")
     assert "Traceback" not in said
     assert not list(tmp_path.iterdir())
 
@@ -108,12 +101,10 @@ def test_the_libraries_of_recordings_fit_an_old_protobuf(monkeypatch: pytest.Mon
 
 def test_modules_that_are_not_compiled_are_named() -> None:
     status, said = run_without("woosh_robot_agent.pb", "simulator")
-    assert (status, said) == (1, f"error: {NOT_COMPILED}\n")
-
-
-NOT_COMPILED = (
-    "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
-)
+    text = (
+        "the protobuf modules are not compiled; run scripts/setup or python3 setup.py build_proto"
+    )
+    assert (status, said) == (1, f"error: {text}\n")
 
 
 def test_an_error_of_an_import_in_this_package_is_not_hidden() -> None:

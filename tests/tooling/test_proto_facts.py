@@ -31,20 +31,17 @@ LINE = re.compile(
 )
 
 
-def camel(name: str) -> str:
-    return re.sub(r"_(\w)", lambda found: found[1].upper(), name)
-
-
 def expected_field(line: str) -> dict[str, Any]:
     found = LINE.fullmatch(line)
     assert found, line
+    camel_case = re.sub(r"_(\w)", lambda letter: letter[1].upper(), found["name"])
     return {
         "number": int(found["number"]),
         "repeated": bool(found["repeated"]),
         "type": found["type"],
         "name": found["name"],
         "oneof": found["oneof"],
-        "json": found["json"] or camel(found["name"]),
+        "json": found["json"] or camel_case,
     }
 
 

@@ -95,9 +95,7 @@ def test_clock_is_allowed_only_with_simulated_time() -> None:
         (["client", "--read-only", "--only", "Pose", "--only", "cmd_vel"], "no endpoint matches"),
     ],
 )
-def test_bad_arguments_are_refused(
-    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_arguments_are_refused(arguments, complaint, capsys):
     with pytest.raises(SystemExit) as ended:
         sros2_policies.main(arguments)
     assert ended.value.code == 2
@@ -144,15 +142,20 @@ class Keystore:
         assert target is not None
         (self.bin / tool).symlink_to(target)
 
-    def make(self, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    def make(
+        self, *arguments: str, status: int = 0, **environment: str
+    ) -> subprocess.CompletedProcess[str]:
+        """Run the script; check its exit status."""
         variables = {"PATH": str(self.bin), "NOTES": str(self.notes), **environment}
-        return subprocess.run(
+        done = subprocess.run(
             [SCRIPT, *arguments],
             env={**variables, "LD_LIBRARY_PATH": os.environ.get("LD_LIBRARY_PATH", "")},
             capture_output=True,
             text=True,
             timeout=60,
         )
+        assert done.returncode == status, done.stderr
+        return done
 
     def asked(self) -> list[list[str]]:
         """Return and clear the logged calls of `ros2`, without the folders of the policies."""
@@ -172,7 +175,6 @@ def keystore(tmp_path: Path) -> Keystore:
 
 def test_a_keystore_is_made_and_renewed(keystore: Keystore) -> None:
     made = keystore.make(str(keystore.path), ROS_DOMAIN_ID="42")
-    assert made.returncode == 0, made.stderr
     agent = ["42", f"create_permission {keystore.path} /woosh_robot/agent agent.policy.xml"]
     client = ["42", f"create_permission {keystore.path} /woosh_robot/client client.policy.xml"]
     assert keystore.asked() == [
@@ -188,17 +190,14 @@ def test_a_keystore_is_made_and_renewed(keystore: Keystore) -> None:
     assert f"ROS_SECURITY_KEYSTORE={keystore.path}".replace(" ", "\\ ") in made.stdout
     assert "ROS_DOMAIN_ID=42" in made.stdout
 
-    again = keystore.make("--node", "/client", str(keystore.path), ROS_DOMAIN_ID="42")
-    assert again.returncode == 0, again.stderr
+    keystore.make("--node", "/client", str(keystore.path), ROS_DOMAIN_ID="42")
     assert keystore.asked() == [agent, client]
 
 
 def test_a_renewal_without_a_node_leaves_the_permissions_of_the_clients(keystore: Keystore) -> None:
-    made = keystore.make("--node", "/ui/panel", str(keystore.path), "--", "--read-only")
-    assert made.returncode == 0, made.stderr
+    keystore.make("--node", "/ui/panel", str(keystore.path), "--", "--read-only")
     keystore.notes.unlink()
     renewed = keystore.make(str(keystore.path))
-    assert renewed.returncode == 0, renewed.stderr
     assert keystore.asked() == [
         ["0", f"create_permission {keystore.path} /woosh_robot/agent agent.policy.xml"]
     ]
@@ -208,7 +207,6 @@ def test_a_renewal_without_a_node_leaves_the_permissions_of_the_clients(keystore
 def test_the_text_names_the_enclaves_of_this_run(keystore: Keystore) -> None:
     for node in ("/client", "/ui/panel"):
         made = keystore.make("--node", node, str(keystore.path))
-        assert made.returncode == 0, made.stderr
         for enclave in ("/woosh_robot/agent", f"/woosh_robot{node}"):
             assert f"--enclave {enclave}\n" in made.stdout
             assert f"/./enclaves{enclave} " in made.stdout
@@ -217,15 +215,14 @@ def test_the_text_names_the_enclaves_of_this_run(keystore: Keystore) -> None:
 
 
 def test_only_the_owner_can_read_the_keys(keystore: Keystore) -> None:
-    assert keystore.make(str(keystore.path)).returncode == 0
+    keystore.make(str(keystore.path))
     key = keystore.path / "enclaves" / "woosh_robot" / "agent" / "key.pem"
     assert key.stat().st_mode & 0o077 == 0
 
 
 def test_options_reach_the_keystore(keystore: Keystore) -> None:
     arguments = ("--namespace", "/r2", "--node", "/ui/panel", str(keystore.path))
-    made = keystore.make(*arguments, "--", "--read-only")
-    assert made.returncode == 0, made.stderr
+    keystore.make(*arguments, "--", "--read-only")
     assert ["0", f"create_enclave {keystore.path} /r2/ui/panel"] in keystore.asked()
     policy = keystore.path / "enclaves" / "r2" / "ui" / "panel" / "policy"
     expected = sros2_policies.client_policy("/r2", "/ui/panel", read_only=True)
@@ -233,24 +230,21 @@ def test_options_reach_the_keystore(keystore: Keystore) -> None:
 
 
 def test_a_keystore_is_for_one_domain(keystore: Keystore) -> None:
-    assert keystore.make(str(keystore.path), ROS_DOMAIN_ID="1").returncode == 0
+    keystore.make(str(keystore.path), ROS_DOMAIN_ID="1")
     keystore.notes.unlink()
-    refused = keystore.make(str(keystore.path), ROS_DOMAIN_ID="2")
-    assert refused.returncode == 1
+    refused = keystore.make(str(keystore.path), status=1, ROS_DOMAIN_ID="2")
     assert "not for ROS_DOMAIN_ID=2" in refused.stderr
     assert keystore.asked() == []
 
 
 def test_missing_ros2_is_reported(keystore: Keystore) -> None:
     keystore.fake.unlink()
-    refused = keystore.make(str(keystore.path))
-    assert refused.returncode == 1
+    refused = keystore.make(str(keystore.path), status=1)
     assert "source ROS 2" in refused.stderr
 
 
 def test_missing_sros2_is_reported(keystore: Keystore) -> None:
-    refused = keystore.make(str(keystore.path), WITHOUT_SROS2="1")
-    assert refused.returncode == 1
+    refused = keystore.make(str(keystore.path), status=1, WITHOUT_SROS2="1")
     assert "apt-get install ros-jazzy-sros2" in refused.stderr
     assert not keystore.path.exists()
 
@@ -259,7 +253,5 @@ def test_missing_sros2_is_reported(keystore: Keystore) -> None:
     "arguments", [[], ["a", "b"], ["--what"], ["--node"], ["a", "--", "--only", "nothing"]]
 )
 def test_bad_arguments_create_no_keystore(keystore: Keystore, arguments: Sequence[str]) -> None:
-    refused = keystore.make(*arguments)
-    assert refused.returncode == 2, refused.stderr
-    assert refused.stderr
+    assert keystore.make(*arguments, status=2).stderr
     assert not keystore.notes.exists() or keystore.asked() == []

@@ -12,6 +12,16 @@ import pytest
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 
 
+def uv_settings(settings_of_pip: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, SCRIPTS / "uv_settings"],
+        env={name: value for name, value in os.environ.items() if not name.startswith("UV_")},
+        input=settings_of_pip,
+        capture_output=True,
+        text=True,
+    )
+
+
 def test_uv_gets_the_settings_of_pip() -> None:
     settings = """\
 :env:.find-links='/wheels /more wheels'
@@ -20,16 +30,7 @@ global.extra-index-url='https://one/simple\\nfile:///two'
 global.index-url='https://global/simple'
 install.index-url="https://it's/simple"
 """
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("UV_")}
-    done = subprocess.run(
-        [sys.executable, SCRIPTS / "uv_settings"],
-        env=environment,
-        input=settings,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    variables = dict(line.split("=", 1) for line in done.stdout.splitlines())
+    variables = dict(line.split("=", 1) for line in uv_settings(settings).stdout.splitlines())
     assert variables["UV_DEFAULT_INDEX"] == "https://it's/simple"
     assert variables["UV_INDEX"] == "https://one/simple file:///two"
     assert variables["UV_FIND_LINKS"] == "/wheels,/more,wheels"
@@ -38,13 +39,7 @@ install.index-url="https://it's/simple"
 
 @pytest.mark.parametrize(("value", "status"), [("1", 1), ("true", 1), ("0", 0), ("false", 0)])
 def test_uv_is_not_used_if_pip_may_ask_no_index(value: str, status: int) -> None:
-    done = subprocess.run(
-        [sys.executable, SCRIPTS / "uv_settings"],
-        input=f"install.no-index='{value}'\n",
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == status
+    assert uv_settings(f"install.no-index='{value}'\n").returncode == status
 
 
 def progress_of(script: str) -> subprocess.Popen[str]:
@@ -210,9 +205,7 @@ def test_caches_that_cannot_be_written_are_moved(releases: Path, home: str) -> N
 
 
 @pytest.mark.parametrize(("ros", "status"), [("humble", 2), ("kilted", 3), ("", 3)])
-def test_tests_of_a_release_need_a_shell_without_another_ros(
-    releases: Path, ros: str, status: int
-) -> None:
+def test_tests_of_a_release_need_a_shell_without_another_ros(releases, ros, status):
     shutil.copy(SCRIPTS / "test", releases / "scripts")
     (releases / "scripts" / "setup").write_text("#!/usr/bin/env bash\nexit 3\n")
     done = in_bash(f"ROS_DISTRO={ros} scripts/test --ros kilted", releases)

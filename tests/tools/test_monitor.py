@@ -8,17 +8,15 @@ import pty
 import re
 import select
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Any
 
 import pytest
 from rich.console import Console
 
-from tests.tools.test_tool_programs import HOSTILE, harmless
+from tests.tools.programs import HOSTILE, TIMEOUT, address, end, harmless, run, start
 from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -42,8 +40,6 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 
-PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools", "monitor"]
-TIMEOUT = 60.0
 GOOD = LinkReport(True, "connected")
 
 
@@ -203,16 +199,10 @@ def test_enum_values_are_shown_as_words(enum, number, text):
 # The program
 
 
-def once(port: int, *arguments: str) -> tuple[int, str]:
-    done = subprocess.run(
-        [*PROGRAM, "--ip", f"127.0.0.1:{port}", "--once", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=2 * TIMEOUT,
-        env={**os.environ, "COLUMNS": "200"},
-    )
-    assert done.stderr == ""
-    return done.returncode, done.stdout
+@pytest.fixture(autouse=True)
+def wide_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("COLUMNS", "200"), ("LINES", "40"), ("TERM", "xterm")):
+        monkeypatch.setenv(name, value)
 
 
 @pytest.mark.parametrize(
@@ -223,12 +213,11 @@ def once(port: int, *arguments: str) -> tuple[int, str]:
         (("--transport", "tcp"), "tcp_port"),
     ],
 )
-def test_once_prints_the_state(
-    chassis: SimulatorThread, arguments: tuple[str, ...], port: str
-) -> None:
-    status, text = once(getattr(chassis, port), "--timeout", str(TIMEOUT), *arguments)
+def test_once_prints_the_state(chassis, arguments, port):
+    where = f"127.0.0.1:{getattr(chassis, port)}"
+    status, text, err = run("monitor", "--ip", where, "--once", "--timeout", "60", *arguments)
     truth = chassis.state
-    assert status == 0
+    assert (status, err) == (0, "")
     assert row(text, "link").startswith("connected since")
     assert row(text, "new task") == "would be accepted"
     assert row(text, "mode") == "control auto   work task   state idle"
@@ -239,10 +228,10 @@ def test_once_prints_the_state(
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
 
-def test_once_without_a_robot_fails(chassis: SimulatorThread) -> None:
+def test_once_without_a_robot_fails(chassis):
     chassis.stop_listening()
-    status, text = once(chassis.port, "--timeout", "0.5")
-    assert status == 1
+    status, text, err = run("monitor", *address(chassis), "--once", "--timeout", "0.5")
+    assert (status, err) == (1, "")
     assert "not connected" in row(text, "link")
     assert "doctor --ip 127.0.0.1" in text
 
@@ -250,17 +239,10 @@ def test_once_without_a_robot_fails(chassis: SimulatorThread) -> None:
 class Terminal:
     """`monitor` on a pseudo-terminal."""
 
-    def __init__(self, port: int) -> None:
-        self._master, slave = pty.openpty()
-        self.process = subprocess.Popen(
-            [*PROGRAM, "--ip", f"127.0.0.1:{port}"],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            env={**os.environ, "COLUMNS": "200", "LINES": "40", "TERM": "xterm"},
-        )
-        os.close(slave)
-        os.set_blocking(self._master, False)
+    def __init__(self, process: Any, master: int) -> None:
+        os.set_blocking(master, False)
+        self.process = process
+        self._master = master
         self.text = ""
 
     def press(self, key: str) -> None:
@@ -279,32 +261,28 @@ class Terminal:
             self.read()
         self.text = self.text.partition(text)[2]
 
-    def end(self) -> int:
+    def wait_end(self) -> int:
         """Return the exit status. Reads the output meanwhile, so that the program can write."""
         deadline = time.monotonic() + TIMEOUT
         while self.process.poll() is None:
             assert time.monotonic() < deadline, "it does not end"
             self.read()
         self.read()
-        return self.process.returncode
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        os.close(self._master)
+        return int(self.process.returncode)
 
 
 @pytest.fixture
 def terminal(chassis: SimulatorThread) -> Iterator[Terminal]:
-    running = Terminal(chassis.port)
-    yield running
-    running.close()
+    master, slave = pty.openpty()
+    ends = {"stdin": slave, "stdout": slave, "stderr": slave}
+    with start("monitor", *address(chassis), **ends) as process:
+        os.close(slave)
+        yield Terminal(process, master)
+    os.close(master)
 
 
-@pytest.mark.parametrize("end", ["q", "Ctrl-C"])
-def test_terminal_follows_the_robot_and_its_link(
-    terminal: Terminal, chassis: SimulatorThread, end: str
-) -> None:
+@pytest.mark.parametrize("key", ["q", "Ctrl-C"])
+def test_terminal_follows_the_robot_and_its_link(terminal, chassis, key):
     terminal.wait("connected since")
     terminal.wait("q quits")
     chassis.set_emergency_stop(True)
@@ -314,51 +292,22 @@ def test_terminal_follows_the_robot_and_its_link(
     terminal.wait("OUTDATED")
     chassis.listen()
     terminal.wait("connected since")
-    for key in "xyz0 \r\x1b[A":  # keys that do nothing
-        terminal.press(key)
+    for other in "xyz0 \r\x1b[A":  # keys that do nothing
+        terminal.press(other)
     terminal.wait("would be rejected")
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
-    if end == "q":
+    if key == "q":
         terminal.press("q")
     else:
         terminal.process.send_signal(signal.SIGINT)
-    assert terminal.end() == 0
+    assert terminal.wait_end() == 0
     assert "Traceback" not in terminal.text
 
 
-@contextmanager
-def piped(port: int) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        [*PROGRAM, "--ip", f"127.0.0.1:{port}"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    yield process
-    process.kill()
-    process.communicate()
-
-
-def test_without_a_terminal_the_view_is_printed_repeatedly(chassis: SimulatorThread) -> None:
-    with piped(chassis.port) as process:
-        assert process.stdout is not None
+def test_without_a_terminal_the_view_is_printed_repeatedly(chassis):
+    with start("monitor", *address(chassis)) as process:
         pictures = 0
-        for line in process.stdout:
-            pictures += "would be accepted" in line
-            if pictures == 3:
-                break
-        process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=TIMEOUT)
-        assert (process.returncode, err) == (0, "")
-
-
-def test_error_without_ros_names_the_option_ip() -> None:
-    code = (
-        "import sys; sys.modules['rclpy'] = None\n"
-        "from woosh_robot_agent.tools.monitor.program import main; main(['--once'])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "ROS is not available" in done.stderr
-    assert "--ip" in done.stderr
+        while pictures < 3:
+            pictures += "would be accepted" in process.stdout.readline()
+        status, _, err = end(process, signal.SIGTERM)
+    assert (status, err) == (0, "")

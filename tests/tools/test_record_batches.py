@@ -11,12 +11,10 @@ import pytest
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
 
-from tests.tools.connections import link
-from tests.tools.test_recording import HEAD, numbered
+from tests.tools.recordings import HEAD, numbered, recording, writer
 from tests.tools.waiting import TIMEOUT, aio
 from woosh_robot_agent.tools.recording.files import Limits
-from woosh_robot_agent.tools.recording.layout import Event, Frame
-from woosh_robot_agent.tools.recording.proxy import ReadPace, RecordingProxy
+from woosh_robot_agent.tools.recording.proxy import ReadPace
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.streams import Direction, FrameRecorder, WebSocketParser
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
@@ -25,25 +23,17 @@ COUNT = 500
 PERIOD = 0.005
 
 
-def writer(path: Path) -> RecordingWriter:
-    return RecordingWriter(path, "ws://x", Limits(2**28), pytest.fail)
-
-
 def wire(data: bytes) -> bytes:
     """Return a text frame as a server sends it."""
     return WireFrame(Opcode.TEXT, data).serialize(mask=False)
 
 
-def direction(closed: list[str]) -> Direction:
-    return Direction(
-        1, "chassis", WebSocketParser(masked=False, max_size=2**26), on_close=closed.append
-    )
+def direction() -> Direction:
+    return Direction(1, "chassis", WebSocketParser(masked=False, max_size=2**26), pytest.fail)
 
 
 @aio
-async def test_frames_of_a_flood_are_in_the_file_when_the_proxy_stops_at_once(
-    tmp_path: Path,
-) -> None:
+async def test_frames_of_a_flood_are_in_the_file_when_the_proxy_stops_at_once(tmp_path):
     sent = [wire(numbered(number)) for number in range(COUNT)]
 
     async def serve(reader: asyncio.StreamReader, flood: asyncio.StreamWriter) -> None:
@@ -56,36 +46,24 @@ async def test_frames_of_a_flood_are_in_the_file_when_the_proxy_stops_at_once(
 
     server = await asyncio.start_server(serve, "127.0.0.1", 0)
     path = tmp_path / "a.mcap"
-    file = writer(path)
-    proxy = RecordingProxy(link(server.sockets[0].getsockname()[1]), file)
-    reader, client = await asyncio.open_connection("127.0.0.1", await proxy.start("127.0.0.1", 0))
-    expected = HEAD + b"".join(sent)
-    assert await reader.readexactly(len(expected)) == expected
-    await proxy.stop()
-    file.close()
+    async with recording(path, server.sockets[0].getsockname()[1]) as port:
+        reader, client = await asyncio.open_connection("127.0.0.1", port)
+        expected = HEAD + b"".join(sent)
+        assert await reader.readexactly(len(expected)) == expected
     client.close()
     server.close()
-    assert file.lost == 0
-    *frames, end = (
-        record
-        for record in read_recording(path).records
-        if not (isinstance(record, Event) and record.kind == "open")
-    )
-    assert [json.loads(frame.data)["number"] for frame in frames if isinstance(frame, Frame)] == [
-        *range(COUNT)
-    ]
-    assert isinstance(end, Event)
-    assert (end.kind, end.by) == ("close", "recorder")
+    opened, *frames, closed = read_recording(path).records
+    assert opened.kind == "open"
+    assert [json.loads(frame.data)["number"] for frame in frames] == [*range(COUNT)]
+    assert (closed.kind, closed.by) == ("close", "recorder")
 
 
 @aio
-async def test_each_frame_has_the_time_at_which_it_arrived(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_each_frame_has_the_time_at_which_it_arrived(tmp_path, monkeypatch):
     clock = [0]
     monkeypatch.setattr("time.monotonic_ns", lambda: clock[0])
     file = writer(tmp_path / "a.mcap")
-    recorder, chassis = FrameRecorder(file), direction([])
+    recorder, chassis = FrameRecorder(file), direction()
     recorder.add(chassis, HEAD)
     first, second, third = (wire(numbered(number)) for number in range(3))
     clock[0] = 10**9
@@ -103,10 +81,10 @@ async def test_each_frame_has_the_time_at_which_it_arrived(
 
 
 @aio
-async def test_frames_are_recorded_before_the_next_flush(tmp_path: Path) -> None:
+async def test_frames_are_recorded_before_the_next_flush(tmp_path):
     file = writer(tmp_path / "a.mcap")
     recorder = FrameRecorder(file)
-    recorder.add(direction([]), HEAD + wire(numbered(0)))
+    recorder.add(direction(), HEAD + wire(numbered(0)))
     recorder.flush()
     recorder.close()
     assert len(read_recording(tmp_path / "a.mcap").records) == 1
@@ -114,9 +92,9 @@ async def test_frames_are_recorded_before_the_next_flush(tmp_path: Path) -> None
 
 
 @aio
-async def test_many_bytes_do_not_wait(tmp_path: Path) -> None:
+async def test_many_bytes_do_not_wait(tmp_path):
     file = writer(tmp_path / "a.mcap")
-    recorder, chassis = FrameRecorder(file), direction([])
+    recorder, chassis = FrameRecorder(file), direction()
     recorder.add(chassis, HEAD)
     frame = wire(b"x" * 300_000)
     for _ in range(4):
@@ -141,9 +119,9 @@ class _SlowDisk(RecordingWriter):
 
 
 @aio
-async def test_a_slow_disk_delays_nobody_and_loses_nothing(tmp_path: Path) -> None:
+async def test_a_slow_disk_delays_nobody_and_loses_nothing(tmp_path):
     file = _SlowDisk(tmp_path / "a.mcap")
-    recorder, chassis = FrameRecorder(file), direction([])
+    recorder, chassis = FrameRecorder(file), direction()
     recorder.add(chassis, HEAD)
     recorder.flush()
     assert await asyncio.to_thread(file.stands.wait, TIMEOUT)
@@ -161,11 +139,10 @@ async def test_a_slow_disk_delays_nobody_and_loses_nothing(tmp_path: Path) -> No
 
 
 @aio
-async def test_reads_at_high_rates_are_delayed() -> None:
+async def test_reads_at_high_rates_are_delayed():
     server = await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", 0)
     _, stream = await asyncio.open_connection("127.0.0.1", server.sockets[0].getsockname()[1])
     transport = stream.transport
-    assert isinstance(transport, asyncio.ReadTransport)
     clock = [100.0]
     pace = ReadPace(transport, PERIOD, now=lambda: clock[0])
 

@@ -3,64 +3,40 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from pathlib import Path
+from contextlib import AsyncExitStack
 from typing import Any
 
 import pytest
 
 from tests.quick_chassis import quick_config
 from tests.tools.connections import KINDS, connected, link
+from tests.tools.recordings import recording
 from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.endpoints import COMMANDS, QUERIES
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, SwitchWorkMode
-from woosh_robot_agent.pb.robot.robot_pb2 import Mode, RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import Mode, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis
-from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.layout import Event, Frame, Recording
-from woosh_robot_agent.tools.recording.proxy import RecordingProxy
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.record import PassiveClient
 from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
 from woosh_robot_agent.tools.recording.timeline import prepare
-from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 
-@asynccontextmanager
-async def recording(
-    path: Path, simulator: SimulatedChassis, kind: str = "json"
-) -> AsyncIterator[int]:
-    """Run a recording proxy in front of the simulator; yield its port."""
-    port = simulator.tcp_port if kind == "tcp" else simulator.port
-    file = RecordingWriter(path, "ws://simulator", Limits(2**26), pytest.fail)
-    proxy = RecordingProxy(link(port, kind), file)
-    try:
-        yield await proxy.start("127.0.0.1", 0)
-    finally:
-        await proxy.stop()
-        file.close()
+def simulator() -> SimulatedChassis:
+    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=50, seed=1))
 
 
-def simulator(**options: Any) -> SimulatedChassis:
-    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=50, seed=1, **options))
+def port_of(chassis: SimulatedChassis | ReplayedChassis, kind: str) -> int:
+    return chassis.tcp_port if kind == "tcp" else chassis.port
 
 
-async def do_task(client: ChassisClient, pushes: list[Any]) -> None:
-    answer = await client.request(ExecTask(task_id=7, type=task.kPick, mark_no="A2"))
-    assert answer.ok, answer.msg
-    await eventually(lambda: ended(pushes), "the task's end")
-
-
-def ended(pushes: list[Any]) -> bool:
-    return any(isinstance(m, TaskProc) and m.state == task.kCompleted for m in pushes)
-
-
-def frames(found: Recording, sender: str) -> list[Any]:
-    return [r.data for r in found.records if isinstance(r, Frame) and r.sender == sender]
+def frames(found: Recording) -> list[Any]:
+    """Return the frames of the chassis."""
+    return [r.data for r in found.records if isinstance(r, Frame) and r.sender == "chassis"]
 
 
 def events(found: Recording) -> list[tuple[str, str]]:
@@ -69,39 +45,38 @@ def events(found: Recording) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize("kind", KINDS)
 @aio
-async def test_a_task_is_recorded_and_replayed(kind: str, tmp_path: Path) -> None:
+async def test_a_task_is_recorded_and_replayed(kind, tmp_path):
     path = tmp_path / "task.mcap"
     async with (
         simulator() as chassis,
-        recording(path, chassis, kind) as port,
+        recording(path, port_of(chassis, kind), kind) as port,
         connected(port, kind) as (client, pushes),
     ):
-        await do_task(client, pushes)
+        assert (await client.request(ExecTask(task_id=7, type=task.kPick, mark_no="A2"))).ok
+        await eventually(lambda: task.kCompleted in [getattr(m, "state", None) for m in pushes])
         info = (await client.request(RobotInfo())).body
     found = read_recording(path)
     assert events(found) == [("open", "client"), ("close", "client")]
-    assert all(
-        isinstance(data, str if kind == "json" else bytes) for data in frames(found, "chassis")
-    )
+    assert {type(data) for data in frames(found)} == {str if kind == "json" else bytes}
     playback = prepare(found)
     assert playback.answers.unmatched == 0
-    async with ReplayedChassis(playback, speed=50) as replayed:
-        port = replayed.tcp_port if kind == "tcp" else replayed.port
-        async with connected(port, kind) as (client, again):
-            await eventually(lambda: replayed.rounds, "the end of the recording")
-            await eventually(lambda: len(again) >= len(pushes), "the last push")
-            assert again[: len(pushes)] == pushes
-            assert (await client.request(RobotInfo())).body == info
-            assert (
-                await client.request(ExecTask(type=1, mark_no="B1"))
-            ).ok  # the body differs: any answer of the type will do
-            refused = await client.request(Speak(text="hello"))
-            assert not refused.ok
-            assert refused.msg == "the recording has no request of type woosh.robot.Speak"
+    async with (
+        ReplayedChassis(playback, speed=50) as replayed,
+        connected(port_of(replayed, kind), kind) as (client, again),
+    ):
+        await eventually(lambda: replayed.rounds, "the end of the recording")
+        await eventually(lambda: len(again) >= len(pushes), "the last push")
+        assert again[: len(pushes)] == pushes
+        assert (await client.request(RobotInfo())).body == info
+        # the body differs: any answer of the type will do
+        assert (await client.request(ExecTask(type=1, mark_no="B1"))).ok
+        refused = await client.request(Speak(text="hello"))
+        assert not refused.ok
+        assert refused.msg == "the recording has no request of type woosh.robot.Speak"
 
 
 @aio
-async def test_all_bytes_are_forwarded_unchanged(tmp_path: Path) -> None:
+async def test_all_bytes_are_forwarded_unchanged(tmp_path):
     """This includes bytes that are not WebSocket frames."""
     got = asyncio.Event()
     there = bytearray()
@@ -116,34 +91,31 @@ async def test_all_bytes_are_forwarded_unchanged(tmp_path: Path) -> None:
 
     server = await asyncio.start_server(serve, "127.0.0.1", 0)
     path = tmp_path / "a.mcap"
-    file = RecordingWriter(path, "", Limits(2**26), lambda reason: None)
-    proxy = RecordingProxy(link(server.sockets[0].getsockname()[1]), file)
-    reader, writer = await asyncio.open_connection("127.0.0.1", await proxy.start("127.0.0.1", 0))
-    writer.write(b"anything\xff" * 20_000)
-    assert await reader.readexactly(256_000) == bytes(range(256)) * 1000
-    writer.write_eof()
-    await asyncio.wait_for(got.wait(), 10)
-    assert there == b"anything\xff" * 20_000
-    assert await reader.read() == b"bye"
-    writer.close()
-    await proxy.stop()
-    file.close()
+    async with recording(path, server.sockets[0].getsockname()[1]) as port:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"anything\xff" * 20_000)
+        assert await reader.readexactly(256_000) == bytes(range(256)) * 1000
+        writer.write_eof()
+        await asyncio.wait_for(got.wait(), 10)
+        assert there == b"anything\xff" * 20_000
+        assert await reader.read() == b"bye"
+        writer.close()
     server.close()
     kinds = [kind for kind, _ in events(read_recording(path))]
     assert kinds == ["open", "unreadable", "unreadable", "close"]
 
 
 @aio
-async def test_bad_frames_are_recorded_and_replayed(tmp_path: Path) -> None:
+async def test_bad_frames_are_recorded_and_replayed(tmp_path):
     path = tmp_path / "a.mcap"
     async with (
         simulator() as chassis,
-        recording(path, chassis) as port,
+        recording(path, chassis.port) as port,
         connected(port) as (client, _),
     ):
         chassis.send_raw("{no json")
         await eventually(lambda: client.stats.bad_frames["json"], "the bad frame")
-    assert "{no json" in frames(read_recording(path), "chassis")
+    assert "{no json" in frames(read_recording(path))
     async with (
         ReplayedChassis(prepare(read_recording(path))) as replayed,
         connected(replayed.port) as (client, _),
@@ -152,11 +124,11 @@ async def test_bad_frames_are_recorded_and_replayed(tmp_path: Path) -> None:
 
 
 @aio
-async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path: Path) -> None:
+async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path):
     path = tmp_path / "a.mcap"
     async with (
         simulator() as chassis,
-        recording(path, chassis) as port,
+        recording(path, chassis.port) as port,
         connected(port) as (client, pushes),
     ):
         assert (await client.request(SwitchWorkMode(mode=robot.kDeployMode))).ok
@@ -195,28 +167,14 @@ async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path: Path) -> 
 
 
 @aio
-async def test_an_unreachable_chassis_is_recorded(tmp_path: Path) -> None:
+async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path):
     path = tmp_path / "a.mcap"
-    async with simulator() as chassis, recording(path, chassis) as port:
-        await chassis.stop_listening()
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        with contextlib.suppress(ConnectionError):
-            assert await reader.read() == b""
-        writer.close()
-    found = read_recording(path)
-    assert events(found) == [("refused", "chassis")]
-
-
-@aio
-async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    async with simulator() as chassis:
-        async with recording(path, chassis) as port:
-            client = ChassisClient(config=link(port))
-            client.subscribe(Mode, lambda _: None)
-            client.start()
-            await client.wait_ready(10)
-        await client.close()
+    async with (
+        simulator() as chassis,
+        AsyncExitStack() as stack,  # the client outlives the recording
+        recording(path, chassis.port) as port,
+    ):
+        await stack.enter_async_context(connected(port))
     assert events(read_recording(path))[-1] == ("close", "recorder")
     async with (
         ReplayedChassis(prepare(read_recording(path))) as replayed,
@@ -228,19 +186,15 @@ async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path: Path)
 
 
 @aio
-async def test_the_passive_client_sends_each_query_and_no_command(tmp_path: Path) -> None:
-    from woosh_robot_agent.endpoints import COMMANDS, QUERIES
-
+async def test_the_passive_client_sends_each_query_and_no_command(tmp_path):
     path = tmp_path / "a.mcap"
     queries = {query.request for query in QUERIES}
-    async with simulator() as chassis, recording(path, chassis) as port:
+    async with simulator() as chassis, recording(path, chassis.port) as port:
         own = PassiveClient(link(port))
         own.start()
         await eventually(lambda: queries <= set(chassis.counts), "the last query")
         chassis.push(Mode(work=robot.kDeployMode))
-        await eventually(
-            lambda: any('"work":1' in data for data in frames(read_recording(path), "chassis"))
-        )
+        await eventually(lambda: any('"work":1' in each for each in frames(read_recording(path))))
         await own.close()
         asked = set(chassis.counts)
     playback = prepare(read_recording(path))

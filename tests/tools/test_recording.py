@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
+import io
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from mcap.writer import Writer
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
 
+from tests.tools import recordings
+from tests.tools.recordings import HEAD, add_numbered, numbered
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import (
     ROS_PROFILE,
@@ -30,25 +33,13 @@ from woosh_robot_agent.tools.recording.streams import (
 )
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
-HEAD = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 MIB = 2**20
 
 
 def writer(path: Path, max_size: int = MIB, **split: Any) -> tuple[RecordingWriter, list[str]]:
+    """Return a writer, and the reasons that it gives for an early end."""
     told: list[str] = []
-    return RecordingWriter(path, "ws://x:5480", Limits(max_size, **split), told.append), told
-
-
-def numbered(number: int) -> bytes:
-    """Return a frame that compresses badly."""
-    noise = hashlib.sha256(str(number).encode()).hexdigest()
-    return json.dumps({"type": "test", "number": number, "noise": noise}).encode()
-
-
-def add_numbered(file: RecordingWriter, count: int) -> None:
-    """Write numbered frames of a client."""
-    for number in range(count):
-        file.add_frame(1, "client", numbered(number), text=True)
+    return recordings.writer(path, max_size, told.append, **split), told
 
 
 def numbers(recording: Recording) -> list[int]:
@@ -67,7 +58,7 @@ def test_a_recording_is_read_as_it_was_written(tmp_path):
     file.add_event(1, "close", "chassis")
     file.close()
     found = read_recording(path)
-    assert (found.address, found.damage, told) == ("ws://x:5480", "", [])
+    assert (found.address, found.damage, told) == ("ws://robot:5480", "", [])
     assert (file.frames, file.lost, file.connections) == (5, 0, 1)
     times = [record.t for record in found.records]
     assert times == sorted(times)
@@ -184,25 +175,16 @@ def test_files_that_are_not_given_are_known(tmp_path):
     assert read_recording(*file.paths[:1], *file.paths[2:]).missing_parts == (1,)
 
 
-def ros_file(path: Path) -> Path:
-    """Write a file as `record --ros` does."""
-    RecordingFiles(path, Limits(MIB), lambda _: None, pytest.fail, ROS_PROFILE).close()
-    return path
-
-
-def test_files_of_ros_topics_are_left_out(tmp_path):
+def test_files_of_ros_topics_are_left_out_and_alone_refused(tmp_path):
     file, _ = writer(tmp_path / "a.mcap", split_size=MIB)
-    file.add_frame(1, "client", numbered(1), text=True)
+    add_numbered(file, 1)
     file.close()
-    ros_file(tmp_path / "a_ros_0.mcap")
-    found = read_recording(*sorted(tmp_path.glob("a_*.mcap"), reverse=True))
-    assert (numbers(found), found.missing_parts) == ([1], ())
-
-
-def test_files_of_ros_topics_alone_are_refused(tmp_path):
-    path = ros_file(tmp_path / "a_ros.mcap")
-    with pytest.raises(RecordingError, match=r"a_ros\.mcap has only ROS topics: play it with"):
-        read_recording(path)
+    ros = tmp_path / "a_ros_0.mcap"  # as `record --ros` writes it
+    RecordingFiles(ros, Limits(MIB), lambda _: None, pytest.fail, ROS_PROFILE).close()
+    found = read_recording(ros, *file.paths)
+    assert (numbers(found), found.missing_parts) == ([0], ())
+    with pytest.raises(RecordingError, match=r"a_ros_0\.mcap has only ROS topics: play it with"):
+        read_recording(ros)
 
 
 def test_files_of_different_recordings_are_refused(tmp_path):
@@ -216,11 +198,9 @@ def test_files_of_different_recordings_are_refused(tmp_path):
 FULL_DISK = """
 import resource, sys
 from pathlib import Path
-from woosh_robot_agent.tools.recording.files import Limits
-from woosh_robot_agent.tools.recording.writer import RecordingWriter
-from tests.tools.test_recording import numbered
+from tests.tools.recordings import numbered, writer
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
-file = RecordingWriter(Path(sys.argv[1]), "", Limits(2**30), print)
+file = writer(Path(sys.argv[1]), on_early_end=print)
 for number in range(2000):
     file.add_frame(1, "client", numbered(number), text=True)
     if number % 50 == 49:
@@ -245,12 +225,25 @@ def test_a_full_disk_ends_the_recording(tmp_path):
     assert "has no end" in found.damage
 
 
+def mcap(version: str | None) -> bytes:
+    """Return an MCAP file with no frames, and with a version of the layout."""
+    file = io.BytesIO()
+    other = Writer(file)
+    other.start()
+    if version:
+        other.add_metadata("woosh_robot_agent", {"version": version})
+    other.finish()
+    return file.getvalue()
+
+
 @pytest.mark.parametrize(
     ("content", "text"),
     [
         (b"", "not a recording"),
         (b"hello, this is a text", "no MCAP file"),
         (b'{"format":"woosh_robot_agent recording","version":1}\n', "no MCAP file"),
+        (mcap(None), "not a recording made with"),
+        (mcap("9"), "has version 9"),
     ],
 )
 def test_a_file_that_is_no_recording_is_refused(tmp_path, content, text):
@@ -260,19 +253,10 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path, content, text):
         read_recording(path)
 
 
-@pytest.mark.parametrize(
-    ("metadata", "text"), [(None, "not a recording made with"), ("9", "has version 9")]
-)
-def test_another_mcap_file_is_refused(tmp_path, metadata, text):
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        other = Writer(file)
-        other.start()
-        if metadata:
-            other.add_metadata("woosh_robot_agent", {"version": metadata})
-        other.finish()
-    with pytest.raises(RecordingError, match=text):
-        read_recording(path)
+def parse(parser: Any, stream: bytes, chunk: int) -> list[Any]:
+    """Return the frames in a stream that arrives in chunks."""
+    pieces = (stream[begin : begin + chunk] for begin in range(0, len(stream), chunk))
+    return [frame for piece in pieces for frame in parser.feed(piece)]
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 10_000])
@@ -287,12 +271,7 @@ def test_websocket_frames_are_found(masked, chunk):
         WireFrame(Opcode.CLOSE, b"\x03\xe8bye"),
     ]
     stream = HEAD + b"".join(frame.serialize(mask=masked) for frame in frames)
-    parser = WebSocketParser(masked=masked, max_size=1000)
-    parsed = [
-        each
-        for begin in range(0, len(stream), chunk)
-        for each in parser.feed(stream[begin : begin + chunk])
-    ]
+    parsed = parse(WebSocketParser(masked=masked, max_size=1000), stream, chunk)
     assert [(each.data, each.text, each.close) for each in parsed] == [
         (b"\xff\xfe", True, False),
         (b"hello", True, False),
@@ -301,33 +280,28 @@ def test_websocket_frames_are_found(masked, chunk):
     ]
 
 
+WEBSOCKET = partial(WebSocketParser, masked=False, max_size=1000)
+DELIMITED = partial(DelimitedParser, 1000)
+
+
 @pytest.mark.parametrize(
-    "stream",
+    ("make_parser", "stream"),
     [
-        HEAD + b"\x7f\x00",  # unknown opcode
-        HEAD + WireFrame(Opcode.BINARY, b"\0" * 2000).serialize(mask=False),
-        HEAD + b"\xc1\x00",  # compressed
-        b"x" * 100_000,
+        (WEBSOCKET, HEAD + b"\x7f\x00"),  # unknown opcode
+        (WEBSOCKET, HEAD + WireFrame(Opcode.BINARY, b"\0" * 2000).serialize(mask=False)),
+        (WEBSOCKET, HEAD + b"\xc1\x00"),  # compressed
+        (WEBSOCKET, b"x" * 100_000),
+        (DELIMITED, b"\xff" * 10),
+        (DELIMITED, b"\xe9\x07" + b"x"),
     ],
 )
-def test_data_that_is_no_websocket_is_an_error(stream):
+def test_data_without_frames_is_an_error(make_parser, stream):
     with pytest.raises(UnreadableError):
-        list(WebSocketParser(masked=False, max_size=1000).feed(stream))
+        list(make_parser().feed(stream))
 
 
 @pytest.mark.parametrize("chunk", [1, 3, 10_000])
 def test_delimited_frames_are_found(chunk):
     stream = b"\x03abc" + b"\x00" + b"\xac\x02" + b"x" * 300
-    parser = DelimitedParser(1000)
-    parsed = [
-        each.data
-        for begin in range(0, len(stream), chunk)
-        for each in parser.feed(stream[begin : begin + chunk])
-    ]
-    assert parsed == [b"abc", b"", b"x" * 300]
-
-
-@pytest.mark.parametrize("stream", [b"\xff" * 10, b"\xe9\x07" + b"x"])
-def test_data_that_is_not_delimited_is_an_error(stream):
-    with pytest.raises(UnreadableError):
-        list(DelimitedParser(1000).feed(stream))
+    parsed = parse(DelimitedParser(1000), stream, chunk)
+    assert [each.data for each in parsed] == [b"abc", b"", b"x" * 300]

@@ -56,6 +56,9 @@ def pushed(t: float, name: str, body: Any, connection: int = 1) -> Any:
 
 
 INFO = exchange(0.0, "woosh.robot.RobotInfo", 900, {}, "")
+SWITCH = exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done")
+MODE = [subscribed(0.1, "woosh.robot.Mode"), pushed(0.3, "woosh.robot.Mode", {"work": 1})]
+"""A subscription and a push."""
 
 
 async def wait_round_trips(client: ChassisClient) -> None:
@@ -106,8 +109,7 @@ async def test_answers_are_as_late_as_recorded() -> None:
         assert asyncio.get_running_loop().time() - before > 0.45
 
 
-@aio
-async def test_answers_without_a_request_are_left_out() -> None:
+def test_answers_without_a_request_are_left_out() -> None:
     stray = (1, 1, "chassis", {"type": "woosh.robot.Mode", "body": {}, "ok": True, "sn": 1234})
     assert prepare(made_up(stray)).answers.unmatched == 1
 
@@ -133,20 +135,15 @@ async def test_pushes_go_to_subscribers() -> None:
 
 @aio
 async def test_an_invalid_recorded_subscription_is_ignored() -> None:
-    records = [
-        (0.1, 1, "client", {"type": "woosh.Subscription", "body": {"topics": 5}}),
-        subscribed(0.2, "woosh.robot.Mode"),
-        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
-    ]
-    async with replaying(*records) as replayed, connected(replayed.port) as (_, pushes):
+    invalid = (0.1, 1, "client", {"type": "woosh.Subscription", "body": {"topics": 5}})
+    async with replaying(invalid, *MODE) as replayed, connected(replayed.port) as (_, pushes):
         await eventually(lambda: pushes == [Mode(work=robot.kDeployMode)])
 
 
 @aio
 async def test_the_playback_pauses_until_a_client_subscribes() -> None:
-    records = [subscribed(0.1, "woosh.robot.Mode"), pushed(0.2, "woosh.robot.Mode", {"work": 1})]
     async with (
-        replaying(*records, speed=1e5) as replayed,
+        replaying(*MODE, speed=1e5) as replayed,
         ChassisClient(config=link(replayed.port)) as client,  # without a subscription
     ):
         await wait_round_trips(client)
@@ -159,11 +156,7 @@ async def test_the_playback_pauses_until_a_client_subscribes() -> None:
 
 @aio
 async def test_the_port_stays_closed_if_the_robot_never_came_back() -> None:
-    records = [
-        subscribed(0.1, "woosh.robot.Mode"),
-        *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
-        (0.3, 1, "close", "chassis"),
-    ]
+    records = [subscribed(0.1, "woosh.robot.Mode"), *SWITCH, (0.3, 1, "close", "chassis")]
     async with (
         replaying(*records, wait_for_commands=True) as replayed,
         connected(replayed.port) as (client, _),
@@ -178,13 +171,9 @@ async def test_the_port_stays_closed_if_the_robot_never_came_back() -> None:
 
 @aio
 async def test_the_playback_pauses_until_a_command_is_sent() -> None:
-    records = [
-        subscribed(0.1, "woosh.robot.Mode"),
-        *exchange(0.2, "woosh.robot.SwitchWorkMode", 1, {"mode": 1}, "done"),
-        pushed(0.3, "woosh.robot.Mode", {"work": 1}),
-    ]
+    subscription, push = MODE
     async with (
-        replaying(*records, wait_for_commands=True, speed=1e5) as replayed,
+        replaying(subscription, *SWITCH, push, wait_for_commands=True, speed=1e5) as replayed,
         connected(replayed.port) as (client, pushes),
     ):
         await wait_round_trips(client)
@@ -197,12 +186,8 @@ async def test_the_playback_pauses_until_a_command_is_sent() -> None:
 @aio
 async def test_each_client_receives_its_own_encoding(kind: str) -> None:
     """The recording is in JSON."""
-    records = [
-        subscribed(0.1, "woosh.robot.Mode"),
-        pushed(0.2, "woosh.robot.Mode", {"work": 1}),
-        *exchange(0.3, "woosh.robot.Speak", 1, {"text": "a"}, "spoken"),
-    ]
-    async with replaying(*records) as replayed:
+    spoken = exchange(0.3, "woosh.robot.Speak", 1, {"text": "a"}, "spoken")
+    async with replaying(*MODE, *spoken) as replayed:
         port = replayed.tcp_port if kind == "tcp" else replayed.port
         async with connected(port, kind) as (client, pushes):
             await eventually(lambda: pushes == [Mode(work=robot.kDeployMode)])
@@ -211,12 +196,8 @@ async def test_each_client_receives_its_own_encoding(kind: str) -> None:
 
 @aio
 async def test_the_recording_can_be_replayed_in_a_loop() -> None:
-    records = [
-        subscribed(0.1, "woosh.robot.Mode"),
-        pushed(0.2, "woosh.robot.Mode", {"work": 1}),
-    ]
     async with (
-        replaying(*records, loop=True) as replayed,
+        replaying(*MODE, loop=True) as replayed,
         connected(replayed.port) as (client, pushes),
     ):
         await eventually(lambda: len(pushes) >= 3)

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +16,8 @@ import yaml
 from tests.fact_files import FOLDER
 from tests.quick_chassis import quick_config
 from tests.tools.connections import connected, link
+from tests.tools.programs import TIMEOUT, address, end, start
+from tests.tools.recordings import recording
 from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, Twist
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
@@ -33,9 +31,6 @@ from woosh_robot_agent.tools.doctor.observations import Observations, SeenFrame
 from woosh_robot_agent.tools.doctor.program import main as doctor_main
 from woosh_robot_agent.tools.doctor.survey import survey
 from woosh_robot_agent.tools.doctor.survey_report import markdown, results
-from woosh_robot_agent.tools.recording.files import Limits
-from woosh_robot_agent.tools.recording.proxy import RecordingProxy
-from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 Json = dict[str, Any]
 
@@ -135,11 +130,11 @@ def surveyed(tmp_path_factory: pytest.TempPathFactory) -> Surveyed:
 
     async def make() -> list[Received]:
         config = SimulatorConfig(port=0, tcp_port=0, profile=odd, clock_offset=18000.0)
-        async with SimulatedChassis(config) as simulator:
+        async with (
+            SimulatedChassis(config) as simulator,
+            recording(path, simulator.port, read_period=0.0) as port,
+        ):
             make_odd(simulator)
-            writer = RecordingWriter(path, "ws://robot", Limits(2**28), pytest.fail)
-            proxy = RecordingProxy(link(simulator.port), writer, 0.0)
-            port = await proxy.start("127.0.0.1", 0)
             beside = [
                 asyncio.ensure_future(each) for each in (drive(port), push_unknown(simulator))
             ]
@@ -148,10 +143,7 @@ def surveyed(tmp_path_factory: pytest.TempPathFactory) -> Surveyed:
                 each.cancel()
                 with suppress(asyncio.CancelledError):
                     await each
-            requests = list(simulator.received)
-            await proxy.stop()
-            writer.close()
-        return requests
+            return list(simulator.received)
 
     requests = asyncio.run(make())
     return Surveyed(
@@ -172,9 +164,7 @@ def near(value: Any) -> Any:
 
 
 @pytest.mark.parametrize("source", ["survey", "recording"])
-def test_learned_profile_is_that_of_the_robot(
-    surveyed: Surveyed, tmp_path: Path, source: str, capsys: Any
-) -> None:
+def test_learned_profile_is_that_of_the_robot(surveyed, tmp_path, source, capsys):
     learned = tmp_path / "my_robot.yaml"
     origin = surveyed.folder if source == "survey" else surveyed.recording
     assert simulator_main(["--learn", str(origin), "--profile", str(learned)]) == 0
@@ -215,15 +205,12 @@ def test_report_names_each_difference(surveyed: Surveyed) -> None:
             for key in keys:
                 assert (section, name, *key) in differing
                 assert f"- `{'.'.join((section, name, *key))}`: " in surveyed.report
-    verdicts = {each["type"]: each["verdict"] for each in surveyed.results["requests"]}
-    assert verdicts[SETTING] == "refused"
-    assert verdicts[CALL_TASKS] == "unknown"
-    assert verdicts[MODE] == "answered"
+    asked = by_type(surveyed.results["requests"])
+    verdicts = [asked[name]["verdict"] for name in (SETTING, CALL_TASKS, MODE)]
+    assert verdicts == ["refused", "unknown", "answered"]
     assert f"- Query {SETTING}: refused: 'not on this model'" in surveyed.report
-    assert [(each["type"], each["field"]) for each in surveyed.results["unknown_fields"]] == [
-        (BATTERY, "cellTemps")
-    ]
-    assert surveyed.results["unknown_fields"][0]["values"] == [[21, 22]]
+    (field,) = surveyed.results["unknown_fields"]
+    assert (field["type"], field["field"], field["values"]) == (BATTERY, "cellTemps", [[21, 22]])
     assert f"- Unknown field `cellTemps` of {BATTERY}: " in surveyed.report
     (unknown,) = surveyed.results["unknown_types"]
     assert unknown["type"] == "woosh.robot.ArmState"
@@ -235,21 +222,19 @@ def test_report_names_each_difference(surveyed: Surveyed) -> None:
     assert "5.0 hours ahead of this computer's" in surveyed.report
 
 
-def test_report_has_rates_delays_and_sizes(surveyed: Surveyed) -> None:
-    scans = next(
-        each for each in surveyed.results["pushes"] if each["type"].endswith("ScannerData")
-    )
+def test_report_has_rates_delays_and_sizes(surveyed):
+    pushes = by_type(surveyed.results["pushes"])
+    scans = pushes["woosh.robot.ScannerData"]
     assert scans["period"]["median"] == pytest.approx(1.0, rel=0.1)
     assert scans["period"]["p99"] >= scans["period"]["median"]
     assert scans["bytes"]["most"] > 1000
-    asked = {each["type"]: each for each in surveyed.results["requests"]}
+    asked = by_type(surveyed.results["requests"])
     assert asked[BATTERY]["delay"]["median"] == pytest.approx(1.4, rel=0.1)
     assert asked[BATTERY]["delay"]["samples"] == asked[BATTERY]["accepted"] >= 3
     assert asked[BATTERY]["http"]["status"] == 200
     assert asked[BATTERY]["http"]["delay"] > 0.0
     assert asked[SETTING]["http"]["ok"] is False
-    poses = next(each for each in surveyed.results["pushes"] if each["type"].endswith("PoseSpeed"))
-    assert poses["count"] > 10
+    assert pushes["woosh.robot.PoseSpeed"]["count"] > 10
 
 
 def test_survey_only_reads(surveyed: Surveyed) -> None:
@@ -283,14 +268,12 @@ def test_names_are_left_out(surveyed: Surveyed) -> None:
         assert "127.0.0.1" not in text
 
 
-def test_names_are_kept_on_request(tmp_path: Path) -> None:
+def test_names_are_kept_on_request(chassis, tmp_path):
     folder = tmp_path / "survey"
-    with SimulatorThread(quick_config(port=0, tcp_port=0)) as simulator:
-        address = f"127.0.0.1:{simulator.port}"
-        arguments = ["--ip", address, "--survey", str(folder), "--minutes", "0.15", "--with-names"]
-        assert doctor_main(arguments) == 0
+    arguments = ["--survey", str(folder), "--minutes", "0.15", "--with-names"]
+    assert doctor_main([*address(chassis), *arguments]) == 0
     found = json.loads((folder / "survey.json").read_text())
-    assert found["address"] == f"ws://{address}"
+    assert found["address"] == f"ws://127.0.0.1:{chassis.port}"
     assert set(SECRETS) - {"left arm"} <= set(found["names"])
 
 
@@ -334,15 +317,7 @@ def test_values_that_do_not_fit_are_named_without_the_value() -> None:
 
 def test_robot_that_answers_nothing_over_http_is_surveyed() -> None:
     found = observed(request(BATTERY, 1), answer(BATTERY, 1, {"power": 50}), request(MODE, 2))
-    made = results(
-        found,
-        http={BATTERY: None},
-        seconds=1.0,
-        complete=False,
-        lost=2,
-        address="",
-        with_names=False,
-    )
+    made = report(found, http={BATTERY: None}, complete=False, lost=2)
     battery, mode = made["requests"]
     assert (battery["verdict"], battery["http"]) == ("answered", {"status": 0})
     assert (mode["verdict"], mode["http"]) == ("no answer", None)
@@ -363,16 +338,23 @@ def push(name: str, body: Any) -> tuple[float, bool, Json]:
     return 0.2, True, {"type": name, "body": body}
 
 
+def at(t: float, frame: tuple[float, bool, Json]) -> tuple[float, bool, Json]:
+    return t, *frame[1:]
+
+
 def observed(*frames: tuple[float, bool, Json]) -> Observations:
     return Observations(
         SeenFrame(t, 1, by_robot, json.dumps(frame)) for t, by_robot, frame in frames
     )
 
 
-def report(found: Observations, *, with_names: bool = False) -> Json:
-    return results(
-        found, http={}, seconds=1.0, complete=True, lost=0, address="", with_names=with_names
-    )
+def report(found: Observations, *, http: Json | None = None, **options: Any) -> Json:
+    usual = {"seconds": 1.0, "complete": True, "lost": 0, "address": "", "with_names": False}
+    return results(found, http=http or {}, **{**usual, **options})
+
+
+def by_type(entries: list[Json]) -> dict[str, Json]:
+    return {each["type"]: each for each in entries}
 
 
 def real_logs() -> Iterator[SeenFrame]:
@@ -396,7 +378,7 @@ def real_logs() -> Iterator[SeenFrame]:
 
 def test_real_logs_show_what_they_contain() -> None:
     found = report(Observations(real_logs()))
-    asked = {each["type"]: each for each in found["requests"]}
+    asked = by_type(found["requests"])
     refused = asked["woosh.robot.ExecTask"]["refused"]
     assert set(refused) == {
         "Request failed",
@@ -446,68 +428,67 @@ def test_answers_without_most_of_their_fields_teach_what_they_have() -> None:
 
 
 def test_start_delay_is_learned_from_velocities() -> None:
-    frames: list[SeenFrame] = []
-
-    def add(t: float, by_robot: bool, frame: Json) -> None:
-        frames.append(SeenFrame(t, 1, by_robot, json.dumps(frame)))
-
-    for start in range(5):
-        t = start * 20.0
-        for number in range(10):
-            sn = start * 10 + number + 1
-            add(t + number * 0.1, False, {"type": "woosh.robot.Twist", "sn": sn, "body": {}})
-            ok = {"type": "woosh.robot.Twist", "sn": sn, "body": {}, "ok": True}
-            add(t + number * 0.1 + 0.01, True, ok)
-            if number >= 4:
-                body = {"twist": {"linear": 0.3}}
-                add(t + number * 0.1 + 0.05, True, {"type": "woosh.robot.PoseSpeed", "body": body})
-    values = learn(Observations(frames))
+    frames: list[Any] = []
+    for number in range(50):
+        drive, turn = divmod(number, 10)
+        t = drive * 20.0 + turn * 0.1
+        sn = number + 1
+        frames.append(at(t, request("woosh.robot.Twist", sn)))
+        frames.append(at(t + 0.01, answer("woosh.robot.Twist", sn, {})))
+        if turn >= 4:
+            moving = push("woosh.robot.PoseSpeed", {"twist": {"linear": 0.3}})
+            frames.append(at(t + 0.05, moving))
+    values = learn(observed(*frames))
     assert values[("driving", "start_delay")] == (pytest.approx(0.45), 5)
     assert values[("driving", "max_speed")] == (0.3, 30)
     assert values[("rates", "pose_speed")] == (pytest.approx(0.1), 25)
 
 
-def test_survey_that_is_stopped_early_is_written(tmp_path: Path) -> None:
+def test_survey_that_is_stopped_early_is_written(chassis, tmp_path):
     folder = tmp_path / "survey"
-    with SimulatorThread(quick_config(port=0, tcp_port=0)) as simulator:
-        command = [sys.executable, "-m", "woosh_robot_agent.tools", "doctor"]
-        arguments = ["--ip", f"127.0.0.1:{simulator.port}", "--survey", str(folder)]
-        program = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, text=True)
-        deadline = time.monotonic() + 60.0
-        while simulator.counts["woosh.robot.Mode"] < 1:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        program.send_signal(signal.SIGINT)
-        output, _ = program.communicate(timeout=60.0)
-    assert program.returncode == 0
+    with start("doctor", *address(chassis), "--survey", str(folder)) as program:
+        chassis.wait_received(MODE, timeout=TIMEOUT)
+        status, output, _ = end(program)
+    assert status == 0
     assert "stopped early" in output
     found = json.loads((folder / "survey.json").read_text())
     assert found["complete"] is False
-    verdicts = {each["type"]: each["verdict"] for each in found["requests"]}
-    assert verdicts["woosh.robot.RobotInfo"] == "answered"
+    assert by_type(found["requests"])["woosh.robot.RobotInfo"]["verdict"] == "answered"
 
 
-def test_lost_connection_is_opened_again(tmp_path: Path) -> None:
-    folder = tmp_path / "survey"
+def survey_while(
+    meddle: Callable[[SimulatedChassis], Awaitable[None]],
+    folder: Path,
+    minutes: float,
+    **timeouts: float,
+) -> Json:
+    """Survey a simulated robot while a function meddles with it; return the results."""
 
     async def make() -> None:
         async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
-            making = survey(link(simulator.port), folder, minutes=0.1, with_names=False)
-            running = asyncio.ensure_future(making)
-            await simulator.wait_received("woosh.robot.Mode")
-            simulator.inject("drop")
-            await running
+            config = link(simulator.port, **timeouts)
+            making = survey(config, folder, minutes=minutes, with_names=False)
+            await asyncio.gather(making, meddle(simulator))
 
     asyncio.run(make())
-    found = json.loads((folder / "survey.json").read_text())
+    found: Json = json.loads((folder / "survey.json").read_text())
+    return found
+
+
+def test_lost_connection_is_opened_again(tmp_path):
+    async def lose(simulator: SimulatedChassis) -> None:
+        await simulator.wait_received(MODE)
+        simulator.inject("drop")
+
+    found = survey_while(lose, tmp_path / "survey", 0.1)
     assert found["lost_connections"] == 1
-    asked = {each["type"]: each for each in found["requests"]}
+    asked = by_type(found["requests"])
     assert asked["woosh.robot.Network"]["accepted"] >= 1  # comes after Mode
 
 
 def test_pushes_to_several_clients_count_once() -> None:
     frames = [
-        SeenFrame(t * 0.5, connection, True, json.dumps({"type": BATTERY, "body": {"power": t}}))
+        SeenFrame(t * 0.5, connection, True, json.dumps(push(BATTERY, {"power": t})[2]))
         for t in range(5)
         for connection in (1, 2)
     ]
@@ -515,18 +496,13 @@ def test_pushes_to_several_clients_count_once() -> None:
     assert (battery["count"], battery["period"]["median"]) == (5, 0.5)
 
 
-def test_query_without_an_answer_is_asked_twice(tmp_path: Path) -> None:
-    folder = tmp_path / "survey"
+def test_query_without_an_answer_is_asked_twice(tmp_path):
+    async def mute(simulator: SimulatedChassis) -> None:
+        simulator.mute(MODE)
 
-    async def make() -> None:
-        async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
-            simulator.mute(MODE)
-            config = link(simulator.port, request_timeout=0.5, connect_timeout=0.5)
-            await survey(config, folder, minutes=0.3, with_names=False)
-
-    asyncio.run(make())
-    found = json.loads((folder / "survey.json").read_text())
-    asked = {each["type"]: each for each in found["requests"]}
+    timeouts = {"request_timeout": 0.5, "connect_timeout": 0.5}
+    found = survey_while(mute, tmp_path / "survey", 0.3, **timeouts)
+    asked = by_type(found["requests"])
     assert (asked[MODE]["verdict"], asked[MODE]["asked"]) == ("no answer", 2)
     assert asked[BATTERY]["accepted"] >= 2
     assert found["lost_connections"] == 0
@@ -573,11 +549,19 @@ def test_source_must_be_a_recording_or_a_survey(tmp_path: Path, capsys: Any) -> 
     assert "give the folder of a survey, or a recording" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["--transport", "tcp"], ["--encoding", "protobuf"]])
-def test_survey_needs_json(arguments: list[str], tmp_path: Path, capsys: Any) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["--survey", "new", "--transport", "tcp"], "--survey needs --transport websocket"),
+        (["--survey", "new", "--encoding", "protobuf"], "--survey needs --transport websocket"),
+        (["--minutes", "3"], "need --survey"),
+        (["--with-names"], "need --survey"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(arguments: list[str], error: str, capsys: Any) -> None:
     with pytest.raises(SystemExit):
-        doctor_main(["--ip", "127.0.0.1", "--survey", str(tmp_path / "new"), *arguments])
-    assert "--survey needs --transport websocket" in capsys.readouterr().err
+        doctor_main(["--ip", "127.0.0.1", *arguments])
+    assert error in capsys.readouterr().err
 
 
 def test_names_of_fields_are_no_samples_of_a_profile(tmp_path: Path) -> None:
@@ -593,21 +577,16 @@ def test_slow_request_changes_the_default_little() -> None:
     frames = []
     for number, delay in enumerate([0.01] * 3 + [0.02] * 3 + [2.0] * 30):
         name = MODE if number < 3 else BATTERY if number < 6 else SETTING
-        frames += [
-            SeenFrame(number * 3.0, 1, False, json.dumps(request(name, number + 1)[2])),
-            SeenFrame(number * 3.0 + delay, 1, True, json.dumps(answer(name, number + 1, {})[2])),
-        ]
-    values = learn(Observations(frames))
+        t, sn = number * 3.0, number + 1
+        frames += [at(t, request(name, sn)), at(t + delay, answer(name, sn, {}))]
+    values = learn(observed(*frames))
     assert values[("answers", "default")] == ([0.02, 0.02, 0.02], 36)
 
 
 def test_rate_of_scans_is_not_learned_from_pushes() -> None:
     def pushed(period: float) -> Observations:
-        name = "woosh.robot.ScannerData"
-        return Observations(
-            SeenFrame(t * period, 1, True, json.dumps(push(name, {"ranges": [t]})[2]))
-            for t in range(5)
-        )
+        scans = [push("woosh.robot.ScannerData", {"ranges": [number]}) for number in range(5)]
+        return observed(*(at(number * period, scan) for number, scan in enumerate(scans)))
 
     values = learn(pushed(1.0))
     assert values[("rates", "scan_push")].value == 1.0
@@ -622,22 +601,12 @@ def test_learning_needs_a_new_file(tmp_path: Path, capsys: Any) -> None:
     assert "--learn needs --profile FILE" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["--minutes", "3"], ["--with-names"]])
-def test_options_of_a_survey_need_a_survey(arguments: list[str], capsys: Any) -> None:
-    with pytest.raises(SystemExit):
-        doctor_main(["--ip", "127.0.0.1", *arguments])
-    assert "need --survey" in capsys.readouterr().err
-
-
-def test_robot_that_refuses_robot_info_is_surveyed(tmp_path: Path) -> None:
+def test_robot_that_refuses_robot_info_is_surveyed(chassis, tmp_path):
     folder = tmp_path / "survey"
-    with SimulatorThread(quick_config(port=0, tcp_port=0)) as simulator:
-        simulator.inject("refuse", type="woosh.robot.RobotInfo", text="not now")
-        address = f"127.0.0.1:{simulator.port}"
-        doctor_main(["--ip", address, "--survey", str(folder), "--minutes", "0.05"])
+    chassis.refuse("woosh.robot.RobotInfo", "not now")
+    doctor_main([*address(chassis), "--survey", str(folder), "--minutes", "0.05"])
     found = json.loads((folder / "survey.json").read_text())
-    asked = {each["type"]: each for each in found["requests"]}
-    assert asked["woosh.robot.RobotInfo"]["refused"] == {"not now": 1}
+    assert by_type(found["requests"])["woosh.robot.RobotInfo"]["refused"] == {"not now": 1}
 
 
 def test_survey_of_no_robot_says_why_there_is_none(tmp_path: Path, capsys: Any) -> None:

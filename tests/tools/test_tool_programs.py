@@ -11,8 +11,6 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,8 @@ import pytest
 
 from tests.quick_chassis import edit_bodies
 from tests.simulator.sim_wire import JsonClient
-from tests.tools.test_recording import add_numbered
+from tests.tools.programs import HOSTILE, TIMEOUT, address, end, harmless, run, start
+from tests.tools.recordings import add_numbered, writer
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name
@@ -33,65 +32,26 @@ from woosh_robot_agent.tools.doctor import program as doctor
 from woosh_robot_agent.tools.maps import program as maps
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
 from woosh_robot_agent.tools.recording import replay
-from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.layout import Event
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.timeline import prepare
-from woosh_robot_agent.tools.recording.writer import RecordingWriter
 from woosh_robot_agent.vda5050 import __main__ as vda5050
 
-TIMEOUT = 60.0
 ROOT = Path(__file__).parents[2]
-HOSTILE = "\x1b]0;owned\x07 \x9b31m \u202e gnp \u2028 \r\nok    taskable"
-"""Text that sets a terminal's title, rings, colours, runs backwards and makes lines of its own."""
 TOOLS = ("dashboard", "monitor", "doctor", "record", "replay", "maps")
-
-
-@contextmanager
-def start(tool: str, *arguments: str) -> Iterator[Any]:
-    """Start a program; yield its process, which is killed at the end."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "woosh_robot_agent.tools", tool, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # as in a terminal: tests that run in the background pass on that SIGINT is ignored
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def end(process: Any, number: signal.Signals | None = signal.SIGINT) -> tuple[int, str, str]:
-    """End a program by a signal, or wait for its end; return exit status, stdout and stderr."""
-    if number is not None:
-        process.send_signal(number)
-    out, err = process.communicate(timeout=2 * TIMEOUT)
-    return process.returncode, out, err
-
-
-def run(tool: str, *arguments: str) -> tuple[int, str, str]:
-    with start(tool, *arguments) as process:
-        return end(process, None)
-
-
-def address(chassis: SimulatorThread) -> list[str]:
-    return ["--ip", f"127.0.0.1:{chassis.port}"]
 
 
 def empty_recording(folder: Path) -> Path:
     """Write a recording of one connection without frames."""
     path = folder / "a.mcap"
-    file = RecordingWriter(path, "ws://x", Limits(100_000), lambda reason: None)
+    file = writer(path)
     file.add_event(1, "open", "client")
     file.close()
     return path
 
 
 @pytest.mark.parametrize("tool", TOOLS)
-def test_every_tool_has_an_entry_point_and_a_help_text(tool: str) -> None:
+def test_every_tool_has_an_entry_point_and_a_help_text(tool):
     assert f'"{tool} = woosh_robot_agent.tools.__main__:{tool}"' in (ROOT / "setup.py").read_text()
     status, out, err = run(tool, "--help")
     assert (status, err) == (0, "")
@@ -141,9 +101,7 @@ def test_the_programs_do_not_import_ros() -> None:
         "simulator --list-faults",
     ],
 )
-def test_a_reader_that_has_gone_ends_a_program_quietly(
-    chassis: SimulatorThread, tmp_path: Path, command: str
-) -> None:
+def test_a_reader_that_has_gone_ends_a_program_quietly(chassis, tmp_path, command):
     places = {"port": chassis.port, "new": tmp_path / "new", "recording": empty_recording(tmp_path)}
     module, *arguments = command.format(**places).split()
     reader, writer = os.pipe()
@@ -159,13 +117,7 @@ def test_a_reader_that_has_gone_ends_a_program_quietly(
     assert (done.returncode, done.stderr) == (1, b"")
 
 
-def harmless(text: str) -> bool:
-    return all(character.isprintable() or character == "\n" for character in text)
-
-
-def test_texts_of_the_robot_cannot_control_the_terminal_of_doctor(
-    chassis: SimulatorThread, capsys: Any
-) -> None:
+def test_texts_of_the_robot_cannot_control_the_terminal_of_doctor(chassis, capsys):
     def edit(info: RobotInfo) -> None:
         info.genral.display_model = HOSTILE
         info.abnormal_codes.scs.add(code=1, msg=HOSTILE)
@@ -186,9 +138,7 @@ def test_texts_of_the_robot_cannot_control_the_terminal_of_doctor(
     assert harmless(out + err)
 
 
-def test_texts_of_the_robot_cannot_control_the_terminal_of_maps(
-    chassis: SimulatorThread, capsys: Any
-) -> None:
+def test_texts_of_the_robot_cannot_control_the_terminal_of_maps(chassis, capsys):
     def run_maps(*arguments: str) -> tuple[int, str]:
         status = maps.main([*address(chassis), *arguments])
         out, err = capsys.readouterr()
@@ -270,9 +220,7 @@ def parsed(*arguments: str) -> LinkConfig:
         (["--ip", "[::1]:5490"], "::1", 5490),
     ],
 )
-def test_the_address_of_the_robot_may_have_a_port(
-    arguments: list[str], host: str, port: int
-) -> None:
+def test_the_address_of_the_robot_may_have_a_port(arguments, host, port):
     config = parsed(*arguments)
     assert (config.ip, config.effective_port) == (host, port)
     assert parsed(*shlex.split(link_arguments(config))) == config
@@ -283,9 +231,7 @@ def test_the_address_of_the_robot_may_have_a_port(
     ["1.1.1.1:99999", "1.1.1.1:", "1.1.1.1:http", ":5480", "ws://1.1.1.1:5480", "[::1", "::1]", ""],
 )
 @pytest.mark.parametrize("tool", ["dashboard", "monitor", "doctor", "record", "maps", "vda5050"])
-def test_every_tool_refuses_a_wrong_address_in_the_same_words(
-    tool: str, address: str, capsys: Any
-) -> None:
+def test_every_tool_refuses_a_wrong_address_in_the_same_words(tool, address, capsys):
     main = vda5050.main if tool == "vda5050" else getattr(tools, tool)
     more = {"maps": ["list"], "vda5050": ["--broker", "mqtt://127.0.0.1"]}.get(tool, [])
     with pytest.raises(SystemExit) as ending:
@@ -348,25 +294,15 @@ def test_record_does_not_overwrite_a_file(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-def test_record_that_cannot_start_leaves_no_file(chassis: SimulatorThread, tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    arguments = ["--output", str(path), "--ros", "not a namespace"]
-    status, _, err = run("record", *address(chassis), *arguments)
+@pytest.mark.parametrize("option", ["--ros", "--listen"])
+def test_record_that_cannot_start_leaves_no_file(chassis, tmp_path, option):
+    port_in_use = f"127.0.0.1:{chassis.port}"
+    value = {"--ros": "not a namespace", "--listen": port_in_use}[option]
+    output = ["--output", str(tmp_path / "a.mcap")]
+    status, _, err = run("record", *address(chassis), *output, option, value)
     assert status == 1
-    assert "error: --ros" in err
+    assert {"--ros": "error: --ros", "--listen": "error: cannot listen on"}[option] in err
     assert not list(tmp_path.iterdir())
-
-
-def test_record_at_a_port_in_use_fails(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        there = f"127.0.0.1:{taken.getsockname()[1]}"
-        status, _, err = run(
-            "record", "--ip", "127.0.0.1", "--listen", there, "--output", str(path)
-        )
-    assert status == 1
-    assert "error:" in err
-    assert not path.exists()
 
 
 def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Path) -> None:
@@ -387,9 +323,7 @@ def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Pa
     assert read_recording(path).damage == ""
 
 
-def test_record_warns_if_other_machines_can_connect(
-    chassis: SimulatorThread, tmp_path: Path
-) -> None:
+def test_record_warns_if_other_machines_can_connect(chassis, tmp_path):
     arguments = ["--listen", "0.0.0.0:0", "--output", str(tmp_path / "a"), "--duration", "0.1"]
     status, _, err = run("record", *address(chassis), *arguments)
     assert status == 1
@@ -398,9 +332,7 @@ def test_record_warns_if_other_machines_can_connect(
 
 
 def test_replay_plays_what_there_is_and_says_what_is_missing(tmp_path: Path) -> None:
-    file = RecordingWriter(
-        tmp_path / "a.mcap", "ws://x", Limits(2**20, split_size=5_000), lambda reason: None
-    )
+    file = writer(tmp_path / "a.mcap", split_size=5_000)
     add_numbered(file, 200)
     file.close()
     given = [file.paths[1], file.paths[3]]
@@ -424,14 +356,10 @@ def test_replay_at_a_port_in_use_fails(tmp_path: Path, capsys: Any) -> None:
     assert "--tcp-port" in error
 
 
-def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
+def test_replay_without_a_recording_fails(tmp_path, capsys):
     assert replay.main([str(tmp_path / "nothing.mcap")]) == 1
     missing = f"error: cannot read {tmp_path / 'nothing.mcap'}: No such file or directory\n"
     assert capsys.readouterr().err == missing
-    path = tmp_path / "a.mcap"
-    path.write_text("hello, this is a text\n")
-    assert replay.main([str(path)]) == 1
-    assert "it is no MCAP file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -460,9 +388,7 @@ def test_replay_of_another_file_fails(tmp_path: Path, capsys: Any) -> None:
         ("replay", ["f", "--port", "70000"]),
     ],
 )
-def test_wrong_usage_ends_with_status_2(
-    tool: str, arguments: list[str], capsys: Any, tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_wrong_usage_ends_with_status_2(tool, arguments, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ending:
         getattr(tools, tool)(arguments)

@@ -85,7 +85,6 @@ class CheckFailedError(Exception):
 
 _MAX_BODY = 64 * 1024 * 1024
 """Number of bytes after which the rest of an HTTP response is not read."""
-
 _SN = 1
 """Serial number of the request for RobotInfo."""
 
@@ -143,8 +142,8 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
         ) from None
     received_at = time.time()
     info = _robot_info_in(codec, answer, config)
-    half_way = (sent_at + received_at) / 2
-    skew = answer.timestamp / 1000 - half_way if answer.timestamp else None
+    answered_at = (sent_at + received_at) / 2  # presumably
+    skew = answer.timestamp / 1000 - answered_at if answer.timestamp else None
     return RobotInfoAnswer(info, skew, received_at - sent_at)
 
 
@@ -317,8 +316,8 @@ async def _link_error(
 ) -> CheckFailedError:
     """Return the error for a link that did not open. It tells what answers HTTP at this address.
 
-    A chassis answers HTTP on the same port, so that a proxy or firewall that refuses WebSockets can
-    be told from another program.
+    A chassis also answers HTTP on this port. If one does, no other program uses the port, but a
+    proxy or firewall refuses the WebSocket.
 
     Args:
         config: address and timeouts of the robot.
@@ -404,7 +403,7 @@ def _robot_info_over_http(body: bytes) -> RobotInfo | None:
         return None
 
 
-_MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
+_MODE_OBJECTIONS = (MANUAL, MAINTENANCE, NO_CONTROL_MODE, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
 """The objections that `check_mode` reports."""
 _NOT_REPORTED = Result(
     Status.WARN,
@@ -417,7 +416,7 @@ def check_mode(info: RobotInfo) -> Result:
     """Check the control mode and the work mode."""
     if not info.HasField("mode"):
         return _NOT_REPORTED
-    if found := [objection for objection in objections(info) if objection in _MODES]:
+    if found := [objection for objection in objections(info) if objection in _MODE_OBJECTIONS]:
         return _failed(found)
     control = enum_name(robot.ControlMode, info.mode.ctrl)
     work = enum_name(robot.WorkMode, info.mode.work)
@@ -457,7 +456,7 @@ def check_emergency_stop(info: RobotInfo) -> Result:
 
 def check_taskable(info: RobotInfo) -> Result:
     """Check whether the robot would accept a new task."""
-    reported_by_others = {*_MODES, NOT_INITIALISED, LOST, EMERGENCY_STOP}
+    reported_by_others = {*_MODE_OBJECTIONS, NOT_INITIALISED, LOST, EMERGENCY_STOP}
     found = all_objections(info)
     if others := [objection for objection in found if objection not in reported_by_others]:
         return _failed(others)
@@ -481,7 +480,7 @@ def check_codes(info: RobotInfo) -> Result:
 
 
 def _check(good: bool | None, objection: Objection, text: str) -> Result:
-    """Return the result for a condition that is true, false or unknown."""
+    """Return the result for a condition: `text` if true, `objection` if false; None is unknown."""
     if good is None:
         return _NOT_REPORTED
     return Result(Status.OK, text) if good else _failed([objection])

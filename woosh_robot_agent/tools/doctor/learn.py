@@ -42,7 +42,7 @@ from woosh_robot_agent.tools.doctor.observations import (
 REFERENCE = "tr200"
 """Profile from which values are taken that cannot be learned."""
 
-Keys = tuple[str, ...]
+KeyPath = tuple[str, ...]
 """Keys of a value in a profile, e.g. `("rates", "scan")`."""
 
 
@@ -58,7 +58,7 @@ class Learned(NamedTuple):
     samples: int
 
 
-Values = dict[Keys, Learned]
+Values = dict[KeyPath, Learned]
 
 
 def quantile(values: Sequence[float], share: float) -> float:
@@ -72,16 +72,16 @@ def quantile(values: Sequence[float], share: float) -> float:
 
 def learn(seen: Observations) -> Values:
     """Return all values of a profile that can be learned from the observations."""
-    parts = (_model, _tasks, _answers, _mapping, _rates, _laser, _driving, _battery, _refusals)
+    parts = (_model, _tasks, _answers, _mapping, _rates, _laser, _driving, _battery, _texts)
     return {path: found for part in parts for path, found in part(seen) if _is_field(path)}
 
 
-def _is_field(path: Keys) -> bool:
+def _is_field(path: KeyPath) -> bool:
     """Return True for the keys of a value that profiles have."""
     return len(path) > 1 and path[1] in reference().get(path[0], {})
 
 
-_Found = Iterator[tuple[Keys, Learned]]
+_Found = Iterator[tuple[KeyPath, Learned]]
 """Learned values with their keys."""
 
 _MIN_SAMPLES = 3
@@ -120,11 +120,11 @@ def _tasks(seen: Observations) -> _Found:
     reports = seen.pushed(TaskProc)
     first_reports = []  # times from the answer to a task to its first report
     for each in seen.answered(pack.ExecTask) + seen.answered(pack.ExecPreTask):
-        if each.sent is None:
+        if each.request_body is None:
             continue
-        wanted = getattr(each.sent, "task_id", 0)
+        task_id = getattr(each.request_body, "task_id", 0)  # 0: the robot chooses one
         for t, proc in reports:
-            is_of_task = proc.robot_task_id == wanted if wanted else proc.robot_task_id != 0
+            is_of_task = proc.robot_task_id == task_id if task_id else proc.robot_task_id != 0
             if is_of_task and 0.0 <= t - each.t <= _MAX_FIRST_REPORT:
                 first_reports.append(t - each.t)
                 break
@@ -135,8 +135,8 @@ def _tasks(seen: Observations) -> _Found:
         yield ("tasks", "first_report"), Learned(values, len(first_reports))
     effects = []  # times from an order to the next report
     for order in seen.answered(pack.ActionOrder):
-        after = (t - order.t + order.delay for t, _ in reports if t >= order.t - order.delay)
-        effect = next(after, math.inf)
+        sent_at = order.t - order.delay
+        effect = next((t - sent_at for t, _ in reports if t >= sent_at), math.inf)
         if effect <= _MAX_EFFECT:
             effects.append(effect)
     if len(effects) >= _MIN_SAMPLES:
@@ -180,23 +180,22 @@ def _mapping(seen: Observations) -> _Found:
     if len(periods) >= _MIN_SAMPLES:
         period = Learned(_round_to_ms(quantile(periods, 0.5)), len(periods))
         yield ("mapping", "picture_period"), period
-    kinds: dict[int, list[float]] = {}
+    delays: dict[int, list[float]] = {}
     for each in seen.answered(pack.BuildMap):
-        kinds.setdefault(getattr(each.sent, "type", 0), []).append(each.delay)
-    kind = pack.BuildMap
-    starts = kinds.get(kind.kAdd, []) + kinds.get(kind.kUpdate, [])
+        delays.setdefault(getattr(each.request_body, "type", 0), []).append(each.delay)
+    starts = delays.get(pack.BuildMap.kAdd, []) + delays.get(pack.BuildMap.kUpdate, [])
     if starts:
         yield ("mapping", "start"), _interval(starts)
-    if kind.kSave in kinds:
-        yield ("mapping", "save"), _distribution(kinds[kind.kSave])
-    if kind.kCanel in kinds:
-        yield ("mapping", "cancel"), _interval(kinds[kind.kCanel])
+    if saves := delays.get(pack.BuildMap.kSave):
+        yield ("mapping", "save"), _distribution(saves)
+    if cancels := delays.get(pack.BuildMap.kCanel):
+        yield ("mapping", "cancel"), _interval(cancels)
 
 
 _MAX_GAP_MOVING = 2.0
 """Longer gaps between two pushes of PoseSpeed mean that the robot stood, in seconds."""
-_SAME_PERIOD = 0.7
-"""Scan period divided by push period from which on every scan counts as pushed."""
+_MIN_PERIOD_RATIO = 0.7
+"""Ratio of scan period to push period above which each scan counts as pushed."""
 
 
 def _rates(seen: Observations) -> _Found:
@@ -206,17 +205,19 @@ def _rates(seen: Observations) -> _Found:
     pushed = _gaps(
         [each.t for each in of_busiest_connection([each for each in seen.scans if each.pushed])]
     )
-    polled = _scan_period(seen)
+    scan = _scan_period(seen)
     if len(pushed) >= _MIN_SAMPLES:
         push = _median(pushed)
         yield ("rates", "scan_push"), push
-        # each scan is pushed, unless requests have shown many more; without requests, all that is
-        # known is that there are as many scans as pushes
-        longest = _SAME_PERIOD * push.value if polled else push.value
-        if (polled.value if polled else reference()["rates"]["scan"]) > longest:
-            polled = push
-    if polled:
-        yield ("rates", "scan"), polled
+        if scan:
+            is_each_pushed = scan.value > _MIN_PERIOD_RATIO * push.value
+        else:  # there are at least as many scans as pushes
+            is_each_pushed = reference()["rates"]["scan"] > push.value
+        if is_each_pushed:
+            scan = push
+    if scan:
+        yield ("rates", "scan"), scan
+    # a push without a change is a periodic one
     batteries = seen.pushed(Battery)
     repeated = [after - t for (t, one), (after, two) in pairwise(batteries) if one == two]
     if len(repeated) >= _MIN_SAMPLES:
@@ -230,7 +231,7 @@ def _rates(seen: Observations) -> _Found:
 def _scan_period(seen: Observations) -> Learned | None:
     """Return the time between two scans, from requests that were more frequent than the scans."""
     polls = of_busiest_connection([each for each in seen.scans if not each.pushed])
-    # polls with pauses between them are series of their own
+    # a pause ends a series of polls
     ends = [number for number, gap in enumerate(_gaps([each.t for each in polls]), 1) if gap > 1.0]
     gaps: list[float] = []
     for begin, end in pairwise([0, *ends, len(polls)]):
@@ -240,10 +241,11 @@ def _scan_period(seen: Observations) -> Learned | None:
             gaps += _gaps(changes)
     if len(gaps) < _MIN_SAMPLES:
         return None
-    # the mean, because the times of requests divide each gap; without those of late answers
-    outer = len(gaps) // 4
-    usual = sorted(gaps)[outer : len(gaps) - outer]
-    return Learned(_round_to_ms(sum(usual) / len(usual)), len(gaps))
+    # Late answers make the shortest and longest gaps. All others are multiples of the time between
+    # two polls, of which only the mean is exact.
+    quarter = len(gaps) // 4
+    middle = sorted(gaps)[quarter : len(gaps) - quarter]
+    return Learned(_round_to_ms(sum(middle) / len(middle)), len(gaps))
 
 
 def _laser(seen: Observations) -> _Found:
@@ -282,13 +284,13 @@ def _driving(seen: Observations) -> _Found:
     ):
         if len(speeds) >= _MIN_MOVING:
             yield ("driving", name), Learned(round(max(speeds), 3), len(speeds))
-    start_delays, last_sent = [], -math.inf
-    for order in seen.answered(pack.Twist):
-        sent = order.t - order.delay
-        is_first, last_sent = sent - last_sent > _MAX_START, sent
-        was_moving = any(0.0 <= sent - t <= _MAX_GAP_MOVING for t, _ in poses)
+    start_delays, last_sent_at = [], -math.inf
+    for velocity in seen.answered(pack.Twist):
+        sent_at = velocity.t - velocity.delay
+        is_first, last_sent_at = sent_at - last_sent_at > _MAX_START, sent_at
+        was_moving = any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses)
         if is_first and not was_moving:
-            delay = next((t - sent for t, _ in poses if t > sent), math.inf)
+            delay = next((t - sent_at for t, _ in poses if t > sent_at), math.inf)
             if delay <= _MAX_START:
                 start_delays.append(delay)
     if len(start_delays) >= _MIN_SAMPLES:
@@ -303,11 +305,12 @@ def _battery(seen: Observations) -> _Found:
 
 
 _QUERIES = {each.request for each in QUERIES}
-_WORDS = {each.words for each in REFUSALS.values()}
+_DEFAULT_TEXTS = {each.words for each in REFUSALS.values()}
 """Texts of refusals that the simulator has without a profile."""
 
 
-def _refusals(seen: Observations) -> _Found:
+def _texts(seen: Observations) -> _Found:
+    """Yield the refusals, and the language of status codes."""
     accepted = {each.request for each in seen.answers if each.ok}
     texts: dict[str, Counter[str]] = {}
     for each in seen.answers:
@@ -317,7 +320,7 @@ def _refusals(seen: Observations) -> _Found:
         text, count = found.most_common(1)[0]
         if name in _QUERIES and name not in accepted:
             yield ("refusals", "always", name), Learned(text or REQUEST_FAILED, count)
-        elif text and text not in _WORDS:
+        elif text and text not in _DEFAULT_TEXTS:
             yield ("refusals", "texts", name), Learned(text, count)
     messages = [code.msg for body in seen.bodies() for code in _codes(body) if code.code]
     if messages:
@@ -370,7 +373,7 @@ _TIME_TOLERANCE, _TOLERANCE = (0.1, 0.02), (0.01, 0.0)
 """Relative and absolute difference up to which two times, or two other numbers, agree."""
 
 
-def known_value(path: Keys) -> Any:
+def known_value(path: KeyPath) -> Any:
     """Return the value of `tr200` for the same keys as a learned value."""
     known: Any = reference()
     for key in path:
@@ -379,7 +382,7 @@ def known_value(path: Keys) -> Any:
     return reference()["answers"]["default"] if is_default else known
 
 
-def differs(path: Keys, value: Any) -> bool:
+def differs(path: KeyPath, value: Any) -> bool:
     """Return True if a learned value differs from the value of `tr200`."""
     known = known_value(path)
     if path == ("tasks", "first_report"):  # in any order
@@ -411,7 +414,7 @@ _NOT_LEARNED = {
 """Fields of a profile that are never learned, whatever a robot shows."""
 
 
-def profile_text(values: Mapping[Keys, Learned], source: str) -> str:
+def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
     """Return the file of a profile.
 
     Args:

@@ -55,8 +55,8 @@ class AnsweredRequest(NamedTuple):
     Attributes:
         t: Unix time of the answer, in seconds.
         sn: serial number.
-        request: full name of the request.
-        sent: the request; None if it could not be read.
+        request: type of the request.
+        request_body: body of the request; None if it could not be read.
         delay: time from request to answer, in seconds.
         ok: True if the request was accepted.
         text: text of the answer.
@@ -68,7 +68,7 @@ class AnsweredRequest(NamedTuple):
     t: float
     sn: int
     request: str
-    sent: Message | None
+    request_body: Message | None
     delay: float
     ok: bool
     text: str
@@ -78,7 +78,15 @@ class AnsweredRequest(NamedTuple):
 
 
 class Push(NamedTuple):
-    """A push; the attributes are as in `AnsweredRequest` and `SeenFrame`."""
+    """A push.
+
+    Attributes:
+        t: Unix time of its arrival, in seconds.
+        connection: number of the connection.
+        type: type of the push.
+        body: the message; None if it is large, could not be read, or has an unknown type.
+        size: size of the frame, in bytes.
+    """
 
     t: float
     connection: int
@@ -157,7 +165,9 @@ class Observations:
         self._pending: dict[tuple[int, int], tuple[float, str, Message | None]] = {}
         """Time, type and body of requests without an answer, by connection and serial number."""
         self._latest: dict[str, Message] = {}
+        """The last message of each type, also as a part of RobotInfo."""
         self._counts: Counter[str] = Counter()
+        """Number of messages of each type."""
         for frame in frames:
             self.add(frame)
 
@@ -212,7 +222,7 @@ class Observations:
         if envelope.timestamp:
             self.offsets.append(envelope.timestamp / 1000 - frame.t)
         pending = self._pending.pop((frame.connection, envelope.sn), None) if envelope.sn else None
-        if pending and not envelope.type:  # an answer needs only its number
+        if pending and not envelope.type:  # an answer may leave out its type
             envelope.type = pending[1]
         refused = envelope.sn != 0 and envelope.ok is False
         body = None if refused and not envelope.body else self._body(frame, envelope)
@@ -223,12 +233,12 @@ class Observations:
         if not envelope.sn:  # only answers have a serial number
             self.pushes.append(Push(frame.t, frame.connection, envelope.type, kept, size))
         elif pending:
-            sent_at, request, sent = pending
+            sent_at, request, request_body = pending
             answer = AnsweredRequest(
                 frame.t,
                 envelope.sn,
                 request,
-                sent,
+                request_body,
                 frame.t - sent_at,
                 envelope.ok is not False,
                 envelope.msg,
@@ -316,7 +326,7 @@ def _names(message: Any) -> Iterator[str]:
             yield from map(str, items)
         elif each.type == FieldDescriptor.TYPE_STRING and each.name not in _HARMLESS_FIELDS:
             yield from (item for item in items if len(item) > 1)
-        elif each.type == FieldDescriptor.TYPE_BYTES:  # the list of networks is JSON
+        elif each.type == FieldDescriptor.TYPE_BYTES:  # e.g. the list of networks, as JSON
             yield from (text for item in items for text in _texts_in_json(item))
 
 

@@ -9,9 +9,6 @@ from typing import Any
 from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.doctor.checks import Result, Status
 
-CHECK = "subscribers"
-"""Name of the check."""
-
 _DISCOVERY_TIME = 2.0
 """Time in which the other nodes are discovered, in seconds."""
 
@@ -80,4 +77,4 @@ def _full_name(endpoint: Any) -> str:
 
 
 def _result(status: Status, text: str, remedy: str = "") -> Result:
-    return Result(status, text, remedy, CHECK)
+    return Result(status, text, remedy, "subscribers")

@@ -44,7 +44,7 @@ from woosh_robot_agent.tools.options import stop_event
 from woosh_robot_agent.tools.progress import progress_bar
 
 _PUSHED = tuple(dict.fromkeys(topic.push for topic in TOPICS))
-_SMALL = tuple(
+_EMPTY_REQUESTS = tuple(
     name
     for name in dict.fromkeys(
         (*(query.request for query in QUERIES), *_PUSHED, full_name(Feedbacks), full_name(Storages))
@@ -53,8 +53,8 @@ _SMALL = tuple(
 )
 """Types that are requested without content in each round. What is pushed can be requested, too: a
 request without content cannot change anything."""
-_SUBSCRIBED = tuple(dict.fromkeys((*_PUSHED, full_name(Feedbacks), *_SMALL)))
-"""Types of the pushes that are subscribed to: of everything that has a value."""
+_SUBSCRIBED = tuple(dict.fromkeys((*_PUSHED, full_name(Feedbacks), *_EMPTY_REQUESTS)))
+"""Types that are subscribed to. The robot may also push what it is only known to answer."""
 _LARGE_ROUNDS = 3
 """Number of rounds in which queries with large answers are sent."""
 _PAUSE = 0.1
@@ -68,7 +68,7 @@ _MAX_UNANSWERED = 2
 _RETRY = 1.0
 """Time until a lost connection is opened again, in seconds."""
 _CONNECTION = 1
-"""Number given to every connection: serial numbers, never used twice, tell the requests apart."""
+"""Number of all connections. One is enough, because no serial number is used twice."""
 
 
 class _Survey:
@@ -94,12 +94,13 @@ class _Survey:
         self._waiting: dict[int, asyncio.Future[AnsweredRequest]] = {}
         """Requests in flight, by serial number."""
         self._rounds = 0
+        """Number of completed rounds of requests."""
         self._unanswered: dict[str, int] = {}
         """Number of requests without an answer, by type."""
         self._scene = ""
         """Name of the current scene, for requests of its data."""
         self._mark = mark_pb2.Storages.Base()
-        """Any mark, for the requests Find and PlanNavPath."""
+        """One of the robot's marks, for the requests Find and PlanNavPath."""
         self._pose: Pose2D | None = None
         """Pose of the robot; None if it is not located."""
 
@@ -126,7 +127,7 @@ class _Survey:
             await asyncio.wait({reading, asking}, return_when=asyncio.FIRST_COMPLETED)
             for each in (reading, asking):
                 if each.done():
-                    each.result()
+                    each.result()  # raise its exception
         finally:
             self._waiting.clear()
             await cancel_and_wait(reading, asking)
@@ -165,7 +166,7 @@ class _Survey:
     def _requests(self) -> Iterator[tuple[Message, float]]:
         """Yield the queries of a round, each with its timeout."""
         timeout, slow = self._config.request_timeout, minimum_timeouts()
-        for name in _SMALL:
+        for name in _EMPTY_REQUESTS:
             yield self._make.empty(message_type(name)), max(timeout, slow.get(name, 0.0))
         yield self._make.address(Find(no=self._mark.identity.no)), timeout
         if self._rounds < _LARGE_ROUNDS:
@@ -186,7 +187,7 @@ class _Survey:
                 yield self._make.address(each), max(timeout, slow.get(full_name(each), 0.0))
 
     async def _ask(self, request: Message, timeout: float) -> None:
-        """Send a request, wait for its answer, and note what later requests need of it."""
+        """Send a request, wait for its answer, and keep what later requests need of it."""
         self._sn += 1
         waiting: asyncio.Future[AnsweredRequest] = asyncio.get_running_loop().create_future()
         self._waiting[self._sn] = waiting
@@ -294,7 +295,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     seconds = time.monotonic() - began
     complete = not stop.is_set()
     if running.done():
-        running.result()
+        running.result()  # raise its exception
     await cancel_and_wait(running, stopping)
     if not running_survey.seen.frames:
         raise SurveyError("the robot has sent nothing, so nothing is written: see the checks")

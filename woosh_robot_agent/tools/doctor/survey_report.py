@@ -27,7 +27,7 @@ from woosh_robot_agent.tools.doctor.observations import Observations, Redactor, 
 REPORT_FILE = "survey.md"
 """File with the report for people, in the folder of a survey."""
 
-_UNKNOWN = re.compile(r"unknown|unsupported|not support|not found|no such|invalid type", re.I)
+_UNKNOWN_TEXT = re.compile(r"unknown|unsupported|not support|not found|no such|invalid type", re.I)
 """Text of an answer to a request that the robot does not know."""
 _NOT_FOUND = 404
 """HTTP status for a request that the robot does not know."""
@@ -131,7 +131,7 @@ def _requests(
         texts = Counter(_redacted(each.text, redactor) for each in answers if not each.ok)
         over_http = http.get(name)
         is_unknown = (over_http is not None and over_http.status == _NOT_FOUND) or (
-            any(_UNKNOWN.search(text) for text in texts) and not accepted
+            any(_UNKNOWN_TEXT.search(text) for text in texts) and not accepted
         )
         verdict = "no answer"
         if answers:

@@ -1,6 +1,6 @@
 """The commands of `maps`, with a progress bar if stderr is a terminal.
 
-Each refusal and each lost link is a `MapsError`.
+A refusal, a missing answer or a lost link raises `MapsError`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from woosh_robot_agent.tools.maps.scene_folder import (
     MapsError,
     SavedScene,
     check_writable,
-    edited_marks,
+    read_marks,
     read_scene,
     to_file_name,
     write_scene,
@@ -50,8 +50,8 @@ _M = TypeVar("_M", bound=Message)
 """Class of the message in an answer."""
 
 
-class Robot:
-    """The map library of one robot.
+class MapLibrary:
+    """The scenes and maps that one robot has stored.
 
     Args:
         chassis: the link, which must be ready.
@@ -130,16 +130,12 @@ def _progress(
     return progress_bar(escape(text), size, update, DownloadColumn(), TimeElapsedColumn())
 
 
-_HEADINGS = ("SCENE", "MAP", "ID", "FLOOR", "VERSION", "MARKS")
-"""Headings of the list."""
-
-
-async def list_maps(robot: Robot, *, as_json: bool) -> None:
+async def list_maps(library: MapLibrary, *, as_json: bool) -> None:
     """Print the scenes and maps of the robot."""
-    current = await robot.current()
+    current = await library.current()
     rows: list[dict[str, object]] = []
-    for scene in await robot.scenes():
-        overview = await robot.query(pack.SceneDataEasy(name=scene), pack.SceneDataEasy)
+    for scene in await library.scenes():
+        overview = await library.query(pack.SceneDataEasy(name=scene), pack.SceneDataEasy)
         for area in overview.maps:
             is_current = (scene, area.name) == (current.scene_name, current.map_name)
             rows.append(
@@ -156,9 +152,10 @@ async def list_maps(robot: Robot, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(rows, indent=2))
         return
+    columns = ("scene", "map", "id", "floor", "version", "marks")
     table = [
-        _HEADINGS,
-        *(tuple(printable(str(value)) for value in list(row.values())[:-1]) for row in rows),
+        [name.upper() for name in columns],
+        *([printable(str(row[name])) for name in columns] for row in rows),
     ]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for index, cells in enumerate(table):
@@ -167,16 +164,16 @@ async def list_maps(robot: Robot, *, as_json: bool) -> None:
         print(f"{line.rstrip()}{suffix}")
 
 
-async def download(robot: Robot, names: Sequence[str], output: Path, *, force: bool) -> None:
+async def download(library: MapLibrary, names: Sequence[str], output: Path, *, force: bool) -> None:
     """Save the named scenes, or all scenes, in folders.
 
     Args:
-        robot: the robot.
+        library: the scenes of the robot.
         names: names of scenes, or names of maps whose scenes are saved; empty for all scenes.
         output: folder in which the folders of the scenes are created.
         force: True to replace older folders.
     """
-    known = await robot.scenes()
+    known = await library.scenes()
     scenes = list(dict.fromkeys(_scene_of(name, known) for name in names)) if names else list(known)
     if not scenes:
         raise MapsError("the robot has no scenes")
@@ -184,9 +181,9 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
     for target in targets.values():
         check_writable(target, force=force)
     for scene, target in targets.items():
-        with _progress(robot.chassis, f"downloading {printable(scene)}"):
-            data = await robot.scene_data(scene)
-            files = await robot.download(scene)
+        with _progress(library.chassis, f"downloading {printable(scene)}"):
+            data = await library.scene_data(scene)
+            files = await library.download(scene)
         data.name = scene
         warnings = write_scene(target, data, files, force=force)
         marks = sum(len(area.mark_info.storages) for area in data.maps)
@@ -196,11 +193,13 @@ async def download(robot: Robot, names: Sequence[str], output: Path, *, force: b
             print(f"warning: {printable(text)}", file=sys.stderr)
 
 
-async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force: bool) -> None:
+async def upload(
+    library: MapLibrary, folders: Sequence[Path], new_name: str, *, force: bool
+) -> None:
     """Upload saved scenes to the robot.
 
     Args:
-        robot: the robot.
+        library: the scenes of the robot.
         folders: folders of the scenes.
         new_name: name of the scene on the robot; empty for its saved name.
         force: True to replace scenes on the robot.
@@ -209,7 +208,7 @@ async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force:
     names = [new_name or each.name for each in saved]
     if len(set(names)) < len(names):
         raise MapsError(f"two folders have the same scene: {', '.join(names)}")
-    known = await robot.scenes()
+    known = await library.scenes()
     for name in names:
         if name in known and not force:
             raise MapsError(
@@ -217,70 +216,70 @@ async def upload(robot: Robot, folders: Sequence[Path], new_name: str, *, force:
                 "another name"
             )
     for name, scene in zip(names, saved, strict=True):
-        await _upload(robot, name, scene)
+        await _upload(library, name, scene)
 
 
-async def rename(robot: Robot, scene: str, area: str, new_name: str) -> None:
-    """Rename a scene, or one of its maps if `area` is not empty."""
-    known = await robot.scenes()
-    what = _existing(known, scene, area)
-    if new_name in (known[scene] if area else known):
+async def rename(library: MapLibrary, scene: str, map_name: str, new_name: str) -> None:
+    """Rename a scene, or one of its maps if `map_name` is not empty."""
+    known = await library.scenes()
+    what = _check_exists(known, scene, map_name)
+    if new_name in (known[scene] if map_name else known):
         raise MapsError(f"{what} cannot be renamed: {new_name} exists already; choose another name")
-    request = pack.Rename(old_scene_name=scene, new_scene_name=scene if area else new_name)
-    if area:
-        request.old_map_name, request.new_map_name = area, new_name
-    await robot.request(request)
+    request = pack.Rename(old_scene_name=scene, new_scene_name=scene if map_name else new_name)
+    if map_name:
+        request.old_map_name, request.new_map_name = map_name, new_name
+    await library.request(request)
     print(printable(f"renamed {what} to {new_name}"))
 
 
-async def delete(robot: Robot, scene: str, area: str) -> None:
-    """Delete a scene, or one of its maps if `area` is not empty."""
-    what = _existing(await robot.scenes(), scene, area)
-    current = await robot.current()
-    if scene == current.scene_name and area in ("", current.map_name):
+async def delete(library: MapLibrary, scene: str, map_name: str) -> None:
+    """Delete a scene, or one of its maps if `map_name` is not empty."""
+    what = _check_exists(await library.scenes(), scene, map_name)
+    current = await library.current()
+    if scene == current.scene_name and map_name in ("", current.map_name):
         raise MapsError(
             f"{what} cannot be deleted: the robot is using it; switch to another one first"
         )
-    await robot.request(pack.Delete(scene_name=scene, map_name=area))
+    await library.request(pack.Delete(scene_name=scene, map_name=map_name))
     print(printable(f"deleted {what}"))
 
 
-async def _upload(robot: Robot, name: str, scene: SavedScene) -> None:
+async def _upload(library: MapLibrary, name: str, scene: SavedScene) -> None:
     size = sum(map(len, scene.files.values()))
     datas = [FileData(name=file, data=data) for file, data in scene.files.items()]
     request = pack.Upload(scene_name=name, file_datas=datas, method=pack.Upload.kFull)
-    with _progress(robot.chassis, f"uploading {printable(name)}", size):
-        await robot.request(request)
-    if name not in await robot.scenes():
+    with _progress(library.chassis, f"uploading {printable(name)}", size):
+        await library.request(request)
+    if name not in await library.scenes():
         raise MapsError(f"the robot accepted scene {name} but does not list it")
-    for area in scene.separate_marks:
-        await _upload_marks(robot, name, area, scene)
+    for map_name, file in scene.separate_marks.items():
+        await _upload_marks(library, name, map_name, file)
     print(printable(f"uploaded scene {name}: files {len(scene.files)}"), flush=True)
 
 
-async def _upload_marks(robot: Robot, scene: str, area: str, saved: SavedScene) -> None:
-    """Upload edited marks by one request per mark, for a map without a file of marks."""
-    data = await robot.scene_data(scene)
-    old = next((each.mark_info for each in data.maps if each.name == area), MarkInfo())
-    new = edited_marks(saved.separate_marks[area], old)
+async def _upload_marks(library: MapLibrary, scene: str, map_name: str, file: Path) -> None:
+    """Upload the edited marks of a map without a file of marks: one request per changed mark."""
+    data = await library.scene_data(scene)
+    old = next((each.mark_info for each in data.maps if each.name == map_name), MarkInfo())
+    new = read_marks(file, old)
     if new is old:
         return
-    current = await robot.current()
-    if (current.scene_name, current.map_name) != (scene, area):
+    current = await library.current()
+    if (current.scene_name, current.map_name) != (scene, map_name):
         raise MapsError(
-            f"scene {scene} was uploaded, but not the edited marks of map {area}, because the "
+            f"scene {scene} was uploaded, but not the edited marks of map {map_name}, because the "
             "robot only changes the marks of its current map: switch to that map, then repeat "
             "the upload with --force"
         )
     before = {storage.identity.no: storage for storage in old.storages}
     after = {storage.identity.no: storage for storage in new.storages}
     for number in before.keys() - after.keys():
-        await robot.request(edit.Delete(no=number))
+        await library.request(edit.Delete(no=number))
     for number, storage in after.items():
         if number not in before:
-            await robot.request(edit.Create(storage=storage))
+            await library.request(edit.Create(storage=storage))
         elif storage != before[number]:
-            await robot.request(edit.Update(storage=storage))
+            await library.request(edit.Update(storage=storage))
 
 
 def _scene_of(name: str, known: dict[str, list[str]]) -> str:
@@ -294,8 +293,8 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
     return found[0]
 
 
-def _existing(known: dict[str, list[str]], scene: str, area: str) -> str:
-    """Return the name of a scene or map for messages.
+def _check_exists(known: dict[str, list[str]], scene: str, map_name: str) -> str:
+    """Check that the robot has a scene or map; return its name for messages.
 
     Raises:
         MapsError: the robot does not have it.
@@ -303,10 +302,10 @@ def _existing(known: dict[str, list[str]], scene: str, area: str) -> str:
     if scene not in known:
         scenes = ", ".join(known) or "none"
         raise MapsError(f"the robot has no scene {scene}: its scenes are {scenes}")
-    if area and area not in known[scene]:
+    if map_name and map_name not in known[scene]:
         maps = ", ".join(known[scene]) or "none"
-        raise MapsError(f"scene {scene} has no map {area}: its maps are {maps}")
-    return f"map {area} of scene {scene}" if area else f"scene {scene}"
+        raise MapsError(f"scene {scene} has no map {map_name}: its maps are {maps}")
+    return f"map {map_name} of scene {scene}" if map_name else f"scene {scene}"
 
 
 def _count(storages: Storages) -> int:

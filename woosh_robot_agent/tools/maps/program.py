@@ -122,14 +122,16 @@ def _parser() -> argparse.ArgumentParser:
 async def _run(config: LinkConfig, options: argparse.Namespace) -> None:
     """Run the command."""
     async with ChassisClient(config=config, minimum_timeouts=commands.SLOW_ANSWERS) as chassis:
-        robot = commands.Robot(chassis)
+        library = commands.MapLibrary(chassis)
         if options.command == "list":
-            await commands.list_maps(robot, as_json=options.json)
+            await commands.list_maps(library, as_json=options.json)
         elif options.command == "download":
-            await commands.download(robot, options.names, options.output, force=options.force)
+            await commands.download(library, options.names, options.output, force=options.force)
         elif options.command == "upload":
-            await commands.upload(robot, options.folders, options.scene or "", force=options.force)
+            await commands.upload(
+                library, options.folders, options.scene or "", force=options.force
+            )
         elif options.command == "rename":
-            await commands.rename(robot, options.scene, options.map or "", options.new_name)
+            await commands.rename(library, options.scene, options.map or "", options.new_name)
         else:
-            await commands.delete(robot, options.scene, options.map or "")
+            await commands.delete(library, options.scene, options.map or "")

@@ -84,7 +84,7 @@ _HEADING = """\
 """
 
 
-def write_marks(info: MarkInfo, map_name: str) -> bytes:
+def marks_as_yaml(info: MarkInfo, map_name: str) -> bytes:
     """Return the marks of a map as YAML."""
     heading = _HEADING.format(map=repr(map_name), types=", ".join((_BASE, *_TYPES)))
     content = {_MARKS: [_entry(storage) for storage in info.storages], _OTHERS: _others(info)}
@@ -92,20 +92,20 @@ def write_marks(info: MarkInfo, map_name: str) -> bytes:
     return (heading + text).encode()
 
 
-def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
-    """Return the marks that a file describes; `old` itself if the file describes the same marks.
+def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
+    """Return the marks in a YAML file; `old` itself if the marks are the same.
 
     Args:
-        name: name of the file, for errors.
-        data: content of the file.
+        path: path of the file.
         old: the marks at the time when the file was written. Data that the file does not contain
             are taken from these marks.
 
     Raises:
         MapsError: the file cannot be used.
     """
+    name = str(path)
     try:
-        root = structure(_MarksFile, load_yaml(name, data, _MAX_MARKS_FILE), name)
+        root = structure(_MarksFile, load_yaml(name, _read(path), _MAX_MARKS_FILE), name)
         storages = _storages(name, root.marks, old.storages)
         same_others = (root.others or {}) == _others(old)
         if same_others and storages == list(old.storages):
@@ -124,14 +124,14 @@ def read_marks(name: str, data: bytes, old: MarkInfo) -> MarkInfo:
 
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
     """Return the marks of a file. For an unchanged mark, the Storage of `old` is returned."""
-    unchanged = {storage.identity.no: storage for storage in old}
+    old_by_number = {storage.identity.no: storage for storage in old}
     storages: list[Storage] = []
     changed: list[Storage] = []
     numbers: set[str] = set()
     ids: set[int] = set()
     for index, entry in enumerate(entries):
         where = f"{name}: {_MARKS}[{index}]"
-        before = unchanged.get(entry.get("number", "")) if isinstance(entry, dict) else None
+        before = old_by_number.get(entry.get("number", "")) if isinstance(entry, dict) else None
         if before and _entry(before) == entry:
             storage = before
         else:
@@ -340,9 +340,8 @@ def write_scene(
                     contents[f"{_NAV2}/{file}"] = content
             except MapError as error:  # the robot's own files are saved nevertheless
                 warnings.append(f"{what} {area.name} is not saved for nav2: {error}")
-        in_file = _marks_in_files(area.name, files)
-        info = area.mark_info if in_file is None else in_file[1]
-        contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = write_marks(info, area.name)
+        _, info = _marks_in_files(area.name, files) or ("", area.mark_info)
+        contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = marks_as_yaml(info, area.name)
     try:
         _write_folder(target, contents, force=force)
     except OSError as error:
@@ -372,8 +371,10 @@ def read_scene(folder: Path) -> SavedScene:
         found = _marks_in_files(area, files)
         if found is None:
             separate_marks[area] = path
-        elif (new := edited_marks(path, found[1])) is not found[1]:
-            files[found[0]] = new.SerializeToString()
+            continue
+        name, old = found
+        if (new := read_marks(path, old)) is not old:
+            files[name] = new.SerializeToString()
     return SavedScene(unquote(folder.resolve().name), files, separate_marks)
 
 
@@ -396,15 +397,6 @@ def _marks_in_files(area: str, files: Mapping[str, bytes]) -> tuple[str, MarkInf
             except DecodeError:  # other firmware may store marks in another format
                 return None
     return None
-
-
-def edited_marks(path: Path, old: MarkInfo) -> MarkInfo:
-    """Return the marks in a YAML file; `old` itself if the marks are the same.
-
-    Raises:
-        MapsError: the file cannot be used.
-    """
-    return read_marks(str(path), _read(path), old)
 
 
 def _read(path: Path) -> bytes:

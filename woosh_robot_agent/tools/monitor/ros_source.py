@@ -119,21 +119,20 @@ class RosSource:
         self._thread = NodeThread(f"monitor_{os.getpid()}", namespace, ros_args, domain)
         self._node = self._thread.node
         self.name = self._node.get_namespace()
-        self._agent: _RetriedCall | None = None
+        self._parameters_call: _RetriedCall | None = None
         """Call that requests the agent's parameters; None without an agent."""
         self._agent_name = ""
-        self._agent_answered_at = 0.0
-        """Time of the agent's last answer; 0 before the first one."""
+        self._first_answer_at = self._last_answer_at = 0.0
+        """Times of the agent's first and last answer; 0 before the first one."""
         self._address = ""
-        self._doctor = "doctor"
+        """Address of the agent's robot, with port and transport; empty if unknown."""
+        self._doctor_command = "doctor"
         """Command that examines the agent's robot."""
         self._connected: bool | None = None
         """Last value of the topic `connected`; None before the first one."""
-        self._found_at = 0.0
-        """Time of the agent's first answer; 0 before the first answer."""
         self._invalid = (0, "")
         """Number of messages that could not be converted, and the last error."""
-        self._robot_info: _RetriedCall
+        self._robot_info_call: _RetriedCall
         self._needs_robot_info = True
         self._loop: asyncio.AbstractEventLoop
 
@@ -141,7 +140,7 @@ class RosSource:
         self._loop = asyncio.get_running_loop()
         srv = class_of(_ROBOT_INFO.srv, "srv")
         client = self._node.create_client(srv, _ROBOT_INFO.name)
-        self._robot_info = _RetriedCall(
+        self._robot_info_call = _RetriedCall(
             client, srv.Request(), _ROBOT_INFO_TIMEOUT, self._on_robot_info
         )
         for topic in TOPICS:
@@ -165,18 +164,18 @@ class RosSource:
         )
 
     def link(self) -> LinkReport:
-        if self._agent is None:
+        if self._parameters_call is None:
             return LinkReport(
                 False,
                 f"no agent found in namespace {self.name}",
                 "start it, or check --namespace and ROS_DOMAIN_ID",
             )
-        silent = time.monotonic() - self._agent_answered_at
+        silent = time.monotonic() - self._last_answer_at
         if silent > _AGENT_TIMEOUT:
             return LinkReport(
                 False,
                 f"the agent has not answered for {silent:.0f} s"
-                if self._agent_answered_at
+                if self._last_answer_at
                 else "the agent has not answered yet",
                 "restart the agent, or check the network between it and this computer",
             )
@@ -185,7 +184,7 @@ class RosSource:
             return LinkReport(
                 False,
                 f"the agent is not connected to {address}",
-                f"see its log, or run `{self._doctor}` to find the cause",
+                f"see its log, or run `{self._doctor_command}` to find the cause",
             )
         if self._connected:
             return LinkReport(True, f"the agent is connected to {address}", self._unreadable_text())
@@ -204,7 +203,8 @@ class RosSource:
     def _is_awaiting_connected(self) -> bool:
         """Return True while the first message on `connected` can still be expected."""
         return (
-            self._connected is None and time.monotonic() < self._found_at + self._connected_timeout
+            self._connected is None
+            and time.monotonic() < self._first_answer_at + self._connected_timeout
         )
 
     def _unreadable_text(self) -> str:
@@ -242,7 +242,7 @@ class RosSource:
     def _on_connected(self, message: Any) -> None:
         if message.data and not self._connected:
             # An answer from before the connection can be outdated or empty.
-            self._robot_info.cancel()
+            self._robot_info_call.cancel()
             self._needs_robot_info = True
         self._connected = message.data
 
@@ -256,30 +256,32 @@ class RosSource:
         }
         if self._agent_name not in found:
             # If no agent was known, the received state comes from the agent found now: keep it.
-            if self._agent is not None:
+            if self._parameters_call is not None:
                 self._forget_agent()
             if not found:
                 return
             self._set_agent(min(found))
-        assert self._agent is not None
-        self._agent.call()
+        assert self._parameters_call is not None
+        self._parameters_call.call()
         if self._needs_robot_info:
-            self._robot_info.call()
+            self._robot_info_call.call()
 
     def _set_agent(self, name: str) -> None:
-        self._agent_answered_at = self._found_at = 0.0
+        self._last_answer_at = self._first_answer_at = 0.0
         self._needs_robot_info = True
         client = self._node.create_client(GetParameters, f"{name}/get_parameters")
         request = GetParameters.Request(names=list(_PARAMETERS))
-        self._agent = _RetriedCall(client, request, _PARAMETERS_TIMEOUT, self._on_parameters)
+        self._parameters_call = _RetriedCall(
+            client, request, _PARAMETERS_TIMEOUT, self._on_parameters
+        )
         self._agent_name = name
 
     def _forget_agent(self) -> None:
-        assert self._agent is not None
-        self._agent.cancel()
-        self._node.destroy_client(self._agent.client)
-        self._robot_info.cancel()
-        self._agent = self._connected = None
+        assert self._parameters_call is not None
+        self._parameters_call.cancel()
+        self._node.destroy_client(self._parameters_call.client)
+        self._robot_info_call.cancel()
+        self._parameters_call = self._connected = None
         self._agent_name = ""
 
     def _on_parameters(self, response: Any) -> None:
@@ -296,9 +298,9 @@ class RosSource:
             "robot_id": robot_id.integer_value,
         }
         with contextlib.suppress(ValueError):  # the agent has no such parameter, or refuses it
-            self._doctor = f"doctor {link_arguments(LinkConfig(**config))}"
-        self._agent_answered_at = time.monotonic()
-        self._found_at = self._found_at or self._agent_answered_at
+            self._doctor_command = f"doctor {link_arguments(LinkConfig(**config))}"
+        self._last_answer_at = time.monotonic()
+        self._first_answer_at = self._first_answer_at or self._last_answer_at
 
     def _on_robot_info(self, response: Any) -> None:
         self._update(converter(type(response.info), RobotInfo), response.info)

@@ -21,6 +21,7 @@ from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
@@ -92,8 +93,8 @@ def draw(name: str, link: LinkReport, view: RobotView, hint: str = "") -> Render
     if not view.is_empty:
         for title, content in _robot(view.info):
             rows.add_row(title, content)
-        for action_name in sorted(view.actions):
-            rows.add_row(printable(action_name), _action(view, action_name))
+        for action_name, feedback in sorted(view.actions.items()):
+            rows.add_row(printable(action_name), _action_feedback(feedback))
         rows.add_row("problems", _problems(view.info))
         rows.add_row("codes", _codes(view))
     style = "" if link.good else _FAINT
@@ -218,8 +219,7 @@ def _task_action(info: RobotInfo) -> Text:
     return Text(f"{enum_name(action.Type, doing.type)}   {state}{wait}")
 
 
-def _action(view: RobotView, name: str) -> Text:
-    feedback = view.actions[name]
+def _action_feedback(feedback: Feedback) -> Text:
     text = Text(enum_name(ActionState, feedback.state))
     if feedback.code:
         return text.append(f"   {printable(explained(feedback.code, feedback.msg))}")

@@ -22,7 +22,7 @@ _LIBRARY = "woosh_robot_agent"
 # Upper bounds of the sizes of MCAP records, in bytes, without the names and texts in them.
 _MESSAGE_OVERHEAD = 64
 _RECORD_OVERHEAD = 128
-_PER_CHANNEL_AND_CHUNK = 64
+_INDEX_OVERHEAD = 64  # of each channel in each chunk
 _END_OVERHEAD = 512
 
 
@@ -86,7 +86,7 @@ class McapFile:
             self.flush()
 
     def growth_by(self, channel: Channel, data: bytes) -> int:
-        """Return the maximum growth of the file by a message, in bytes."""
+        """Return the maximum size by which a message makes the file grow, in bytes."""
         size = len(data) + _MESSAGE_OVERHEAD
         return size if channel in self._channels else size + 2 * _definition_size(channel)
 
@@ -144,7 +144,7 @@ class McapFile:
 
     def _chunk_end_size(self) -> int:
         """Return the maximum size that the indexes of the current chunk add, in bytes."""
-        return _RECORD_OVERHEAD + len(self._channels) * _PER_CHANNEL_AND_CHUNK
+        return _RECORD_OVERHEAD + len(self._channels) * _INDEX_OVERHEAD
 
 
 def _definition_size(channel: Channel) -> int:
@@ -216,6 +216,7 @@ class RecordingFiles:
         self._begin_size = 0
         """Maximum size that `on_new_file` has given the current file, in bytes."""
         self._split_after = limits.split_duration * _NANOSECONDS or math.inf
+        """Duration after which the next file begins, in ns."""
         self._file: McapFile | None = None
         self._begin_file()
 
@@ -252,7 +253,7 @@ class RecordingFiles:
 
         def work(_: McapFile) -> None:
             self._apply_limits(channel, log_time, data)
-            if self._file is not None:
+            if self._file is not None:  # the next file, if a limit was reached
                 self._file.add(channel, log_time, published, data)
                 if self._start is None:
                     self._start = log_time

@@ -73,8 +73,8 @@ class Recording:
         started: Unix time of the start, in seconds.
         records: frames and events, in order.
         damage: why the end of a file is missing; empty if all files are complete.
-        missing_parts: numbers, from 0, of the files of a split recording that were not given. Files
-            after the last given one are not known to be missing.
+        missing_parts: zero-based numbers of the missing files of a split recording. Files missing
+            at its end cannot be detected.
     """
 
     address: str

@@ -96,7 +96,7 @@ class _Connection:
     ended_by: tuple[Side, str] | None = None
 
     def note_end(self, by: Side, how: str) -> None:
-        """Note how the connection ended; only the first call counts, once both are connected."""
+        """Note how the connection ended. Only the first call after both sides connected counts."""
         if self.ended_by is None and len(self.writers) == 2:
             self.ended_by = by, how
 

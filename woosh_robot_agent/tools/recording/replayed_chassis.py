@@ -234,6 +234,7 @@ class ReplayedChassis:
     # Clients
 
     async def _listen(self) -> None:
+        """Listen on both ports, unless they are open already."""
         if self._listeners:
             return
         for serve, port in ((serve_websocket, self.port), (serve_tcp, self.tcp_port)):
@@ -302,7 +303,7 @@ class ReplayedChassis:
     def _answer(
         self, client: ConnectedClient, codec: Codec, envelope: Envelope, data: str | bytes
     ) -> None:
-        exchange = self._playback.answers.find(envelope, data)
+        exchange = self._playback.answers.take(envelope, data)
         if exchange is None:
             text = f"the recording has no request of type {envelope.type}"
             if envelope.type not in self._unknown:

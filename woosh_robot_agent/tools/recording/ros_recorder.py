@@ -56,7 +56,7 @@ def definition(name: str) -> str:
 def _with_dependencies(name: str) -> list[str]:
     """Return a type and all types that it uses, directly or not, each once."""
     found = [name]
-    for each in found:  # which grows
+    for each in found:  # which grows in the loop
         try:
             cls: Any = class_of(each)
         except (ImportError, AttributeError) as error:
@@ -120,7 +120,7 @@ class RosRecorder:
         self._has_crashed = False
         self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
         self._node.create_timer(_FLUSH_PERIOD, self._files.flush)
-        self._thread.start(self._crashed)
+        self._thread.start(self._on_crash)
 
     @property
     def paths(self) -> list[Path]:
@@ -145,7 +145,7 @@ class RosRecorder:
 
     # The methods below run in the thread.
 
-    def _crashed(self, error: Exception) -> None:
+    def _on_crash(self, error: Exception) -> None:
         _LOG.error("the recording of ROS topics failed", exc_info=error)
         self._has_crashed = True
         self._on_early_end(f"internal error: {error!r}")
@@ -156,7 +156,9 @@ class RosRecorder:
         agents = {
             (info.node_name, info.node_namespace)
             for info in node.get_publishers_info_by_topic(node.resolve_topic_name(_AGENT_TOPIC))
-            if info.node_namespace.startswith("/")  # the node of a publisher is known a bit later
+            # A publisher is discovered before its node. Until then, the namespace is
+            # "_NODE_NAMESPACE_UNKNOWN_".
+            if info.node_namespace.startswith("/")
         }
         for name, namespace in agents:
             try:

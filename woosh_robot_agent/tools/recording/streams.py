@@ -82,12 +82,13 @@ class WebSocketParser:
         self._protocol.receive_data(data)
         self._protocol.data_to_send()  # discard the library's answers, e.g. pongs
         for frame in self._protocol.events_received():
-            yield from self._add(frame)
+            yield from self._reassemble(frame)
         error = self._protocol.parser_exc
         if error is not None:
             raise UnreadableError(f"invalid WebSocket frame: {error or type(error).__name__}")
 
-    def _add(self, frame: Any) -> Iterator[ParsedFrame]:
+    def _reassemble(self, frame: Any) -> Iterator[ParsedFrame]:
+        """Yield the frame that a WebSocket fragment completes, if any."""
         if frame.opcode is Opcode.CLOSE:
             yield ParsedFrame(_close_text(frame.data), close=True)
         if frame.opcode not in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
@@ -112,7 +113,7 @@ class DelimitedParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[ParsedFrame]:
-        """Do the same as `WebSocketParser.feed`."""
+        """Yield the frames that these further bytes complete, as `WebSocketParser.feed` does."""
         self._buffer += data
         while (prefix := self._parse_size()) is not None:
             size, begin = prefix
@@ -155,7 +156,7 @@ processor has to load code and data into its caches again.
 _MAX_COLLECTED = 1024 * 1024
 """Size of the collected bytes above which the frames in them are recorded at once, in bytes."""
 _MAX_WAITING = 64 * 1024 * 1024
-"""Maximum number of bytes that wait for a slow disk; with more, forwarding has to wait, too."""
+"""Maximum size of the bytes waiting for a slow disk. Above it, forwarding has to wait, too."""
 
 
 @dataclass(eq=False)

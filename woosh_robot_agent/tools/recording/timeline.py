@@ -39,12 +39,12 @@ def _decode(record: Record) -> Envelope | None:
         return None
 
 
-_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
+_SUBSCRIPTION_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
 
 
 def is_subscription(envelope: Envelope) -> bool:
     """Return True if a client's frame changes its subscriptions."""
-    return envelope.type in _TYPES
+    return envelope.type in _SUBSCRIPTION_TYPES
 
 
 def apply_subscription(topics: set[str], envelope: Envelope, frame: str | bytes) -> None:
@@ -222,7 +222,7 @@ class RecordedAnswers:
         """Types of all recorded requests."""
         return sorted({name for name, body in self._recorded if body is None})
 
-    def find(self, envelope: Envelope, frame: str | bytes) -> Exchange | None:
+    def take(self, envelope: Envelope, frame: str | bytes) -> Exchange | None:
         """Return the next exchange for a request; None if no request of its type was recorded."""
         for key in _keys(envelope, frame):
             if recorded := self._recorded.get(key):

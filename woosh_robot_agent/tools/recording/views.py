@@ -349,7 +349,7 @@ class MapFinder:
         """Name and id of the current map."""
 
     def maps_in(self, message: Message) -> Iterator[FoundMap]:
-        """Yield the maps in a message."""
+        """Yield the maps in a message; remember which map is the current one."""
         if isinstance(message, RobotInfo) and message.HasField("scene"):
             message = message.scene
         if isinstance(message, Scene):

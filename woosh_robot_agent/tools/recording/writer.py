@@ -209,6 +209,7 @@ class RecordingWriter:
             return None
 
     def _add_views(self, message: Message, now: int) -> None:
+        """Write the views, maps and metadata of a message of the chassis."""
         thinned = self._thinned.get(type(message))
         if thinned is not None:
             if now - thinned.shown_at < _VIEW_PERIOD:
@@ -219,8 +220,8 @@ class RecordingWriter:
         for found in self._finder.maps_in(message):
             if len(self._preparing) >= _MAX_MAPS:
                 self._log.warn("maps", f"map {found.area.name} is left out: too many at a time")
-                continue
-            self._preparing.append(self._worker.submit(prepare_map, found, now))
+            else:
+                self._preparing.append(self._worker.submit(prepare_map, found, now))
         general = message.genral if isinstance(message, RobotInfo) else message
         if isinstance(general, General):
             self._set_robot(general)
