@@ -333,7 +333,7 @@ class MotionGate:
         return time.monotonic() < self._drives_until
 
     @property
-    def holds_back(self) -> bool:
+    def is_answer_overdue(self) -> bool:
         """True if velocities are held back, because the chassis has not answered an earlier one."""
         return self._velocities.is_answer_overdue
 
