@@ -38,7 +38,7 @@ export function refusal(name) {
   if (!robot?.known) return text("notice.unknown");
   if (owner && !store.mine.value) return text("reason.controlled", { name: owner });
   if (store.isPending(name) && !REPEATABLE.includes(name)) return text("reason.pending");
-  return refusalOf(robot, name);
+  return robotRefusal(robot, name);
 }
 
 /**
@@ -46,10 +46,10 @@ export function refusal(name) {
  * @param {store.Robot} robot
  * @param {string} name
  */
-function refusalOf({ task, objections }, name) {
+function robotRefusal({ task, objections }, name) {
   const busy = task?.running ? text("objection.busy.reason") : null;
   const paused = busy !== null && task?.state === "paused";
-  const drives = paused ? null : busy;
+  const driving = paused ? null : busy; // a paused task does not drive
   /** @param {string[]} names */
   const objection = (...names) => {
     const found = objections.find((each) => names.includes(each.name));
@@ -59,7 +59,7 @@ function refusalOf({ task, objections }, name) {
     case "go":
       return busy ?? objection(...HINDRANCES, "mapping", "following", "busy");
     case "drive":
-      return objection("emergency_stop", "maintenance") ?? drives;
+      return objection("emergency_stop", "maintenance") ?? driving;
     case "pause":
       if (paused) return text("reason.paused");
       return busy ? null : text("objection.no_task.reason");
@@ -68,7 +68,7 @@ function refusalOf({ task, objections }, name) {
     case "continue":
       return paused ? objection(...HINDRANCES) : text("reason.notPaused");
     case "setPose":
-      return objection("mapping") ?? drives;
+      return objection("mapping") ?? driving;
     case "keepPose":
     case "switchMap":
       return objection("mapping") ?? busy;
