@@ -15,7 +15,7 @@ from tests.tools.dashboard.pages import controlled, dashboard, fetch, page, say
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMap, ExecTask, SwitchWorkMode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, ScannerData
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
@@ -59,30 +59,20 @@ async def test_the_map_is_a_picture_with_marks(chassis: SimulatorThread) -> None
 
 @aio
 async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
-    config = LinkConfig("127.0.0.1", chassis.port)
-    async with (
-        dashboard(chassis) as running,
-        page(running) as viewer,
-        ChassisClient(config=config) as client,
-    ):
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
-        await client.request(SwitchWorkMode(mode="kDeployMode"))
-        build = BuildMap(type=BuildMap.kAdd, scene_name="hall", map_name="ground")
-        answer = await client.request(build)
-        assert answer.ok, answer.msg
-        number = await viewer.until(
+        await viewer.give("workMode", mode="deploy")
+        await viewer.give("buildMap", type="add", scene="hall", map="ground")
+        area = await viewer.until(
             lambda parts: (
-                parts["map"]["number"] > before + 1
-                and "marks" not in parts["map"]
-                and parts["map"]["number"]
+                parts["map"]["number"] > before + 1 and "marks" not in parts["map"] and parts["map"]
             )
         )
-        status, _, body = await fetch(running, f"/map/0/{number}.png")
+        status, _, body = await fetch(running, f"/map/0/{area['number']}.png")
         assert status == 200
         with Image.open(io.BytesIO(body)) as image:
             assert image.format == "PNG"
-        answer = await client.request(BuildMap(type=BuildMap.kCanel))
-        assert answer.ok, answer.msg
+        await viewer.give("discardMap")
         await viewer.until(lambda parts: parts["map"]["marks"])  # that of the scene again
 
 

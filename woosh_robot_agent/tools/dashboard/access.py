@@ -204,8 +204,9 @@ class LimitedConnection(asyncio.Protocol):
         self._opening = opening
         self._transport: asyncio.Transport
         self._allowance = float(_INPUT_BURST)
-        """Number of bytes that could arrive at `_counted_at`, the loop time of the last ones."""
+        """Number of bytes that may still arrive; it grows with time, up to `_INPUT_BURST`."""
         self._counted_at = -math.inf
+        """Loop time at which `_allowance` was updated."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)

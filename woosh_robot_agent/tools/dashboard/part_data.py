@@ -68,8 +68,8 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
         "x": round(pose.x, 4),
         "y": round(pose.y, 4),
         "theta": round(pose.theta, 4),
-        "linear": _finite_or_zero(twist.linear),
-        "angular": _finite_or_zero(twist.angular),
+        "linear": _rounded_or_zero(twist.linear),
+        "angular": _rounded_or_zero(twist.angular),
         "doubt": None if doubt is None else _objection(doubt),
     }
 
@@ -140,7 +140,7 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "name": info.setting.identity.name,
         "state": enum_name(robot.State, info.state),
         "objection": None if objection is None else _objection(objection),
-        "moves": bool(_finite_or_zero(twist.linear) or _finite_or_zero(twist.angular)),
+        "moves": bool(_rounded_or_zero(twist.linear) or _rounded_or_zero(twist.angular)),
         "problems": len(info.abnormal_codes.scs),
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),
@@ -242,7 +242,7 @@ def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
         for each in fields:
             outline = points_data(each.nav_filed.vertexs)
             if len(outline) > 2:
-                speed = _finite_or_zero(each.nav_filed.max_speed)
+                speed = _rounded_or_zero(each.nav_filed.max_speed)
                 zones.append({"kind": field.name, "outline": outline, "speed": speed})
     return zones[:_MAX_ZONES]
 
@@ -338,7 +338,7 @@ def _abnormal_hardware(hardware: HardwareState) -> list[dict[str, str]]:
     return found
 
 
-def _finite_or_zero(value: float) -> float:
+def _rounded_or_zero(value: float) -> float:
     return round(value, 3) if math.isfinite(value) else 0.0
 
 
