@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, contextmanager
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import pytest
 
 from tests.quick_chassis import quick_config
+from tests.tools.dashboard.pages import is_driving
 from tests.tools.waiting import TIMEOUT
-from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.simulator.server import SimulatedChassis
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
 T = TypeVar("T")
@@ -35,17 +33,11 @@ _OPTIONS = (
     "--disable-background-networking",
     "--no-first-run",
     "--force-device-scale-factor=1",
+    "--window-size=1280,800",
 )
 
 
-def skip_without_browser() -> Any:
-    """Import selenium; skip the test if there is no browser."""
-    if not (CHROMIUM and DRIVER):
-        pytest.skip("no Chromium: run apt-get install chromium chromium-driver (Debian)")
-    return pytest.importorskip("selenium.webdriver", reason="pip install selenium")
-
-
-class SimulatedPage:
+class SimulatedPage(SimulatorThread):
     """A simulated robot and its page, in a thread.
 
     Args:
@@ -53,36 +45,30 @@ class SimulatedPage:
     """
 
     def __init__(self, **options: Any) -> None:
-        self._options = {"port": 0, "tcp_port": 0, **options}
-        self._ready: Future[str] = Future()
-        self._loop: asyncio.AbstractEventLoop
-        self._simulator: SimulatedChassis
-        self._stopping = asyncio.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
-        self._thread.start()
-        self.url = self._ready.result(TIMEOUT)
+        super().__init__(quick_config(port=0, tcp_port=0, **options))
+        self._contexts = AsyncExitStack()
 
-    async def _run(self) -> None:
-        try:
-            self._loop = asyncio.get_running_loop()
-            async with (
-                SimulatedChassis(quick_config(**self._options)) as self._simulator,
-                dashboard_beside(self._simulator, 0) as url,
-            ):
-                self._ready.set_result(url)
-                await self._stopping.wait()
-        except BaseException as error:
-            if self._ready.done():
-                raise
-            self._ready.set_exception(error)
+    def __enter__(self) -> SimulatedPage:
+        super().__enter__()
+        simulator = self.call(lambda simulator: simulator)
+        self.url = self.enter(dashboard_beside(simulator, 0))
+        return self
 
-    def call(self, do: Callable[[SimulatedChassis], T]) -> T:
-        """Call `do` in the thread of the simulator; return the result."""
+    def __exit__(self, *error: object) -> None:
+        self.run(self._contexts.aclose())
+        super().__exit__(*error)
 
-        async def run() -> T:
-            return do(self._simulator)
+    def begin(self, work: Coroutine[Any, Any, T]) -> Future[T]:
+        """Start a coroutine in the thread of the simulator."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop)
 
-        return asyncio.run_coroutine_threadsafe(run(), self._loop).result(TIMEOUT)
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine in the thread of the simulator; return the result."""
+        return self.begin(work).result(TIMEOUT)
+
+    def enter(self, context: AbstractAsyncContextManager[T]) -> T:
+        """Enter a context in the thread of the simulator, until the end of the simulator."""
+        return self.run(self._contexts.enter_async_context(context))
 
     @contextmanager
     def silent(self) -> Iterator[None]:
@@ -94,34 +80,212 @@ class SimulatedPage:
         finally:
             go_on.set()
 
-    def close(self) -> None:
-        self._loop.call_soon_threadsafe(self._stopping.set)
-        self._thread.join(TIMEOUT)
+
+class Browser:
+    """A window of a browser that shows the page; `driver` is the one of Selenium."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+        driver.set_page_load_timeout(TIMEOUT)
+        driver.set_script_timeout(TIMEOUT)
+
+    @contextmanager
+    def new_window(self) -> Iterator[None]:
+        """Open a window; close all windows that were opened meanwhile at the end."""
+        from selenium.webdriver.common.actions.action_builder import ActionBuilder
+
+        driver = self.driver
+        first = driver.current_window_handle
+        driver.switch_to.new_window("window")
+        driver.set_window_size(1280, 800)
+        for log in ("browser", "performance"):
+            driver.get_log(log)
+        try:
+            yield
+        finally:
+            ActionBuilder(driver).clear_actions()  # releases keys and pointers
+            for handle in driver.window_handles:
+                if handle != first:
+                    driver.switch_to.window(handle)
+                    driver.close()
+            driver.switch_to.window(first)
+
+    def open(self, url: str) -> None:
+        """Open the page, and wait until it shows the map and the laser."""
+        self.driver.get(url)
+        self.wait_for_map()
+
+    def wait_for_map(self) -> None:
+        known = "globalThis.mapCanvas?.area != null && store.scan.value !== null"
+        eventually(lambda: self.script(known), "the map and the laser")
+
+    def script(self, expression: str) -> Any:
+        """Return the value of a JavaScript expression."""
+        return self.driver.execute_script(f"return {expression}")
+
+    def element(self, selector: str) -> Any:
+        return self.driver.find_element("css selector", selector)
+
+    def elements(self, selector: str) -> list[Any]:
+        return list(self.driver.find_elements("css selector", selector))
+
+    def text(self, selector: str) -> str:
+        """Return what can be read of the first element; empty if there is none."""
+        found = f"document.querySelector({json.dumps(selector)})"
+        return str(self.script(f"{found}?.innerText ?? ''"))
+
+    def is_enabled(self, selector: str) -> bool:
+        """Return True if there is a control that can be pressed."""
+        found = f"document.querySelector({json.dumps(selector)})"
+        return bool(self.script(f"{found}?.matches(':enabled:not([aria-disabled=true])')"))
+
+    def press(self, selector: str) -> None:
+        """Press a control as soon as it can be pressed."""
+        from selenium.common.exceptions import WebDriverException
+
+        def is_pressed() -> bool:
+            try:
+                self.element(selector).click()
+            except WebDriverException:  # not there yet, or something moves over it
+                return False
+            return True
+
+        eventually(is_pressed, f"{selector} to be pressed")
+
+    def show(self, tab: str) -> None:
+        """Show a tab of the panel."""
+        self.press(f"#tab-{tab}")
+
+    def choose_mark(self, row: int = 2) -> None:
+        """Choose the mark in a row of the list, and wait until the robot can be sent there."""
+        self.press(f"#marks li:nth-child({row}) button")
+        eventually(lambda: " m" in self.text("#now .way"), "the length of the way")
+        eventually(lambda: self.is_enabled("#go"), "Go")
+
+    def middle(self, selector: str) -> tuple[float, float]:
+        """Return the middle of an element, in pixels."""
+        box = self.element(selector).rect
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def map_corners(self) -> list[list[float]]:
+        """Return the corners of the map's picture on the canvas, in pixels."""
+        pixels = "mapCanvas.corners(mapCanvas.area).map(({x, y}) => mapCanvas.view.toScreen(x, y))"
+        return list(self.script(f"{pixels}.map(({{x, y}}) => [x, y])"))
+
+    def click_at(self, x: float, y: float, drag: tuple[int, int] | None = None) -> None:
+        """Press a place of the map, in metres, and release it there or after a drag in pixels."""
+        at = self.script(f"mapCanvas.view.toScreen({x}, {y})")
+        size = self.script("[mapCanvas.view.width, mapCanvas.view.height]")
+        offset = round(at["x"] - size[0] / 2), round(at["y"] - size[1] / 2)
+        chain = self.actions().move_to_element_with_offset(self.element("#map"), *offset)
+        if drag is None:
+            chain.click().perform()
+        else:
+            chain.click_and_hold().move_by_offset(*drag).release().perform()
+
+    def actions(self) -> Any:
+        """Return an empty chain of actions of the mouse and the keyboard."""
+        from selenium.webdriver import ActionChains
+
+        return ActionChains(self.driver, duration=50)
+
+    def release(self) -> None:
+        """Release the mouse."""
+        self.actions().release().perform()
+
+    def push_stick(self) -> None:
+        """Press the stick and push it ahead."""
+        stick = self.element("#stick")
+        self.actions().move_to_element(stick).click_and_hold().move_by_offset(0, -50).perform()
+
+    def hold_stick(self, until: Callable[[], Any], what: str = "the robot to drive") -> None:
+        """Push the stick ahead and keep it there until a condition is true.
+
+        On a busy machine, the connection to the dashboard may be too slow for a moment.
+        """
+
+        def is_done() -> Any:
+            if not self.script("store.held.value !== null"):
+                self.release()
+                self.push_stick()
+            return until()
+
+        eventually(is_done, what)
+
+    def drive(self, robot: SimulatorThread) -> None:
+        """Push the stick ahead and keep it there until the robot drives."""
+        self.hold_stick(lambda: is_driving(robot))
+
+    def touch(self, kind: str, *places: tuple[float, float]) -> None:
+        """Touch the screen: `touchStart`, `touchMove` or `touchEnd`.
+
+        Args:
+            kind: what happens.
+            places: where each finger is then, in pixels; the order of the fingers stays.
+        """
+        points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(places)]
+        self.send("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
+    def send(self, command: str, **parameters: Any) -> None:
+        """Send a command of the DevTools protocol of Chromium."""
+        self.driver.execute_cdp_cmd(command, parameters)
+
+    def set_screen(self, width: int, height: int, ratio: float = 1) -> None:
+        """Give the window the size of a device, in pixels; the page gets it soon afterwards."""
+        size = {"width": width, "height": height, "mobile": width < 1000}
+        self.send("Emulation.setDeviceMetricsOverride", **size, deviceScaleFactor=ratio)
+
+    def set_media(self, **features: str) -> None:
+        found = [{"name": name, "value": value} for name, value in features.items()]
+        self.send("Emulation.setEmulatedMedia", features=found)
+
+    def check_console_and_requests(self, url: str) -> None:
+        """Check that the page reported no error, and asked nobody but the dashboard."""
+        host = urlsplit(url).netloc
+        # on a busy machine, the page may give up a connection, which Chromium reports by itself
+        given_up = f"WebSocket connection to 'ws://{host}/live' failed"
+        messages = [entry["message"] for entry in self.driver.get_log("browser")]
+        assert [each for each in messages if given_up not in each] == []
+        urls = self._requested_urls()
+        assert f"ws://{host}/live" in urls
+        others = {each for each in urls if urlsplit(each).netloc != host}
+        assert {each for each in others if not each.startswith(("data:", "chrome:"))} == set()
+
+    def _requested_urls(self) -> set[str]:
+        """Return the addresses of everything that the page has requested since the last call."""
+        urls = set()
+        for entry in self.driver.get_log("performance"):
+            message = json.loads(entry["message"])["message"]
+            if message["method"] == "Network.requestWillBeSent":
+                urls.add(message["params"]["request"]["url"])
+            elif message["method"] == "Network.webSocketCreated":
+                urls.add(message["params"]["url"])
+        return urls
 
 
 @contextmanager
-def chromium(width: int = 1280, height: int = 800) -> Iterator[Any]:
-    """Start a browser of its own; yield its driver."""
-    webdriver = skip_without_browser()
+def chromium() -> Iterator[Browser]:
+    """Start Chromium, or skip the test if there is none."""
+    if not (CHROMIUM and DRIVER):
+        pytest.skip("no Chromium: run apt-get install chromium chromium-driver (Debian)")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="pip install selenium")
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for option in (*_OPTIONS, f"--window-size={width},{height}"):
+    for option in _OPTIONS:
         options.add_argument(option)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     service = webdriver.ChromeService(executable_path=DRIVER)
     driver = webdriver.Chrome(options=options, service=service)
     try:
-        driver.set_page_load_timeout(TIMEOUT)
-        driver.set_script_timeout(TIMEOUT)
-        yield driver
+        yield Browser(driver)
     finally:
         driver.quit()
         service.stop()
 
 
 @contextmanager
-def firefox(width: int = 1280, height: int = 900) -> Iterator[Any]:
-    """Start Firefox, or skip the test if there is none; yield its driver."""
+def firefox() -> Iterator[Browser]:
+    """Start Firefox, or skip the test if there is none."""
     if not (FIREFOX and FIREFOX_DRIVER):
         pytest.skip("no Firefox: install firefox-esr and geckodriver")
     webdriver = pytest.importorskip("selenium.webdriver", reason="pip install selenium")
@@ -130,184 +294,19 @@ def firefox(width: int = 1280, height: int = 900) -> Iterator[Any]:
     options.add_argument("-headless")
     driver = webdriver.Firefox(options, webdriver.FirefoxService(FIREFOX_DRIVER))
     try:
-        driver.set_window_size(width, height)
-        driver.set_page_load_timeout(TIMEOUT)
-        driver.set_script_timeout(TIMEOUT)
-        yield driver
+        driver.set_window_size(1280, 900)
+        yield Browser(driver)
     finally:
         driver.quit()
 
 
-class SharedBrowser:
-    """A browser that is started once, for many tests; each gets a window of its own."""
-
-    def __init__(self) -> None:
-        self._running = contextlib.ExitStack()
-        self._driver: Any = None
-
-    @contextmanager
-    def window(self, width: int = 1280, height: int = 800) -> Iterator[Any]:
-        """Open a window; yield the driver.
-
-        Its size is in pixels. All windows that the caller opens are closed at the end.
-        """
-        if self._driver is None:
-            self._driver = self._running.enter_context(chromium())
-        driver = self._driver
-        first = driver.current_window_handle
-        driver.switch_to.new_window("window")
-        driver.set_window_size(width, height)
-        for log in ("browser", "performance"):
-            driver.get_log(log)
-        try:
-            yield driver
-        finally:
-            _release_keys_and_pointers(driver)
-            for handle in driver.window_handles:
-                if handle != first:
-                    driver.switch_to.window(handle)
-                    driver.close()
-            driver.switch_to.window(first)
-
-    def close(self) -> None:
-        """End the browser, if it runs."""
-        self._driver = None
-        self._running.close()
-
-
-def _release_keys_and_pointers(driver: Any) -> None:
-    from selenium.webdriver.common.actions.action_builder import ActionBuilder
-
-    ActionBuilder(driver).clear_actions()
-
-
-def script(driver: Any, expression: str) -> Any:
-    """Return the value of a JavaScript expression."""
-    return driver.execute_script(f"return {expression}")
-
-
-def element(driver: Any, selector: str) -> Any:
-    return driver.find_element("css selector", selector)
-
-
-def text(driver: Any, selector: str) -> str:
-    """Return what can be read of the first element; empty if there is none."""
-    found = f"document.querySelector({json.dumps(selector)})"
-    return str(script(driver, f"{found}?.innerText ?? ''"))
-
-
-def is_enabled(driver: Any, selector: str) -> bool:
-    """Return True if there is a control that can be pressed."""
-    found = f"document.querySelector({json.dumps(selector)})"
-    return bool(script(driver, f"{found}?.matches(':enabled:not([aria-disabled=true])')"))
-
-
-def press(driver: Any, selector: str) -> None:
-    """Press a control as soon as it can be pressed."""
-    from selenium.common.exceptions import WebDriverException
-
-    def is_pressed() -> bool:
-        try:
-            element(driver, selector).click()
-        except WebDriverException:  # not there yet, or something moves over it
-            return False
-        return True
-
-    eventually(is_pressed, f"{selector} to be pressed")
-
-
-def show(driver: Any, tab: str) -> None:
-    """Show a tab of the panel."""
-    press(driver, f"#tab-{tab}")
-
-
-def open_page(driver: Any, url: str) -> None:
-    """Open the page, and wait until it shows the map and the laser."""
-    driver.get(url)
-    wait_for_map(driver)
-
-
-def wait_for_map(driver: Any) -> None:
-    known = "globalThis.mapCanvas?.area != null && store.scan.value !== null"
-    eventually(lambda: script(driver, known), "the map and the laser")
-
-
-def click_at(driver: Any, x: float, y: float, drag: tuple[int, int] | None = None) -> None:
-    """Press a place of the map, in metres, and release there or elsewhere, in pixels from it."""
-    at = script(driver, f"mapCanvas.view.toScreen({x}, {y})")
-    size = script(driver, "[mapCanvas.view.width, mapCanvas.view.height]")
-    offset = round(at["x"] - size[0] / 2), round(at["y"] - size[1] / 2)
-    chain = actions(driver).move_to_element_with_offset(element(driver, "#map"), *offset)
-    if drag is None:
-        chain.click().perform()
-    else:
-        chain.click_and_hold().move_by_offset(*drag).release().perform()
-
-
-def hold_stick(driver: Any, robot: SimulatedPage) -> None:
-    """Push the stick ahead and keep it there until the robot drives.
-
-    On a busy machine, the connection to the dashboard may be too slow for a moment.
-    """
-    stick = element(driver, "#stick")
-
-    def is_pressed() -> bool:
-        if not script(driver, "store.held.value !== null"):
-            actions(driver).release().perform()
-            actions(driver).move_to_element(stick).click_and_hold().move_by_offset(0, -50).perform()
-        return is_driving(robot)
-
-    eventually(is_pressed, "the robot to drive")
-
-
-def is_driving(robot: SimulatedPage) -> bool:
-    return robot.call(lambda simulator: simulator.state.velocity.forward) > 0.05
-
-
-def is_stopped_by_zero(robot: SimulatedPage) -> bool:
-    def stopped(simulator: SimulatedChassis) -> bool:
-        zero = simulator.last(full_name(Twist)) == Twist()
-        return zero and simulator.state.velocity.forward == 0.0
-
-    return robot.call(stopped)
-
-
-def check_console_and_requests(driver: Any, url: str) -> None:
-    """Check that the page reported no error, and asked nobody but the dashboard."""
-    host = urlsplit(url).netloc
-    # on a busy machine, the page may give up a connection, which Chromium reports by itself
-    given_up = f"WebSocket connection to 'ws://{host}/live' failed"
-    messages = [entry["message"] for entry in driver.get_log("browser")]
-    assert [each for each in messages if given_up not in each] == []
-    urls = requested_urls(driver)
-    assert f"ws://{host}/live" in urls
-    others = {each for each in urls if urlsplit(each).netloc != host}
-    assert {each for each in others if not each.startswith(("data:", "chrome:"))} == set()
-
-
-def actions(driver: Any) -> Any:
-    """Return an empty chain of actions of the mouse and the keyboard."""
-    from selenium.webdriver import ActionChains
-
-    return ActionChains(driver, duration=50)
-
-
-def touch(driver: Any, kind: str, *places: tuple[float, float]) -> None:
-    """Touch the screen: `touchStart`, `touchMove` or `touchEnd`.
-
-    Args:
-        driver: the browser.
-        kind: what happens.
-        places: where each finger is then, in pixels; the order of the fingers stays.
-    """
-    points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(places)]
-    driver.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-
-
-def set_screen(driver: Any, width: int, height: int, *, mobile: bool = False) -> None:
-    """Give the window the size of a device, in pixels; the page gets it soon afterwards."""
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
-    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+def are_apart(one: dict[str, float], other: dict[str, float]) -> bool:
+    """Return True if two boxes do not overlap."""
+    return any(
+        first[start] + first[size] <= second[start]
+        for first, second in ((one, other), (other, one))
+        for start, size in (("x", "width"), ("y", "height"))
+    )
 
 
 def eventually(condition: Callable[[], Any], what: str) -> Any:
@@ -317,15 +316,3 @@ def eventually(condition: Callable[[], Any], what: str) -> Any:
         assert time.monotonic() < deadline, f"timed out waiting for {what}"
         time.sleep(0.02)
     return value
-
-
-def requested_urls(driver: Any) -> set[str]:
-    """Return the addresses of everything that the page has requested since the last call."""
-    urls = set()
-    for entry in driver.get_log("performance"):
-        message = json.loads(entry["message"])["message"]
-        if message["method"] == "Network.requestWillBeSent":
-            urls.add(message["params"]["request"]["url"])
-        elif message["method"] == "Network.webSocketCreated":
-            urls.add(message["params"]["url"])
-    return urls

@@ -2,39 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any, NamedTuple
 
 import pytest
 
-from tests.tools.dashboard.browsers import (
-    SharedBrowser,
-    SimulatedPage,
-    check_console_and_requests,
-    open_page,
-)
+from tests.quick_chassis import quick_config
+from tests.tools.dashboard.browsers import Browser, SimulatedPage, chromium
+from tests.tools.dashboard.pages import program
+from woosh_robot_agent.simulator import SimulatorThread
 
 
 @pytest.fixture(scope="session")
-def shared_browser() -> Iterator[SharedBrowser]:
+def shared_browser() -> Iterator[Browser]:
     """The browser of all tests of this process, because each start takes seconds."""
-    running = SharedBrowser()
-    yield running
-    running.close()
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture
+def window(shared_browser: Browser) -> Iterator[Browser]:
+    """An empty window of the shared browser."""
+    with shared_browser.new_window():
+        yield shared_browser
+
+
+@pytest.fixture
+def other() -> Iterator[SimulatorThread]:
+    """A simulated chassis beside `chassis`."""
+    with SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=8)) as running:
+        yield running
 
 
 @pytest.fixture
 def robot() -> Iterator[SimulatedPage]:
     """A simulated robot with its page."""
-    running = SimulatedPage()
-    yield running
-    running.close()
+    with SimulatedPage() as running:
+        yield running
 
 
 @pytest.fixture
-def browser(robot: SimulatedPage, shared_browser: SharedBrowser) -> Iterator[Any]:
+def browser(robot: SimulatedPage, window: Browser) -> Iterator[Browser]:
     """A browser that shows the page; at the end, its console and its requests are checked."""
-    with shared_browser.window() as driver:
-        open_page(driver, robot.url)
-        yield driver
-        check_console_and_requests(driver, robot.url)
+    window.open(robot.url)
+    yield window
+    window.check_console_and_requests(robot.url)
+
+
+class Served(NamedTuple):
+    """Simulated robots, and a program that serves their page."""
+
+    robots: list[SimulatorThread]
+    process: subprocess.Popen[str]
+    url: str
+
+
+Serve = Callable[..., Served]
+
+
+@pytest.fixture
+def serve() -> Iterator[Serve]:
+    """Function that starts robots with these options, and the program; see `program`."""
+    with ExitStack() as running:
+
+        def start(*robots: dict[str, Any], **options: Any) -> Served:
+            ports = {"port": 0, "tcp_port": 0}
+            chassis = [
+                running.enter_context(SimulatorThread(quick_config(**ports, **each)))
+                for each in robots
+            ]
+            return Served(chassis, *running.enter_context(program(*chassis, **options)))
+
+        yield start

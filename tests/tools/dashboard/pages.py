@@ -10,13 +10,15 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 from urllib.parse import urlsplit
 
 from tests.tools.waiting import TIMEOUT
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.transport import Connect
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import control
 from woosh_robot_agent.tools.dashboard.control import ControlConfig
@@ -110,6 +112,19 @@ async def fetch(
     return await asyncio.to_thread(get)
 
 
+def last(chassis: SimulatorThread, cls: Any) -> Any:
+    """Return the last request of a class; None if there was none."""
+    return chassis.last(full_name(cls))
+
+
+def is_driving(chassis: SimulatorThread) -> bool:
+    return chassis.state.velocity.forward > 0.05
+
+
+def is_stopped_by_zero(chassis: SimulatorThread) -> bool:
+    return last(chassis, Twist) == Twist() and chassis.state.velocity.forward == 0.0
+
+
 def say(text: dict[str, Any]) -> str:
     """Return in English what the dashboard says."""
     if "english" in text:
@@ -136,13 +151,11 @@ class Page:
         """Number of the current press of the stick."""
         self._commands = 0
         self.scans = 0
-        self.size = 0
         self._changed = asyncio.Event()
         self._reader = asyncio.ensure_future(self._read())
 
     async def _read(self) -> None:
         async for message in self.socket:
-            self.size += len(message)
             if isinstance(message, bytes):
                 self.parts["scan"] = message
                 self.scans += 1
@@ -172,6 +185,15 @@ class Page:
 
         return await asyncio.wait_for(wait(), TIMEOUT)
 
+    async def ready(self) -> None:
+        """Wait until the dashboard is connected to the robot and knows its state."""
+        await self.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+
+    async def passed(self, seconds: float) -> None:
+        """Wait until so much time has passed for the dashboard."""
+        begin = await self.until(lambda parts: parts["clock"])
+        await self.until(lambda parts: parts["clock"] > begin + 1000 * seconds)
+
     async def send(self, **message: Any) -> None:
         await self.socket.send(json.dumps(message))
 
@@ -186,12 +208,28 @@ class Page:
             args = {"scene": used["scene"], "map": used["map"], **args}
         while True:
             clock = await self.until(lambda parts: parts.pop("clock", 0))
-            self._commands += 1
-            number = self._commands
-            await self.send(do="command", id=number, name=name, args=args, clock=clock)
-            reply = await self.until(lambda _, number=number: self.replies.get(number))
+            reply = await self.command_at(clock, name, **args)
             if TOO_SLOW not in reply[1] and "not sent: no data" not in reply[1]:
                 return reply
+
+    async def command_at(self, clock: int, name: str, **args: Any) -> tuple[bool, str]:
+        """Send a command with this time, the newest one that the page knew; return the reply."""
+        self._commands += 1
+        number = self._commands
+        await self.send(do="command", id=number, name=name, args=args, clock=clock)
+        return await self.until(lambda _: self.replies.get(number))
+
+    async def give(self, name: str, **args: Any) -> str:
+        """Send a command that must be accepted; return the text of the reply."""
+        ok, text = await self.command(name, **args)
+        assert ok, text
+        return text
+
+    async def refused(self, name: str, **args: Any) -> str:
+        """Send a command that must be refused; return the text of the reply."""
+        ok, text = await self.command(name, **args)
+        assert not ok
+        return text
 
     async def drive(self, linear: float, angular: float = 0.0, **changed: Any) -> None:
         """Send one velocity of the stick; `changed` replaces the time or the press."""
@@ -250,19 +288,52 @@ async def page(
 
 
 @asynccontextmanager
-async def delayed(running: Dashboard, there: float, back: float) -> AsyncIterator[int]:
-    """Forward a port to a dashboard; what is sent there and back takes so many seconds."""
+async def controlled(*robots: SimulatorThread, **options: Any) -> AsyncIterator[Page]:
+    """Open a page with control that is ready; see `dashboard`."""
+    async with dashboard(*robots, control=True, **options) as running, page(running) as viewer:
+        await viewer.ready()
+        yield viewer
+
+
+@asynccontextmanager
+async def controlled_by_two(
+    *robots: SimulatorThread, **options: Any
+) -> AsyncIterator[tuple[Page, Page]]:
+    """Open two pages with control that are ready; see `dashboard`."""
+    async with (
+        dashboard(*robots, control=True, **options) as running,
+        page(running) as first,
+        page(running) as second,
+    ):
+        await first.ready()
+        await second.ready()
+        yield first, second
+
+
+@dataclass
+class Delay:
+    """Time that data take to and from the dashboard, in seconds."""
+
+    there: float = 0.0
+    back: float = 0.0
+
+
+@asynccontextmanager
+async def delayed(running: Dashboard | str, delay: Delay) -> AsyncIterator[int]:
+    """Forward a port to a dashboard, with a delay that may be changed meanwhile."""
     loop = asyncio.get_running_loop()
 
-    async def pass_on(reader: asyncio.StreamReader, transport: Any, delay: float) -> None:
+    async def pass_on(
+        reader: asyncio.StreamReader, transport: Any, seconds: Callable[[], float]
+    ) -> None:
         while data := await reader.read(65536):
-            loop.call_later(delay, transport.write, data)
+            loop.call_later(seconds(), transport.write, data)
 
     async def forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         there_reader, there_writer = await asyncio.open_connection(*place(running).split(":"))
         ways = (
-            asyncio.ensure_future(pass_on(reader, there_writer.transport, there)),
-            asyncio.ensure_future(pass_on(there_reader, writer.transport, back)),
+            asyncio.ensure_future(pass_on(reader, there_writer.transport, lambda: delay.there)),
+            asyncio.ensure_future(pass_on(there_reader, writer.transport, lambda: delay.back)),
         )
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)

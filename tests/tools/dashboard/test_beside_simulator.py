@@ -35,47 +35,41 @@ async def page_beside() -> AsyncIterator[tuple[SimulatedChassis, Page]]:
 @aio
 async def test_an_obstacle_is_put_and_removed() -> None:
     async with page_beside() as (simulator, viewer):
-        ok, text = await viewer.command("fault", text="obstacle x=1.0 y=-6.0 radius=0.4")
-        assert ok, text
+        await viewer.give("fault", text="obstacle x=1.0 y=-6.0 radius=0.4")
         assert simulator.chassis.obstacles.clearance(1.0, -6.0) == 0.0
         (fault,) = await viewer.until(lambda parts: parts["simulator"]["faults"])
         assert (fault["name"], fault["x"], fault["y"]) == ("obstacle", 1.0, -6.0)
         assert fault["radius"] == 0.4
-        assert (await viewer.command("endFault", id=fault["id"]))[0]
+        await viewer.give("endFault", id=fault["id"])
         assert simulator.chassis.obstacles.names == ()
-        assert await viewer.command("endFault", id=fault["id"]) == (
-            False,
-            "this fault has ended already",
-        )
+        assert await viewer.refused("endFault", id=fault["id"]) == "this fault has ended already"
 
 
 @aio
 async def test_an_obstacle_far_away_disturbs_nothing() -> None:
     async with page_beside() as (simulator, viewer):
-        ok, text = await viewer.command("fault", text="obstacle x=1e300 y=-1e300 radius=100")
-        assert ok, text
+        await viewer.give("fault", text="obstacle x=1e300 y=-1e300 radius=100")
         (fault,) = await viewer.until(lambda parts: parts["simulator"]["faults"])
         assert (fault["x"], fault["y"]) == (1e300, -1e300)
         scans = viewer.scans
         await viewer.until(lambda _: viewer.scans > scans + 2)
-        ok, text = await viewer.command("goMark", mark="A2")
-        assert ok, text
+        await viewer.give("goMark", mark="A2")
         await viewer.until(lambda parts: parts["pose"]["linear"] > 0.1)
-        assert (await viewer.command("endFault", id=fault["id"]))[0]
+        await viewer.give("endFault", id=fault["id"])
         assert simulator.chassis.obstacles.names == ()
 
 
 @aio
 async def test_faults_begin_and_end() -> None:
     async with page_beside() as (simulator, viewer):
-        assert (await viewer.command("fault", text="emergency_stop"))[0]
+        await viewer.give("fault", text="emergency_stop")
         await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
-        assert (await viewer.command("fault", text="key_switch"))[0]
+        await viewer.give("fault", text="key_switch")
         await viewer.until(lambda parts: parts["robot"]["control"] == "manual")
-        assert (await viewer.command("clearFaults"))[0]
+        await viewer.give("clearFaults")
         await viewer.until(lambda parts: not parts["robot"]["emergencyStop"])
         assert simulator.faults == []
-        assert (await viewer.command("fault", text="emergency_stop for=0.2"))[0]
+        await viewer.give("fault", text="emergency_stop for=0.2")
         await viewer.until(lambda parts: parts["simulator"]["faults"])
         await viewer.until(lambda parts: not parts["simulator"]["faults"])
 
@@ -93,9 +87,7 @@ async def test_faults_begin_and_end() -> None:
 @aio
 async def test_an_invalid_fault_is_refused(text: object, reason: str) -> None:
     async with page_beside() as (simulator, viewer):
-        ok, answer = await viewer.command("fault", text=text)
-        assert not ok
-        assert reason in answer
+        assert reason in await viewer.refused("fault", text=text)
         assert simulator.faults == []
 
 
@@ -104,8 +96,8 @@ async def test_the_number_of_faults_is_limited() -> None:
     async with page_beside() as (simulator, viewer):
         for _ in range(100):
             simulator.inject("delay", seconds=0.001)
-        ok, text = await viewer.command("fault", text="emergency_stop")
-        assert (ok, text) == (False, "there are 100 faults already: end some of them")
+        reason = await viewer.refused("fault", text="emergency_stop")
+        assert reason == "there are 100 faults already: end some of them"
 
 
 def start_simulator(*arguments: str) -> subprocess.Popen[str]:

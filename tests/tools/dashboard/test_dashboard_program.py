@@ -18,14 +18,12 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.program import main
 
-# on a busy machine, the connection was too slow, and the stick had stopped the robot
-
 
 async def end_while_driving(chassis: SimulatorThread, end: signal.Signals) -> int:
     """End a new program while its stick drives the robot; return its exit status."""
     with program(chassis) as (process, url):
         async with page(url) as viewer:
-            await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+            await viewer.ready()
             async with viewer.holds(0.3):
                 await eventually(lambda: chassis.state.velocity.forward > 0.1)
                 process.send_signal(end)
@@ -83,8 +81,7 @@ async def test_the_page_is_served_over_https(
         assert "; Secure" in headers["set-cookie"]
         cookie = headers["set-cookie"].partition(";")[0]
         async with page(local, tls=tls, Cookie=cookie) as viewer:
-            ok, text = await viewer.command("speak", text="hello")
-            assert ok, text
+            await viewer.give("speak", text="hello")
         plain = f"http://{place(local)}"
         with pytest.raises(InvalidHandshake):
             async with page(local, tls=tls, Cookie=cookie, Origin=plain):

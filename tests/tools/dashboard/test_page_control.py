@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import TOO_SLOW, Page, dashboard, delayed, page, say
+from tests.tools.dashboard.pages import (
+    TOO_SLOW,
+    Delay,
+    Page,
+    controlled,
+    controlled_by_two,
+    dashboard,
+    delayed,
+    is_driving,
+    is_stopped_by_zero,
+    last,
+    page,
+    say,
+)
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
+    LED,
     ActionOrder,
     ExecTask,
     InitRobot,
@@ -25,29 +38,14 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SwitchWorkMode,
     Twist,
 )
+from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
+from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import stop_alarm
 
 TWIST = full_name(Twist)
-
-
-async def ready(viewer: Page) -> None:
-    """Wait until the dashboard knows the robot."""
-    await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
-
-
-@asynccontextmanager
-async def controlled(chassis: SimulatorThread, **options: Any) -> AsyncIterator[Page]:
-    """Open a page with control that knows the robot."""
-    async with dashboard(chassis, control=True, **options) as running, page(running) as viewer:
-        await ready(viewer)
-        yield viewer
-
-
-def last(chassis: SimulatorThread, cls: Any) -> Any:
-    return chassis.last(full_name(cls))
 
 
 async def hold(
@@ -58,21 +56,6 @@ async def hold(
         await eventually(until)
 
 
-async def passed(viewer: Page, seconds: float) -> None:
-    """Wait until so much time has passed for the dashboard."""
-    begin = await viewer.until(lambda parts: parts["clock"])
-    await viewer.until(lambda parts: parts["clock"] > begin + 1000 * seconds)
-
-
-def is_driving(chassis: SimulatorThread) -> bool:
-    return chassis.state.velocity.forward > 0.1
-
-
-def is_stopped_by_zero(chassis: SimulatorThread) -> bool:
-    sent = last(chassis, Twist)
-    return sent == Twist() and chassis.state.velocity.forward == 0.0
-
-
 @aio
 async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
@@ -81,30 +64,38 @@ async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: Simulat
         assert (pose.x, pose.y, pose.theta) == (3.0, -5.0, 0.5)
         await viewer.until(lambda parts: parts["robot"]["task"]["running"])
         for name, order in (("pause", action.kPause), ("continue", action.kContinue)):
-            ok, text = await viewer.command(name)
-            assert ok, text
+            await viewer.give(name)
             assert last(chassis, ActionOrder).order == order
-        ok, text = await viewer.command("cancel")
-        assert ok, text
+        await viewer.give("cancel")
         await viewer.until(lambda parts: not parts["robot"]["task"]["running"])
-        ok, text = await viewer.command("goMark", mark="A2")
-        assert ok, text
+        await viewer.give("goMark", mark="A2")
         assert last(chassis, ExecTask).mark_no == "A2"
 
 
+_COMMANDS: list[tuple[str, dict[str, Any], Any]] = [
+    ("speak", {"text": "hello"}, Speak(text="hello")),
+    ("sound", {"mute": True, "volume": 20}, Sound(mute=True, volume=20)),
+    ("light", {"effect": 2, "color": 5}, LED(normal=2, color=5)),
+    ("workMode", {"mode": "deploy"}, SwitchWorkMode(mode=robot.kDeployMode)),
+    ("controlMode", {"mode": "manual"}, SwitchControlMode(mode=robot.kManual)),
+]
+
+
 @aio
-async def test_modes_pose_and_speech(chassis: SimulatorThread) -> None:
+async def test_commands_become_requests(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         here = chassis.state.pose
-        assert (await viewer.command("setPose", x=here.x, y=here.y, theta=here.theta))[0]
+        await viewer.give("setPose", x=here.x, y=here.y, theta=here.theta)
         assert math.isclose(last(chassis, SetRobotPose).pose.x, here.x)
-        assert (await viewer.command("speak", text="hello"))[0]
-        assert last(chassis, Speak).text == "hello"
-        assert (await viewer.command("workMode", mode="deploy"))[0]
-        assert last(chassis, SwitchWorkMode).mode == robot.kDeployMode
+        await viewer.command("charge")  # the simulated robot wants a mark
+        sent = last(chassis, ExecTask)
+        assert (sent.type, sent.mark_no, sent.HasField("pose")) == (task.kCharge, "", False)
+        assert viewer.parts["robot"]["sound"] == {"mute": False, "volume": 50}
+        for name, args, sent in _COMMANDS:
+            await viewer.give(name, **args)
+            assert last(chassis, type(sent)) == sent
+        await viewer.until(lambda parts: parts["robot"]["sound"]["volume"] == 20)
         await viewer.until(lambda parts: parts["robot"]["work"] == "deploy")
-        assert (await viewer.command("controlMode", mode="manual"))[0]
-        assert last(chassis, SwitchControlMode).mode == robot.kManual
 
 
 @aio
@@ -114,20 +105,26 @@ async def test_the_pose_of_a_robot_that_has_none_initialises_it() -> None:
         async with dashboard(chassis, control=True) as running, page(running) as viewer:
             await viewer.until(lambda parts: parts["robot"]["state"] == "uninit")
             here = chassis.state.pose
-            ok, text = await viewer.command("setPose", x=here.x, y=here.y, theta=here.theta)
-            assert ok, text
+            await viewer.give("setPose", x=here.x, y=here.y, theta=here.theta)
             assert chassis.counts[full_name(InitRobot)] == 1
             assert chassis.counts[full_name(SetRobotPose)] == 0
 
 
+@pytest.mark.parametrize(
+    ("fault", "name", "args", "reason"),
+    [
+        ("emergency_stop", "goMark", {"mark": "A2"}, "the emergency stop is pressed"),
+        ("key_switch", "controlMode", {"mode": "auto"}, "manual mode, set by its key switch"),
+    ],
+)
 @aio
-async def test_a_refusal_says_why(chassis: SimulatorThread) -> None:
+async def test_a_refusal_says_why(
+    chassis: SimulatorThread, fault: str, name: str, args: dict[str, Any], reason: str
+) -> None:
     async with controlled(chassis) as viewer:
-        chassis.set_emergency_stop(True)
-        await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
-        ok, text = await viewer.command("goMark", mark="A2")
-        assert not ok
-        assert "the emergency stop is pressed" in text
+        chassis.inject(fault)
+        await viewer.until(lambda parts: parts["robot"]["objections"])
+        assert reason in await viewer.refused(name, **args)
 
 
 @pytest.mark.parametrize(
@@ -165,19 +162,16 @@ async def test_an_invalid_command_is_refused(
 ) -> None:
     async with controlled(chassis) as viewer:
         before = chassis.counts
-        ok, text = await viewer.command(name, **args)
-        assert not ok
-        assert text
+        assert await viewer.refused(name, **args)
         assert chassis.counts[full_name(ExecTask)] == before[full_name(ExecTask)]
 
 
 @aio
 async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
-        await ready(viewer)
+        await viewer.ready()
         for name in ("stop", "go", "goMark", "setPose", "cancel", "workMode", "speak", "fault"):
-            ok, text = await viewer.command(name, x=0, y=0, theta=0, mark="A2", mode=1, text="x")
-            assert not ok
+            text = await viewer.refused(name, x=0, y=0, theta=0, mark="A2", mode=1, text="x")
             assert "--control" in text
         reads = {
             *("woosh.Subscription", "woosh.robot.RobotInfo", "woosh.robot.RobotState"),
@@ -189,54 +183,38 @@ async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorTh
         assert set(chassis.counts) <= reads
 
 
-@aio
-async def test_the_stick_drives_and_stops_when_let_go(chassis: SimulatorThread) -> None:
-    async with controlled(chassis) as viewer:
-        await hold(viewer, lambda: is_driving(chassis))
-        await viewer.drive(0.0)
-        await eventually(lambda: is_stopped_by_zero(chassis))
-
-
 @pytest.mark.parametrize("end", ["hidden", "closed", "aborted", "silent", "switched", "released"])
 @aio
-async def test_a_driver_that_goes_away_stops_the_robot(chassis: SimulatorThread, end: str) -> None:
+async def test_a_driver_that_goes_away_stops_the_robot(
+    chassis: SimulatorThread, other: SimulatorThread, end: str
+) -> None:
     # except in silence, the timeout of the stick does not stop the robot
     timing = {} if end == "silent" else {"stick_timeout": TIMEOUT}
-    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
-        async with (
-            dashboard(chassis, other, control=True, **timing) as running,
-            page(running) as watcher,
-            page(running) as viewer,
-        ):
-            await ready(viewer)
-            await hold(viewer, lambda: is_driving(chassis))
-            if end == "hidden":
-                await viewer.send(do="visible", visible=False)
-            elif end == "closed":
-                await viewer.socket.close()
-            elif end == "aborted":
-                viewer.socket.transport.abort()
-            elif end == "switched":
-                await viewer.send(do="watch", robot=1)
-            elif end == "released":
-                await viewer.send(do="release")
-            if end == "silent":
-                # after more than 1.5 s on a busy machine, the robot counts as standing
-                while not is_stopped_by_zero(chassis):
-                    await hold(viewer, lambda: is_driving(chassis))
-                    await passed(watcher, 2.0)
-            else:
-                await eventually(lambda: is_stopped_by_zero(chassis))
-                await watcher.until(lambda parts: parts["control"]["owner"] is None)
+    async with controlled_by_two(chassis, other, **timing) as (watcher, viewer):
+        await hold(viewer, lambda: is_driving(chassis))
+        if end == "hidden":
+            await viewer.send(do="visible", visible=False)
+        elif end == "closed":
+            await viewer.socket.close()
+        elif end == "aborted":
+            viewer.socket.transport.abort()
+        elif end == "switched":
+            await viewer.send(do="watch", robot=1)
+        elif end == "released":
+            await viewer.send(do="release")
+        if end == "silent":
+            # after more than 1.5 s on a busy machine, the robot counts as standing
+            while not is_stopped_by_zero(chassis):
+                await hold(viewer, lambda: is_driving(chassis))
+                await watcher.passed(2.0)
+        else:
+            await eventually(lambda: is_stopped_by_zero(chassis))
+            await watcher.until(lambda parts: parts["control"]["owner"] is None)
 
 
 @aio
 async def test_the_stick_is_limited(chassis: SimulatorThread) -> None:
-    async with (
-        dashboard(chassis, control=True, max_linear=0.2, max_angular=0.3) as running,
-        page(running) as viewer,
-    ):
-        await ready(viewer)
+    async with controlled(chassis, max_linear=0.2, max_angular=0.3) as viewer:
         for linear, angular in ((5.0, 0.0), (0.0, 5.0)):
             await hold(viewer, lambda: last(chassis, Twist) not in (None, Twist()), linear, angular)
             sent = last(chassis, Twist)
@@ -247,21 +225,16 @@ async def test_the_stick_is_limited(chassis: SimulatorThread) -> None:
 
 
 @aio
-async def test_the_stick_does_not_disturb_a_task(chassis: SimulatorThread) -> None:
+async def test_the_stick_drives_during_a_task_only_while_it_is_paused(
+    chassis: SimulatorThread,
+) -> None:
     async with controlled(chassis) as viewer:
-        assert (await viewer.command("goMark", mark="A2"))[0]
-        await viewer.until(lambda parts: parts["robot"]["task"]["running"])
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: parts["robot"]["task"]["state"] == "executing")
         await hold(viewer, lambda: viewer.parts.get("stick"))
         assert "is running: pause or cancel it to drive by hand" in say(viewer.parts["stick"])
         assert chassis.counts[TWIST] == 0
-
-
-@aio
-async def test_the_stick_drives_while_a_task_is_paused(chassis: SimulatorThread) -> None:
-    async with controlled(chassis) as viewer:
-        assert (await viewer.command("goMark", mark="A2"))[0]
-        await viewer.until(lambda parts: parts["robot"]["task"]["state"] == "executing")
-        assert (await viewer.command("pause"))[0]
+        await viewer.give("pause")
         await viewer.until(lambda parts: parts["robot"]["task"]["state"] == "paused")
         await hold(viewer, lambda: chassis.counts[TWIST] > 1)
         assert viewer.parts["robot"]["task"]["state"] == "paused"
@@ -294,8 +267,7 @@ async def test_a_place_of_another_map_is_not_sent(
             answer = await viewer.command(name, **{**place, **other})
             assert answer == (False, f"{shown} was not sent: {reason}")
         assert chassis.counts[full_name(sent)] == 0
-        ok, reason = await viewer.command(name, **place)
-        assert ok, reason
+        await viewer.give(name, **place)
 
 
 @pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])
@@ -305,15 +277,12 @@ async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -
         before = chassis.counts
         mode = "manual" if name == "controlMode" else "deploy"
         args = {"x": 1.0, "y": 0.0, "theta": 0.0, "mark": "A2", "mode": mode}
-        await viewer.send(do="command", id=1, name=name, args=args, clock=0)
-        reply = await viewer.until(lambda _: viewer.replies.get(1))
-        assert not reply[0]
-        assert reply[1].endswith(f" was not sent: {TOO_SLOW}")
+        ok, text = await viewer.command_at(0, name, **args)
+        assert not ok
+        assert text.endswith(f" was not sent: {TOO_SLOW}")
         assert viewer.parts["control"]["owner"] is None
         changed = chassis.counts - before
-        assert not {full_name(ExecTask), full_name(ActionOrder), full_name(SetRobotPose)} & set(
-            changed
-        )
+        assert not {full_name(cls) for cls in (ExecTask, ActionOrder, SetRobotPose)} & set(changed)
 
 
 @pytest.mark.parametrize("direction", ["to the robot", "to the page"])
@@ -321,41 +290,31 @@ async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -
 async def test_over_a_constantly_slow_connection_only_a_stop_reaches_the_robot(
     chassis: SimulatorThread, direction: str
 ) -> None:
-    delays = (1.0, 0.0) if direction == "to the robot" else (0.0, 1.0)
+    delay = Delay(there=1.0) if direction == "to the robot" else Delay(back=1.0)
     async with (
         dashboard(chassis, control=True) as running,
-        page(running) as watcher,
-        delayed(running, *delays) as port,
+        delayed(running, delay) as port,
         page(running, port=port) as viewer,
     ):
-        await ready(watcher)
-        await ready(viewer)
+        await viewer.ready()
         for press in range(20):
             await viewer.drive(0.3, press=press)
             await asyncio.sleep(0.1)
         await viewer.until(lambda _: len(viewer.refusals) == 20)
         assert set(viewer.refusals) == {TOO_SLOW}
         assert chassis.counts[TWIST] == 0
-        clock = viewer.parts["clock"]
-        await viewer.send(do="command", id=1, name="stop", args={}, clock=clock)
-        assert (await viewer.until(lambda _: viewer.replies.get(1)))[0]
+        assert (await viewer.command_at(viewer.parts["clock"], "stop"))[0]
         assert chassis.counts[TWIST] == 1
 
 
 @aio
 async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread) -> None:
-    async with (
-        dashboard(chassis, control=True) as running,
-        page(running) as driver,
-        page(running) as other,
-    ):
-        await ready(driver)
-        await ready(other)
-        assert (await driver.command("goMark", mark="A2"))[0]
+    async with controlled_by_two(chassis) as (driver, other):
+        await driver.give("goMark", mark="A2")
         name = driver.parts["hello"]["you"]
         await other.until(lambda parts: parts["control"]["owner"] == name)
-        ok, text = await other.command("cancel")
-        assert (ok, text) == (False, f"viewer {name} has control: wait until it is released")
+        refusal = await other.refused("cancel")
+        assert refusal == f"viewer {name} has control: wait until it is released"
         await other.drive(0.3)
         await other.until(lambda parts: say(parts["stick"]).startswith(f"viewer {name} "))
         assert chassis.counts[TWIST] == 0
@@ -365,9 +324,8 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
         await driver.socket.close()
         await other.until(lambda parts: parts["control"]["owner"] is None)
         # for a moment after a stop, nothing that moves is sent
-        await passed(other, MotionTiming().hold)
-        ok, text = await other.command("goMark", mark="A2")
-        assert ok, text
+        await other.passed(MotionTiming().hold)
+        await other.give("goMark", mark="A2")
 
 
 @aio
@@ -375,8 +333,7 @@ async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread)
     async with controlled(chassis) as viewer:
         clock = await viewer.until(lambda parts: parts["clock"])
         await viewer.command("stop")
-        await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
-        ok, text = await viewer.until(lambda _: viewer.replies.get(99))
+        ok, text = await viewer.command_at(clock, "goMark", mark="A2")
         reasons = ("STOP was pressed in the meantime", TOO_SLOW)
         assert not ok
         assert text.startswith("Go was not sent: ")
@@ -387,19 +344,14 @@ async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread)
 @pytest.mark.parametrize("who", ["driver", "other"])
 @aio
 async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, who: str) -> None:
-    async with (
-        dashboard(chassis, control=True) as running,
-        page(running) as driver,
-        page(running) as other,
-    ):
-        await ready(driver)
+    async with controlled_by_two(chassis) as (driver, other):
         async with driver.holds(0.3):
             await eventually(lambda: is_driving(chassis))
             ok, text = await (driver if who == "driver" else other).command("stop")
             assert ok, text
             by = "" if who == "driver" else f" by viewer {other.parts['hello']['you']}"
             await driver.until(lambda _: {"stopping", f"stopped{by}"} <= set(driver.refusals))
-            await passed(driver, MotionTiming().hold)
+            await driver.passed(MotionTiming().hold)
             await eventually(lambda: is_stopped_by_zero(chassis))
         sent = chassis.counts[TWIST]
         await driver.drive(0.0)  # the dead zone of the stick
@@ -414,19 +366,12 @@ async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
     chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stop_alarm, "_STANDSTILL", TIMEOUT)
-    async with (
-        dashboard(chassis, control=True) as running,
-        page(running) as first,
-        page(running) as second,
-    ):
-        await ready(first)
+    async with controlled_by_two(chassis) as (first, second):
         freeze = chassis.inject("freeze")
-        ok, text = await first.command("stop")
-        assert not ok, text
+        await first.refused("stop")
         await second.until(lambda parts: parts["fleet"][0]["alarm"])
         freeze.clear()
-        ok, text = await second.command("stop")
-        assert ok, text
+        await second.give("stop")
         await first.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
@@ -453,7 +398,7 @@ async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) 
     async with controlled(chassis) as viewer:
         await hold(viewer, lambda: is_driving(chassis))
         await viewer.drive(0.3)  # a slow machine may have begun another press and not sent it
-        await passed(viewer, 0.6)
+        await viewer.passed(0.6)
         await eventually(lambda: chassis.state.velocity.forward == 0.0)
         sent = chassis.counts[TWIST]
         await viewer.drive(0.3)
@@ -472,7 +417,7 @@ async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: Simulat
             await viewer.command("pause")  # its reply comes after the velocities
             chassis.accept(TWIST)
             before = len(chassis.received)
-            await passed(viewer, 0.3)
+            await viewer.passed(0.3)
         sent = [each.message for each in chassis.received[before:] if each.type == TWIST]
         assert all(each == Twist() for each in sent)
         await hold(viewer, lambda: is_driving(chassis))
@@ -500,8 +445,7 @@ async def test_a_robot_that_sends_nothing_is_not_driven(chassis: SimulatorThread
             freeze = chassis.inject("freeze")
             await viewer.until(lambda _: any("no data for " in each for each in viewer.refusals))
         clock = await viewer.until(lambda parts: parts.pop("clock", 0))
-        await viewer.send(do="command", id=99, name="goMark", args={"mark": "A2"}, clock=clock)
-        ok, text = await viewer.until(lambda _: viewer.replies.get(99))
+        ok, text = await viewer.command_at(clock, "goMark", mark="A2")
         assert not ok
         assert "Go was not sent: " in text
         freeze.clear()
@@ -562,12 +506,7 @@ async def test_an_invalid_velocity_ends_the_connection(
 async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
     chassis: SimulatorThread,
 ) -> None:
-    async with (
-        dashboard(chassis, control=True, idle_timeout=5.0) as running,
-        page(running) as idle,
-        page(running) as other,
-    ):
-        await ready(idle)
+    async with controlled_by_two(chassis, idle_timeout=5.0) as (idle, other):
         await idle.command("pause")
         await other.until(lambda parts: parts["control"]["owner"] == idle.parts["hello"]["you"])
         await other.until(lambda parts: parts["control"]["owner"] is None)
@@ -587,79 +526,47 @@ async def test_too_many_commands_wait_for_each_other_but_a_stop_does_not(
         await eventually(lambda: last(chassis, Twist) == Twist())
 
 
-@aio
-async def test_a_stop_is_for_the_robot_that_is_watched(chassis: SimulatorThread) -> None:
-    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
-        async with (
-            dashboard(chassis, other, control=True) as running,
-            page(running) as first,
-            page(running) as second,
-        ):
-            await ready(first)
-            await second.send(do="watch", robot=1)
-            await second.until(lambda parts: parts["watching"] == 1)
-            await second.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
-            for viewer in first, second:
-                ok, text = await viewer.command("goMark", mark="A2")
-                assert ok, text
-                await viewer.until(lambda parts: parts["robot"]["task"]["running"])
-            await first.send(do="watch", robot=1)
-            ok, text = await first.command("stop")
-            assert ok, text
-            assert "task cancelled" in text
-            await second.until(lambda parts: not parts["robot"]["task"]["running"])
-            assert (chassis.counts[TWIST], chassis.counts[full_name(ActionOrder)]) == (0, 0)
-            await first.send(do="watch", robot=0)
-            await first.until(
-                lambda parts: parts["watching"] == 0 and parts["robot"]["task"]["running"]
-            )
-
-
 @pytest.mark.parametrize("name", ["goMark", "stop"])
 @aio
 async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
-    chassis: SimulatorThread, name: str
+    chassis: SimulatorThread, other: SimulatorThread, name: str
 ) -> None:
-    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
-        async with dashboard(chassis, other, control=True) as running, page(running) as viewer:
-            await ready(viewer)
-            await eventually(lambda: running.robots[1].view.has_robot_info)
-            clock = viewer.parts["clock"]
-            place = {"mark": "A2", "scene": "wooshmap", "map": "wooshmap"}
-            command = {"do": "command", "id": 1, "name": name, "args": place}
-            await asyncio.gather(  # both are there when the dashboard reads the first one
-                viewer.send(**command, clock=clock), viewer.send(do="watch", robot=1)
-            )
-            ok, text = await viewer.until(lambda _: viewer.replies.get(1))
-            sent = full_name(ExecTask if name == "goMark" else ActionOrder)
-            assert (ok, chassis.counts[sent]) == (True, 1), text
-            await viewer.until(
-                lambda parts: parts["watching"] == 1 and parts["control"]["owner"] is None
-            )
-            assert other.counts[sent] == 0
+    async with dashboard(chassis, other, control=True) as running, page(running) as viewer:
+        await viewer.ready()
+        await eventually(lambda: running.robots[1].view.has_robot_info)
+        clock = viewer.parts["clock"]
+        place = {"mark": "A2", "scene": "wooshmap", "map": "wooshmap"}
+        reply, _ = await asyncio.gather(  # both are there when the dashboard reads the first one
+            viewer.command_at(clock, name, **place), viewer.send(do="watch", robot=1)
+        )
+        sent = full_name(ExecTask if name == "goMark" else ActionOrder)
+        assert (reply[0], chassis.counts[sent]) == (True, 1), reply
+        await viewer.until(
+            lambda parts: parts["watching"] == 1 and parts["control"]["owner"] is None
+        )
+        assert other.counts[sent] == 0
 
 
 @aio
 async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
-    chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
+    chassis: SimulatorThread, other: SimulatorThread, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with SimulatorThread(quick_config(port=0, tcp_port=0)) as other:
-        async with (
-            dashboard(chassis, other, control=True, close_timeout=TIMEOUT) as running,
-            page(running) as first,
-            page(running) as second,
-        ):
-            await ready(first)
-            await second.send(do="watch", robot=1)
-            await second.until(lambda parts: parts["watching"] == 1 and parts["link"]["good"])
-            async with first.holds(0.3), second.holds(0.3):
-                await eventually(lambda: is_driving(chassis) and is_driving(other))
-                chassis.mute(TWIST)
-                closing = asyncio.ensure_future(running.close())
-                await eventually(lambda: is_stopped_by_zero(other))
-                assert not closing.done()  # it waits for the answer of the first robot
-            chassis.drop()
-            await closing
+    async with (
+        dashboard(chassis, other, control=True, close_timeout=TIMEOUT) as running,
+        page(running) as first,
+        page(running) as second,
+    ):
+        await first.ready()
+        await second.send(do="watch", robot=1)
+        await second.until(lambda parts: parts["watching"] == 1 and parts["link"]["good"])
+        async with first.holds(0.3), second.holds(0.3):
+            await eventually(lambda: is_driving(chassis) and is_driving(other))
+            chassis.mute(TWIST)
+            closing = asyncio.ensure_future(running.close())
+            await eventually(lambda: is_stopped_by_zero(other))
+            assert not closing.done()  # it waits for the answer of the first robot
+        chassis.drop()
+        await closing
     assert f"the robot at ws://127.0.0.1:{chassis.port} was not stopped" in caplog.text
 
 
@@ -682,7 +589,7 @@ async def test_a_robot_that_stops_obeying_ends_the_press(
             await eventually(lambda: is_stopped_by_zero(chassis))
             injected.clear()
             before = len(chassis.received)
-            await passed(viewer, 2.0)
+            await viewer.passed(2.0)
             sent = [each.message for each in chassis.received[before:] if each.type == TWIST]
             assert all(each == Twist() for each in sent)
         if fault != "lose_answer":  # the lost answer is awaited until its timeout

@@ -9,13 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import Page, dashboard, fetch, page, place
+from tests.tools.dashboard.pages import controlled, dashboard, fetch, last, page, place
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
-    LED,
     BuildMap,
     ChangeNavMode,
     ExecTask,
@@ -24,8 +22,6 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SwitchMap,
     Twist,
 )
-from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
-from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_tokens
@@ -33,38 +29,30 @@ from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_
 _REAL_GROUPS = Path(__file__).parents[2] / "facts/real_scene/action_groups.json"
 
 
-async def ready(viewer: Page) -> None:
-    await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
-
-
 @aio
 async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         here = await viewer.until(lambda parts: parts["pose"])
-        ok, text = await viewer.command("plan", x=1.0, y=-6.0, theta=0.0)
-        assert ok, text
+        await viewer.give("plan", x=1.0, y=-6.0, theta=0.0)
         found = viewer.data[max(viewer.data)]
         assert math.dist(found["path"][0], (here["x"], here["y"])) < 0.1
         assert math.dist(found["path"][-1], (1.0, -6.0)) < 0.1
         assert found["length"] >= math.dist((here["x"], here["y"]), (1.0, -6.0)) - 0.1
-        ok, text = await viewer.command("plan", x=500.0, y=0.0, theta=0.0)
-        assert not ok
+        text = await viewer.refused("plan", x=500.0, y=0.0, theta=0.0)
         assert re.fullmatch(r"the place may be .* outside of the map, or cut off \(.+\)", text)
         assert viewer.parts["control"]["owner"] is None  # looking takes no control
         assert chassis.counts[full_name(ExecTask)] == 0
         chassis.inject("lost_localisation")
         await viewer.until(lambda parts: parts["robot"]["objections"])
         chassis.refuse(full_name(PlanNavPath), "Request failed")
-        ok, text = await viewer.command("plan", x=1.0, y=-6.0, theta=0.0)
-        assert (ok, text) == (False, "the robot has lost its localisation (Request failed)")
+        reason = await viewer.refused("plan", x=1.0, y=-6.0, theta=0.0)
+        assert reason == "the robot has lost its localisation (Request failed)"
 
 
 @aio
 async def test_the_path_of_a_task_that_runs_already_is_known(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
-        assert (await viewer.command("goMark", mark="A2"))[0]
+    async with controlled(chassis) as viewer:
+        await viewer.give("goMark", mark="A2")
         await viewer.until(lambda parts: parts["path"])
     async with dashboard(chassis) as running, page(running) as viewer:
         await viewer.until(lambda parts: parts["path"])
@@ -78,24 +66,12 @@ async def test_a_robot_that_was_never_connected_is_not_lost(chassis: SimulatorTh
 
 
 @aio
-async def test_a_refused_control_mode_is_explained(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
-        chassis.inject("key_switch")
-        await viewer.until(lambda parts: parts["robot"]["control"] == "manual")
-        ok, text = await viewer.command("controlMode", mode="auto")
-        assert not ok
-        assert "manual mode, set by its key switch" in text
-
-
-@aio
 async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         await eventually(lambda: len(running.robots[0].history["samples"]) > 1)
         async with page(running) as viewer:
-            await ready(viewer)
-            ok, _ = await viewer.command("history")
-            assert ok
+            await viewer.ready()
+            await viewer.give("history")
             found = viewer.data[max(viewer.data)]
             assert len(found["samples"]) > 1
             newest = await viewer.until(lambda parts: parts["sample"][2] and parts["sample"])
@@ -107,98 +83,74 @@ async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) ->
 
 @aio
 async def test_a_speed_limit_holds_for_tasks_and_for_the_stick(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
-        assert (await viewer.command("speedLimit", limit=0.2))[0]
+    async with controlled(chassis) as viewer:
+        await viewer.give("speedLimit", limit=0.2)
         await viewer.until(lambda parts: parts["control"]["speedLimit"] == 0.2)
         assert viewer.parts["control"]["limits"]["linear"] == 0.2
         assert chassis.counts[full_name(ChangeNavMode)] == 0  # nothing navigates
-        assert (await viewer.command("goMark", mark="A2"))[0]
-        await eventually(lambda: chassis.last(full_name(ChangeNavMode)))
-        assert chassis.last(full_name(ChangeNavMode)).nav_mode.max_speed == pytest.approx(0.2)
+        await viewer.give("goMark", mark="A2")
+        await eventually(lambda: last(chassis, ChangeNavMode))
+        assert last(chassis, ChangeNavMode).nav_mode.max_speed == pytest.approx(0.2)
         await viewer.until(lambda parts: parts["pose"]["linear"] > 0.15)
         assert viewer.parts["pose"]["linear"] <= 0.21
-        assert (await viewer.command("speedLimit", limit=None))[0]
-        await eventually(lambda: chassis.last(full_name(ChangeNavMode)).nav_mode.max_speed == 0.0)
+        await viewer.give("speedLimit", limit=None)
+        await eventually(lambda: last(chassis, ChangeNavMode).nav_mode.max_speed == 0.0)
         await viewer.until(lambda parts: parts["pose"]["linear"] > 0.3)
-        assert (await viewer.command("cancel"))[0]
-        assert (await viewer.command("speedLimit", limit=0.1))[0]
+        await viewer.give("cancel")
+        await viewer.give("speedLimit", limit=0.1)
         async with viewer.holds(5.0):
-            await eventually(lambda: chassis.last(full_name(Twist)) not in (None, Twist()))
-            assert chassis.last(full_name(Twist)).linear == pytest.approx(0.1)
+            await eventually(lambda: last(chassis, Twist) not in (None, Twist()))
+            assert last(chassis, Twist).linear == pytest.approx(0.1)
 
 
 @aio
 async def test_a_refused_speed_limit_is_told(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         chassis.refuse(full_name(ChangeNavMode), "not today")
-        assert (await viewer.command("speedLimit", limit=0.2))[0]
-        assert (await viewer.command("goMark", mark="A2"))[0]
+        await viewer.give("speedLimit", limit=0.2)
+        await viewer.give("goMark", mark="A2")
         await viewer.until(lambda parts: parts["control"]["speedRefusal"] == "not today")
-
-
-@aio
-async def test_sound_light_and_charge(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
-        assert viewer.parts["robot"]["sound"] == {"mute": False, "volume": 50}
-        assert (await viewer.command("sound", mute=True, volume=20))[0]
-        assert chassis.last(full_name(Sound)) == Sound(mute=True, volume=20)
-        await viewer.until(lambda parts: parts["robot"]["sound"]["volume"] == 20)
-        assert (await viewer.command("light", effect=2, color=5))[0]
-        assert chassis.last(full_name(LED)) == LED(normal=2, color=5)
-        await viewer.command("charge")  # the simulated robot wants a mark
-        sent = chassis.last(full_name(ExecTask))
-        assert (sent.type, sent.mark_no, sent.HasField("pose")) == (task.kCharge, "", False)
 
 
 @aio
 async def test_maps_are_made_and_switched(chassis: SimulatorThread) -> None:
     pytest.importorskip("scipy", reason="the simulated chassis makes maps with it")
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
-        assert (await viewer.command("workMode", mode="deploy"))[0]
-        ok, text = await viewer.command("buildMap", type="add", scene="hall", map="ground")
-        assert ok, text
-        assert chassis.last(full_name(BuildMap)).type == BuildMap.kAdd
+    async with controlled(chassis) as viewer:
+        await viewer.give("workMode", mode="deploy")
+        await viewer.give("buildMap", type="add", scene="hall", map="ground")
+        assert last(chassis, BuildMap).type == BuildMap.kAdd
         await viewer.until(lambda parts: parts["robot"]["state"] == "mapping")
-        assert (await viewer.command("saveMap"))[0]
+        await viewer.give("saveMap")
         await viewer.until(lambda parts: {"name": "hall", "maps": ["ground"]} in parts["scenes"])
         await viewer.until(lambda parts: parts["robot"]["state"] != "mapping")
-        ok, text = await viewer.command("collectMark")
-        assert ok, text
-        ok, text = await viewer.command("switchMap", scene="wooshmap", map="wooshmap")
-        assert ok, text
-        assert chassis.last(full_name(SwitchMap)).map_name == "wooshmap"
-        assert (await viewer.command("keepPose"))[0]
-        assert chassis.last(full_name(InitRobot)).is_record
+        await viewer.give("collectMark")
+        await viewer.give("switchMap", scene="wooshmap", map="wooshmap")
+        assert last(chassis, SwitchMap).map_name == "wooshmap"
+        await viewer.give("keepPose")
+        assert last(chassis, InitRobot).is_record
 
 
 @aio
 async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
-    chassis: SimulatorThread,
+    chassis: SimulatorThread, other: SimulatorThread
 ) -> None:
-    with SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=8)) as other:
-        async with dashboard(chassis, other) as running, page(running) as viewer:
-            places = await viewer.until(lambda parts: len(parts["places"]) == 2 and parts["places"])
-            assert [each["index"] for each in places] == [0, 1]
-            assert {each["map"] for each in places} == {"wooshmap"}
-            assert len(places[1]["outline"]) > 2
-            cards = await viewer.until(
-                lambda parts: all(each["known"] for each in parts["fleet"]) and parts["fleet"]
-            )
-            assert [each["id"] for each in cards] == [30001, 8]
-            other.set_emergency_stop(True)
-            name = "emergency_stop"
-            await viewer.until(lambda parts: parts["fleet"][1]["objection"]["name"] == name)
-            other.stop_listening()
-            await viewer.until(lambda parts: parts["fleet"][1]["link"] == "lost")
-            # a frozen robot is noticed though nobody watches it
-            other.listen()
-            await viewer.until(lambda parts: parts["fleet"][1]["link"] == "connected")
-            other.inject("freeze")
-            await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
+    async with dashboard(chassis, other) as running, page(running) as viewer:
+        places = await viewer.until(lambda parts: len(parts["places"]) == 2 and parts["places"])
+        assert [each["index"] for each in places] == [0, 1]
+        assert {each["map"] for each in places} == {"wooshmap"}
+        assert len(places[1]["outline"]) > 2
+        await viewer.until(lambda parts: all(each["known"] for each in parts["fleet"]))
+        assert [each["id"] for each in viewer.parts["fleet"]] == [30001, 8]
+        other.set_emergency_stop(True)
+        name = "emergency_stop"
+        await viewer.until(lambda parts: parts["fleet"][1]["objection"]["name"] == name)
+        other.stop_listening()
+        await viewer.until(lambda parts: parts["fleet"][1]["link"] == "lost")
+        # a frozen robot is noticed though nobody watches it
+        other.listen()
+        await viewer.until(lambda parts: parts["fleet"][1]["link"] == "connected")
+        other.inject("freeze")
+        await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
 
 
 @aio
@@ -217,20 +169,20 @@ async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
             page(local, Cookie=cookies[Role.LOOK]) as looking,
             page(local, Cookie=cookies[Role.CONTROL]) as controlling,
         ):
-            await ready(looking)
-            await ready(controlling)
+            await looking.ready()
+            await controlling.ready()
             assert looking.parts["hello"]["control"] is False
             assert controlling.parts["hello"]["control"] is True
             before = chassis.counts
             for name in ("stop", "goMark", "plan", "speedLimit", "pause"):
                 ok, text = await looking.command(name, mark="A2", x=0, y=0, theta=0)
                 assert (ok, "only shows" in text) == (False, True)
-            assert (await looking.command("history"))[0]
+            await looking.give("history")
             await looking.drive(0.3)
             assert await looking.closed() == 1008
             changed = chassis.counts - before
             assert not {full_name(Twist), full_name(ExecTask)} & set(changed)
-            assert (await controlling.command("goMark", mark="A2"))[0]
+            await controlling.give("goMark", mark="A2")
 
 
 def test_tokens_are_kept_in_a_file_that_only_its_owner_reads(tmp_path: Path) -> None:

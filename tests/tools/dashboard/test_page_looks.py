@@ -6,7 +6,6 @@ with, are made anew.
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import importlib
 import io
@@ -16,37 +15,19 @@ import os
 import pickle
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from PIL import Image, ImageChops, ImageStat
 
-from tests.quick_chassis import quick_config
-from tests.tools.dashboard.browsers import (
-    SharedBrowser,
-    SimulatedPage,
-    actions,
-    check_console_and_requests,
-    click_at,
-    element,
-    eventually,
-    is_enabled,
-    open_page,
-    press,
-    script,
-    set_screen,
-    show,
-    text,
-    wait_for_map,
-)
-from tests.tools.dashboard.pages import program
+from tests.quick_chassis import set_speed
+from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually
+from tests.tools.dashboard.conftest import Serve
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.sentences import AND, SENTENCES, Said
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.texts import PAGE, value_data
 from woosh_robot_agent.vda5050.intake import OrderCheck
@@ -72,37 +53,31 @@ _TOLERANCE = 20.0
 """Greatest difference of a mean colour, of 255: fonts may differ, but nothing may be missing."""
 
 
+Opened = Callable[..., Any]
+
+
 @pytest.fixture
-def robot() -> Iterator[SimulatedPage]:
-    """A simulated robot with its page."""
-    running = SimulatedPage()
-    yield running
-    running.close()
+def opened(window: Browser) -> Iterator[Opened]:
+    """Function that opens an address on a screen; its console is checked after the test."""
+    urls: set[str] = set()
+
+    def open_on(url: str, width: int, height: int, scheme: str = "light") -> Any:
+        urls.add(url)
+        window.set_screen(width, height)
+        window.set_media(**{"prefers-color-scheme": scheme})
+        window.open(url)
+        return window
+
+    yield open_on
+    for url in urls:
+        window.check_console_and_requests(url)
 
 
-@contextmanager
-def opened(
-    shared_browser: SharedBrowser, url: str, width: int, height: int, *, scheme: str = "light"
-) -> Iterator[Any]:
-    """Open the page on a screen of this size, and check its console at the end."""
-    with shared_browser.window() as driver:
-        set_screen(driver, width, height, mobile=width < 1000)
-        set_media(driver, **{"prefers-color-scheme": scheme})
-        open_page(driver, url)
-        yield driver
-        check_console_and_requests(driver, url)
-
-
-def set_media(driver: Any, **features: str) -> None:
-    found = [{"name": name, "value": value} for name, value in features.items()]
-    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": found})
-
-
-def check_accessibility(driver: Any, state: str) -> None:
+def check_accessibility(browser: Browser, state: str) -> None:
     """Check that axe finds no violation, after the sheet has appeared."""
-    script(driver, "document.getAnimations().forEach((each) => each.finish())")
-    driver.execute_script(_AXE.read_text("utf-8"))
-    found = driver.execute_async_script(
+    browser.script("document.getAnimations().forEach((each) => each.finish())")
+    browser.driver.execute_script(_AXE.read_text("utf-8"))
+    found = browser.driver.execute_async_script(
         "const done = arguments[0];"
         "axe.run(document, {resultTypes: ['violations']}).then(({violations}) => done("
         "  violations.map(({id, nodes}) => `${id}: ${nodes.map(({html, failureSummary}) =>"
@@ -116,39 +91,33 @@ def check_accessibility(driver: Any, state: str) -> None:
     ("width", "height", "scheme"), [(1440, 900, "light"), (390, 844, "light"), (1024, 768, "dark")]
 )
 def test_axe_finds_no_violation(
-    robot: SimulatedPage, shared_browser: SharedBrowser, width: int, height: int, scheme: str
+    robot: SimulatedPage, opened: Opened, width: int, height: int, scheme: str
 ) -> None:
-    with opened(shared_browser, robot.url, width, height, scheme=scheme) as driver:
-        check_accessibility(driver, "standing")
-        press(driver, "#layers")
-        check_accessibility(driver, "layers")
-        press(driver, "#layers")
-        for tab in ("go", "tasks", "state", "map", "setup", "simulator"):
-            show(driver, tab)
-            check_accessibility(driver, tab)
-        robot.call(lambda simulator: simulator.inject("emergency_stop"))
-        eventually(lambda: text(driver, "#notice"), "the banner")
-        show(driver, "state")
-        eventually(lambda: text(driver, "#problems"), "the fault")
-        check_accessibility(driver, "emergency stop")
-        robot.call(lambda simulator: simulator.inject("off"))
-        eventually(lambda: script(driver, "store.outdated.value"), "the loss of the link")
-        press(driver, "#stop")
-        eventually(lambda: text(driver, "#alarm"), "the alarm")
-        check_accessibility(driver, "alarm")
+    browser = opened(robot.url, width, height, scheme)
+    check_accessibility(browser, "standing")
+    browser.press("#layers")
+    check_accessibility(browser, "layers")
+    browser.press("#layers")
+    for tab in ("go", "tasks", "state", "map", "setup", "simulator"):
+        browser.show(tab)
+        check_accessibility(browser, tab)
+    robot.inject("emergency_stop")
+    eventually(lambda: browser.text("#notice"), "the banner")
+    browser.show("state")
+    eventually(lambda: browser.text("#problems"), "the fault")
+    check_accessibility(browser, "emergency stop")
+    robot.inject("off")
+    eventually(lambda: browser.script("store.outdated.value"), "the loss of the link")
+    browser.press("#stop")
+    eventually(lambda: browser.text("#alarm"), "the alarm")
+    check_accessibility(browser, "alarm")
 
 
-def test_colours_have_enough_contrast(robot: SimulatedPage, shared_browser: SharedBrowser) -> None:
+def test_colours_have_enough_contrast(robot: SimulatedPage, opened: Opened) -> None:
+    tints = ["ok ok-tint", "warning warning-tint", "fault fault-tint", "accent tint"]
     pairs = {
-        4.5: [
-            "ink paper",
-            "faint paper",
-            "faint raised",
-            "ok ok-tint",
-            "warning warning-tint",
-            "fault fault-tint",
-        ]
-        + ["accent paper", "accent tint", "on-accent accent", "ink map-unknown"],
+        4.5: ["ink paper", "faint paper", "faint raised", "accent paper", "on-accent accent"]
+        + ["ink map-unknown", *tints],
         3.0: ["edge paper", "edge raised", "laser map-floor", "map-wall map-floor", "edge ground"],
     }
     contrast = """
@@ -167,28 +136,22 @@ def test_colours_have_enough_contrast(robot: SimulatedPage, shared_browser: Shar
       return (Math.max(one, other) + 0.05) / (Math.min(one, other) + 0.05);
     """
     for scheme in ("light", "dark"):
-        with opened(shared_browser, robot.url, 1440, 900, scheme=scheme) as driver:
-            for least, names in pairs.items():
-                for each in names:
-                    assert driver.execute_script(contrast, each) >= least, (scheme, each)
+        browser = opened(robot.url, 1440, 900, scheme)
+        for least, names in pairs.items():
+            for each in names:
+                assert browser.driver.execute_script(contrast, each) >= least, (scheme, each)
 
 
-def test_forced_colours_and_less_motion_are_respected(
-    robot: SimulatedPage, shared_browser: SharedBrowser
-) -> None:
-    with opened(shared_browser, robot.url, 1440, 900) as driver:
-        set_media(driver, **{"forced-colors": "active", "prefers-reduced-motion": "reduce"})
-        eventually(
-            lambda: script(driver, "matchMedia('(forced-colors: active)').matches"), "the colours"
-        )
-        canvas = "getComputedStyle(document.body).backgroundColor"
-        eventually(
-            lambda: script(driver, "mapCanvas.colours['map-floor']") == script(driver, canvas),
-            "the map in the colours of the system",
-        )
-        show(driver, "state")
-        moving = "document.getAnimations().filter((each) => each.playState === 'running').length"
-        assert script(driver, moving) == 0
+def test_forced_colours_and_less_motion_are_respected(robot: SimulatedPage, opened: Opened) -> None:
+    browser = opened(robot.url, 1440, 900)
+    browser.set_media(**{"forced-colors": "active", "prefers-reduced-motion": "reduce"})
+    active = "matchMedia('(forced-colors: active)').matches"
+    eventually(lambda: browser.script(active), "the colours")
+    is_drawn = "mapCanvas.colours['map-floor'] === getComputedStyle(document.body).backgroundColor"
+    eventually(lambda: browser.script(is_drawn), "the map in the colours of the system")
+    browser.show("state")
+    moving = "document.getAnimations().filter((each) => each.playState === 'running').length"
+    assert browser.script(moving) == 0
 
 
 def test_both_languages_have_the_same_texts() -> None:
@@ -196,10 +159,8 @@ def test_both_languages_have_the_same_texts() -> None:
         name: json.loads((PAGE / f"texts/{name}.json").read_text("utf-8")) for name in ("en", "zh")
     }
     assert list(texts["en"]) == list(texts["zh"])
-    for key, text_ in texts["en"].items():
-        values = {part.split("}")[0] for part in text_.split("{")[1:]}
-        others = {part.split("}")[0] for part in texts["zh"][key].split("{")[1:]}
-        assert values == others, key
+    for key, english in texts["en"].items():
+        assert _braces(english) == _braces(texts["zh"][key]), key
 
 
 def test_each_sentence_of_the_program_is_in_chinese() -> None:
@@ -213,7 +174,7 @@ def test_each_sentence_of_the_program_is_in_chinese() -> None:
 
 
 def test_a_sentence_remains_a_str_with_its_key_in_copies() -> None:
-    said = AND(one=Said("nobody", "driver.nobody"), other="unknown")
+    said = AND(one=Said("nobody", "browser.nobody"), other="unknown")
     for each in (copy.deepcopy(said), pickle.loads(pickle.dumps(said))):
         assert (each, each.key, each.values) == ("nobody, unknown", "said.and", said.values)
         assert value_data(each) == value_data(said)
@@ -225,72 +186,62 @@ def _braces(pattern: str) -> set[str]:
 
 
 def test_what_the_program_explains_is_in_the_language_of_the_page(
-    robot: SimulatedPage, shared_browser: SharedBrowser
+    robot: SimulatedPage, opened: Opened
 ) -> None:
-    with opened(shared_browser, robot.url, 1440, 900) as driver:
-        press(driver, "#language")
-        press(driver, "#stop")
-        eventually(lambda: text(driver, "#answer").endswith("已停止"), "the stop")
-        robot.call(lambda simulator: simulator.inject("emergency_stop"))
-        eventually(lambda: script(driver, "store.robot.value.emergencyStop"), "the stop button")
-        press(driver, "#marks li:nth-child(2) button")
+    browser = opened(robot.url, 1440, 900)
+    browser.press("#language")
+    browser.press("#stop")
+    eventually(lambda: browser.text("#answer").endswith("已停止"), "the stop")
+    robot.inject("emergency_stop")
+    eventually(lambda: browser.script("store.robot.value.emergencyStop"), "the stop button")
+    browser.press("#marks li:nth-child(2) button")
 
-        def is_refused() -> bool:
-            script(driver, _GO)  # shortly after the stop, nothing is sent
-            return "急停按钮已按下" in text(driver, "#answer")
+    def is_refused() -> bool:
+        browser.script(_GO)  # shortly after the stop, nothing is sent
+        return "急停按钮已按下" in browser.text("#answer")
 
-        eventually(is_refused, "why it is refused")
-        assert "急停按钮已按下" in text(driver, "#now"), "why Go is off"
-        refusal = "emergency stop is pressed: release it first"  # of the robot
-        check_chinese(driver, "refused", refusal)
-        show(driver, "state")
-        check_chinese(driver, "emergency stop", refusal)
-        show(driver, "go")
-        press(driver, "#dismiss")
-        robot.call(lambda simulator: simulator.clear_faults())
-        eventually(lambda: not script(driver, "store.robot.value.emergencyStop"), "its release")
-        pose = robot.call(lambda simulator: simulator.state.pose)
-        ahead = {"x": pose.x + 0.7 * math.cos(pose.theta), "y": pose.y + 0.7 * math.sin(pose.theta)}
-        robot.call(lambda simulator: simulator.inject("obstacle", radius=0.3, **ahead))
+    eventually(is_refused, "why it is refused")
+    assert "急停按钮已按下" in browser.text("#now"), "why Go is off"
+    refusal = "emergency stop is pressed: release it first"  # of the robot
+    check_chinese(browser, "refused", refusal)
+    browser.show("state")
+    check_chinese(browser, "emergency stop", refusal)
+    browser.show("go")
+    browser.press("#dismiss")
+    robot.clear_faults()
+    eventually(lambda: not browser.script("store.robot.value.emergencyStop"), "its release")
+    pose = robot.state.pose
+    ahead = {"x": pose.x + 0.7 * math.cos(pose.theta), "y": pose.y + 0.7 * math.sin(pose.theta)}
+    robot.inject("obstacle", radius=0.3, **ahead)
+    browser.hold_stick(lambda: "没有移动" in browser.text("#notice"), "the standstill")
+    check_chinese(browser, "standstill")
+    browser.release()
+    robot.clear_faults()
+    set_speed(robot, 0.05)
 
-        def is_held_and(seen: bool) -> bool:
-            if not script(driver, "store.held.value !== null"):
-                stick = element(driver, "#stick")
-                actions(driver).release().perform()
-                actions(driver).move_to_element(stick).click_and_hold().move_by_offset(
-                    0, -50
-                ).perform()
-            return seen
-
-        eventually(lambda: is_held_and("没有移动" in text(driver, "#notice")), "the standstill")
-        check_chinese(driver, "standstill")
-        actions(driver).release().perform()
-        robot.call(lambda simulator: simulator.clear_faults())
-        robot.call(lambda simulator: setattr(simulator, "speed", 0.05))
-
-        press(driver, "#marks li:nth-child(2) button")
-        press(driver, "#go")
-        eventually(lambda: script(driver, "store.robot.value.task?.running"), "a task")
-        eventually(lambda: script(driver, "store.path.value.length > 1"), "its path")
-        eventually(lambda: is_held_and("正在执行" in text(driver, "#answer")), "the refusal")
-        check_chinese(driver, "stick refused")
-        actions(driver).release().perform()
-        for tab in ("tasks", "state"):
-            show(driver, tab)
-            check_chinese(driver, f"task in {tab}")
-        code = StatusCode(code=110301000013, level=StatusCode.kFault, msg="电机相线")
-        robot.call(lambda simulator: simulator.push(AbnormalCodes(scs=[code])))
-        eventually(lambda: "左电机" in text(driver, "#problems"), "the fault")
-        check_chinese(driver, "fault")
-        robot.call(lambda simulator: simulator.inject("off"))
-        eventually(lambda: "无法连接" in text(driver, "#notice"), "why there is no link")
-        press(driver, "#stop")
-        eventually(lambda: text(driver, "#alarm"), "the alarm")
-        press(driver, "#alarm summary")
-        assert "未停止" in text(driver, "#alarm")
-        assert "未连接" in text(driver, "#alarm")
-        assert text(driver, "#alarm").count("未发送") <= 1, "one reason"
-        check_chinese(driver, "link lost", "Connect call failed")  # of the operating system
+    browser.press("#marks li:nth-child(2) button")
+    browser.press("#go")
+    eventually(lambda: browser.script("store.robot.value.task?.running"), "a task")
+    eventually(lambda: browser.script("store.path.value.length > 1"), "its path")
+    browser.hold_stick(lambda: "正在执行" in browser.text("#answer"), "the refusal")
+    check_chinese(browser, "stick refused")
+    browser.release()
+    for tab in ("tasks", "state"):
+        browser.show(tab)
+        check_chinese(browser, f"task in {tab}")
+    code = StatusCode(code=110301000013, level=StatusCode.kFault, msg="电机相线")
+    robot.push(AbnormalCodes(scs=[code]))
+    eventually(lambda: "左电机" in browser.text("#problems"), "the fault")
+    check_chinese(browser, "fault")
+    robot.inject("off")
+    eventually(lambda: "无法连接" in browser.text("#notice"), "why there is no link")
+    browser.press("#stop")
+    eventually(lambda: browser.text("#alarm"), "the alarm")
+    browser.press("#alarm summary")
+    assert "未停止" in browser.text("#alarm")
+    assert "未连接" in browser.text("#alarm")
+    assert browser.text("#alarm").count("未发送") <= 1, "one reason"
+    check_chinese(browser, "link lost", "Connect call failed")  # of the operating system
 
 
 _LATIN = re.compile(r"(?<![A-Za-z0-9])-{0,2}[A-Za-z][\w./=-]*")
@@ -320,9 +271,9 @@ _READ = """
 """
 
 
-def check_chinese(driver: Any, state: str, *robot_texts: str) -> None:
+def check_chinese(browser: Browser, state: str, *robot_texts: str) -> None:
     """Check that what can be read has no Latin words but names and the robot's own texts."""
-    read, known = driver.execute_script(_READ)
+    read, known = browser.driver.execute_script(_READ)
     read = re.sub("`[a-z]+`", "", read)  # names of fields
     for each in sorted({*known, *robot_texts}, key=len, reverse=True):
         read = re.sub(rf"(?<![A-Za-z]){re.escape(each)}(?![A-Za-z])", "", read)
@@ -350,7 +301,7 @@ def vda_errors() -> list[VehicleError]:
 
 
 def test_the_page_in_chinese_has_no_other_words(
-    shared_browser: SharedBrowser, monkeypatch: pytest.MonkeyPatch
+    opened: Opened, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     errors = [
         {"type": str(number), "level": each.level.name, "text": value_data(each.description)}
@@ -364,32 +315,29 @@ def test_the_page_in_chinese_has_no_other_words(
         self.order = lambda: order
 
     monkeypatch.setattr(Robot, "__init__", connect_with_order)
-    robot = SimulatedPage()
-    try:
-        with opened(shared_browser, robot.url, 1440, 900) as driver:
-            press(driver, "#language")
-            eventually(lambda: text(driver, "#tab-go") == "前往", "Chinese")
-            press(driver, "#layers")
-            check_chinese(driver, "layers")
-            press(driver, "#layers")
-            for tab in ("fleet", "go", "tasks", "state", "map", "setup", "simulator"):
-                show(driver, tab)
-                check_chinese(driver, tab, *_LIBRARY_TEXTS)
-            show(driver, "simulator")
-            for name in script(driver, "store.simulator.value.known.map(({name}) => name)"):
-                driver.execute_script(_CHOOSE, element(driver, "#fault-name"), name)
-                check_chinese(driver, f"fault {name}")
-            for wrong, reason in (("window=1", "至"), ("window", "key=value"), ("by=1", "参数")):
-                driver.execute_script(_CHOOSE, element(driver, "#fault-name"), "reorder")
-                element(driver, "#fault-arguments").clear()
-                element(driver, "#fault-arguments").send_keys(wrong)
-                press(driver, "#begin-fault")
-                eventually(lambda reason=reason: reason in text(driver, "#answer"), wrong)
-                check_chinese(driver, wrong)
-            press(driver, "#language")
-            eventually(lambda: text(driver, "#tab-go") == "Go", "English")
-    finally:
-        robot.close()
+    with SimulatedPage() as robot:
+        browser = opened(robot.url, 1440, 900)
+        browser.press("#language")
+        eventually(lambda: browser.text("#tab-go") == "前往", "Chinese")
+        browser.press("#layers")
+        check_chinese(browser, "layers")
+        browser.press("#layers")
+        for tab in ("fleet", "go", "tasks", "state", "map", "setup", "simulator"):
+            browser.show(tab)
+            check_chinese(browser, tab, *_LIBRARY_TEXTS)
+        browser.show("simulator")
+        for name in browser.script("store.simulator.value.known.map(({name}) => name)"):
+            browser.driver.execute_script(_CHOOSE, browser.element("#fault-name"), name)
+            check_chinese(browser, f"fault {name}")
+        for wrong, reason in (("window=1", "至"), ("window", "key=value"), ("by=1", "参数")):
+            browser.driver.execute_script(_CHOOSE, browser.element("#fault-name"), "reorder")
+            browser.element("#fault-arguments").clear()
+            browser.element("#fault-arguments").send_keys(wrong)
+            browser.press("#begin-fault")
+            eventually(lambda reason=reason: reason in browser.text("#answer"), wrong)
+            check_chinese(browser, wrong)
+        browser.press("#language")
+        eventually(lambda: browser.text("#tab-go") == "Go", "English")
 
 
 _CHOOSE = "arguments[0].value = arguments[1]; arguments[0].dispatchEvent(new Event('change'))"
@@ -399,35 +347,24 @@ _LIBRARY_TEXTS = (
 )
 
 
-def test_who_may_only_look_sees_no_commands(shared_browser: SharedBrowser) -> None:
-    options = ["--host", "0.0.0.0"]
-    with (
-        SimulatorThread() as chassis,
-        program(chassis, options=options, watch=True) as (_, url),
-        opened(shared_browser, url, 390, 844) as driver,
-    ):
-        assert "token" not in driver.current_url
-        eventually(lambda: "only shows" in text(driver, "#now"), "the hint")
-        for selector in ("#stop", "#stick", "#owner", "[data-tool=go]"):
-            assert driver.find_elements("css selector", selector) == [], selector
-        for tab in ("go", "tasks", "state", "map", "setup"):
-            show(driver, tab)
-            for selector in ("#go", "#charge", "#pause", "#set-pose", "#controlMode"):
-                assert driver.find_elements("css selector", selector) == [], (tab, selector)
-        show(driver, "go")
-        press(driver, "#marks button")
-        eventually(lambda: "Rack" in text(driver, "#now"), "what is known of the mark")
+def test_who_may_only_look_sees_no_commands(serve: Serve, opened: Opened) -> None:
+    browser = opened(serve({}, options=["--host", "0.0.0.0"], watch=True).url, 390, 844)
+    assert "token" not in browser.driver.current_url
+    eventually(lambda: "only shows" in browser.text("#now"), "the hint")
+    for selector in ("#stop", "#stick", "#owner", "[data-tool=go]"):
+        assert browser.elements(selector) == [], selector
+    for tab in ("go", "tasks", "state", "map", "setup"):
+        browser.show(tab)
+        for selector in ("#go", "#charge", "#pause", "#set-pose", "#controlMode"):
+            assert browser.elements(selector) == [], (tab, selector)
+    browser.show("go")
+    browser.press("#marks button")
+    eventually(lambda: "Rack" in browser.text("#now"), "what is known of the mark")
 
 
-def test_the_first_load_is_small(robot: SimulatedPage, shared_browser: SharedBrowser) -> None:
-    with opened(shared_browser, robot.url, 1440, 900) as driver:
-        size = script(
-            driver,
-            "performance.getEntriesByType('resource')"
-            ".concat(performance.getEntriesByType('navigation'))"
-            ".reduce((sum, each) => sum + each.transferSize, 0)",
-        )
-        assert 50_000 < size <= 300_000
+def test_the_first_load_is_small(robot: SimulatedPage, opened: Opened) -> None:
+    sizes = "performance.getEntries().map(({transferSize}) => transferSize ?? 0)"
+    assert 50_000 < sum(opened(robot.url, 1440, 900).script(sizes)) <= 300_000
 
 
 @pytest.mark.parametrize(
@@ -445,85 +382,75 @@ def test_the_first_load_is_small(robot: SimulatedPage, shared_browser: SharedBro
 )
 def test_main_states_look_as_stored(
     robot: SimulatedPage,
-    shared_browser: SharedBrowser,
+    opened: Opened,
     tmp_path: Path,
     name: str,
     width: int,
     height: int,
     scheme: str,
 ) -> None:
-    with opened(shared_browser, robot.url, width, height, scheme=scheme) as driver:
-        if name == "preview":
-            press(driver, "#marks li:nth-child(2) button")
-            eventually(lambda: " m" in text(driver, "#now .way"), "the way")
-        elif name == "emergency":
-            robot.call(lambda simulator: simulator.inject("emergency_stop"))
-            eventually(lambda: text(driver, "#notice"), "the banner")
-        elif name == "sheet":
-            show(driver, "go")
-            press(driver, "#fit")
-        elif name == "task":
-            robot.call(
-                lambda simulator: setattr(simulator, "speed", 0.05)
-            )  # so that it stays there
-            press(driver, "#marks li:nth-child(2) button")
-            eventually(lambda: is_enabled(driver, "#go"), "the preview")
-            press(driver, "#go")
-            eventually(lambda: script(driver, "store.path.value.length > 1"), "the path")
-            show(driver, "tasks")
-        elif name == "fault":
-            code = StatusCode(code=11020100001, level=StatusCode.kFault, msg="the brake is stuck")
-            robot.call(lambda simulator: simulator.push(AbnormalCodes(scs=[code])))
-            eventually(lambda: text(driver, "#notice"), "the banner")
-        elif name == "lost":
-            robot.call(lambda simulator: simulator.inject("off"))
-            eventually(lambda: "doctor" in text(driver, "#notice"), "the banner")
-            press(driver, "#stop")
-            eventually(lambda: text(driver, "#alarm"), "the alarm of the stop")
-        check_picture(driver, name, tmp_path)
+    browser = opened(robot.url, width, height, scheme)
+    if name == "preview":
+        browser.choose_mark()
+    elif name == "emergency":
+        robot.inject("emergency_stop")
+        eventually(lambda: browser.text("#notice"), "the banner")
+    elif name == "sheet":
+        browser.show("go")
+        browser.press("#fit")
+    elif name == "task":
+        set_speed(robot, 0.05)  # it stays there
+        browser.choose_mark()
+        browser.press("#go")
+        eventually(lambda: browser.script("store.path.value.length > 1"), "the path")
+        browser.show("tasks")
+    elif name == "fault":
+        code = StatusCode(code=11020100001, level=StatusCode.kFault, msg="the brake is stuck")
+        robot.push(AbnormalCodes(scs=[code]))
+        eventually(lambda: browser.text("#notice"), "the banner")
+    elif name == "lost":
+        robot.inject("off")
+        eventually(lambda: "doctor" in browser.text("#notice"), "the banner")
+        browser.press("#stop")
+        eventually(lambda: browser.text("#alarm"), "the alarm of the stop")
+    check_picture(browser, name, tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("name", "width", "height"), [("watching", 1024, 768), ("two", 1440, 900), ("nomap", 390, 844)]
-)
-def test_other_states_look_as_stored(
-    shared_browser: SharedBrowser, tmp_path: Path, name: str, width: int, height: int
+def test_the_page_of_a_viewer_who_may_only_look_looks_as_stored(
+    serve: Serve, opened: Opened, tmp_path: Path
 ) -> None:
-    options = ["--host", "0.0.0.0"] if name == "watching" else []
-    robots = [
-        SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=number))
-        for number in ((30001, 30002) if name == "two" else (30001,))
-    ]
-    with contextlib.ExitStack() as running:
-        for each in robots:
-            running.enter_context(each)
-        if name == "nomap":
-            robots[0].refuse(full_name(SceneData), "the scene is damaged")
-        watch = name == "watching"
-        _, url = running.enter_context(program(*robots, options=options, watch=watch))
-        driver = running.enter_context(shared_browser.window())
-        set_screen(driver, width, height, mobile=width < 1000)
-        set_media(driver, **{"prefers-color-scheme": "light"})
-        driver.get(url)
-        eventually(lambda: script(driver, "globalThis.store?.scan.value != null"), "the laser")
-        if name == "nomap":
-            eventually(lambda: "No map" in text(driver, "#notice"), "the banner")
-            assert "There is no map" in script(driver, "document.querySelector('#panel').innerText")
-        else:
-            wait_for_map(driver)
-        if name == "two":
-            show(driver, "fleet")
-            eventually(lambda: text(driver, "#fleet").count("Ready") == 2, "the cards")
-            eventually(lambda: script(driver, "mapCanvas.picture().others.length") == 1, "both")
-        check_picture(driver, name, tmp_path)
-        check_console_and_requests(driver, url)
+    url = serve({}, options=["--host", "0.0.0.0"], watch=True).url
+    check_picture(opened(url, 1024, 768), "watching", tmp_path)
 
 
-def check_picture(driver: Any, name: str, tmp_path: Path) -> None:
+def test_two_robots_look_as_stored(serve: Serve, opened: Opened, tmp_path: Path) -> None:
+    browser = opened(serve({}, {"robot_id": 30002}).url, 1440, 900)
+    browser.show("fleet")
+    eventually(lambda: browser.text("#fleet").count("Ready") == 2, "the cards")
+    eventually(lambda: browser.script("mapCanvas.picture().others.length") == 1, "both")
+    check_picture(browser, "two", tmp_path)
+
+
+def test_a_robot_without_a_map_looks_as_stored(
+    serve: Serve, window: Browser, tmp_path: Path
+) -> None:
+    served = serve({})
+    served.robots[0].refuse(full_name(SceneData), "the scene is damaged")
+    window.set_screen(390, 844)
+    window.set_media(**{"prefers-color-scheme": "light"})
+    window.driver.get(served.url)
+    eventually(lambda: window.script("globalThis.store?.scan.value != null"), "the laser")
+    eventually(lambda: "No map" in window.text("#notice"), "the banner")
+    assert "There is no map" in window.script("document.querySelector('#panel').innerText")
+    check_picture(window, "nomap", tmp_path)
+    window.check_console_and_requests(served.url)
+
+
+def check_picture(browser: Browser, name: str, tmp_path: Path) -> None:
     """Compare the screen with a stored picture."""
     # without the laser, which varies, the battery of a simulated robot that has waited
-    script(driver, "document.getAnimations().forEach((each) => each.finish())")
-    with Image.open(io.BytesIO(driver.get_screenshot_as_png())) as screen:
+    browser.script("document.getAnimations().forEach((each) => each.finish())")
+    with Image.open(io.BytesIO(browser.driver.get_screenshot_as_png())) as screen:
         size = screen.width // _SHRINK, screen.height // _SHRINK
         seen = screen.convert("RGB").resize(size)
     path = _PICTURES / f"{name}.png"
@@ -541,41 +468,35 @@ def check_picture(driver: Any, name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not _DOCS, reason="makes the pictures of the documentation")
-def test_pictures_of_the_documentation(robot: SimulatedPage, shared_browser: SharedBrowser) -> None:
+def test_pictures_of_the_documentation(robot: SimulatedPage, opened: Opened) -> None:
     docs = Path(_DOCS or "")
-    with opened(shared_browser, robot.url, 1280, 800) as driver:
-        frames = [_frame(driver)]
-        goal = script(driver, "store.map.value.marks.find(({number}) => number === 'A2')")
-        click_at(driver, goal["x"], goal["y"])
-        eventually(lambda: " m" in text(driver, "#now .way"), "the way")
-        frames += [_frame(driver)] * 8
-        press(driver, "#go")
-        show(driver, "tasks")
-        at = "[store.pose.value.x, store.pose.value.y]"
-        while math.dist((goal["x"], goal["y"]), script(driver, at)) > 0.2:
-            frames.append(_frame(driver))
-            if len(frames) == 40:
-                driver.save_screenshot(str(docs / "dashboard.png"))
-        eventually(lambda: "Completed" in text(driver, "#ended"), "the end")
-        frames += [_frame(driver)] * 10
-        frames[0].save(
-            docs / "dashboard.webp",
-            save_all=True,
-            append_images=frames[1:],
-            duration=130,
-            loop=0,
-            quality=60,
-            method=6,
-        )
-    with opened(shared_browser, robot.url, 390, 844, scheme="dark") as driver:
-        press(driver, "#tab-go")
-        press(driver, "#marks li:nth-child(3) button")
-        press(driver, "#tab-go")
-        press(driver, "#fit")
-        eventually(lambda: is_enabled(driver, "#go"), "the way")
-        driver.save_screenshot(str(docs / "dashboard_phone.png"))
+    browser = opened(robot.url, 1280, 800)
+    frames = [_frame(browser)]
+    goal = browser.script("store.map.value.marks.find(({number}) => number === 'A2')")
+    browser.click_at(goal["x"], goal["y"])
+    eventually(lambda: " m" in browser.text("#now .way"), "the way")
+    frames += [_frame(browser)] * 8
+    browser.press("#go")
+    browser.show("tasks")
+    at = "[store.pose.value.x, store.pose.value.y]"
+    while math.dist((goal["x"], goal["y"]), browser.script(at)) > 0.2:
+        frames.append(_frame(browser))
+        if len(frames) == 40:
+            browser.driver.save_screenshot(str(docs / "dashboard.png"))
+    eventually(lambda: "Completed" in browser.text("#ended"), "the end")
+    frames += [_frame(browser)] * 10
+    compression = {"save_all": True, "loop": 0, "quality": 60, "method": 6}
+    first, *others = frames
+    first.save(docs / "dashboard.webp", append_images=others, duration=130, **compression)
+    browser = opened(robot.url, 390, 844, "dark")
+    browser.press("#tab-go")
+    browser.press("#marks li:nth-child(3) button")
+    browser.press("#tab-go")
+    browser.press("#fit")
+    eventually(lambda: browser.is_enabled("#go"), "the way")
+    browser.driver.save_screenshot(str(docs / "dashboard_phone.png"))
 
 
-def _frame(driver: Any) -> Image.Image:
-    with Image.open(io.BytesIO(driver.get_screenshot_as_png())) as screen:
+def _frame(browser: Browser) -> Image.Image:
+    with Image.open(io.BytesIO(browser.driver.get_screenshot_as_png())) as screen:
         return screen.convert("RGB").resize((960, 600))

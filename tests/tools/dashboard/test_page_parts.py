@@ -11,16 +11,12 @@ from typing import Any
 from PIL import Image
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import dashboard, fetch, page, say
+from tests.tools.dashboard.pages import controlled, dashboard, fetch, page, say
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMap, ExecTask, SwitchWorkMode
-from woosh_robot_agent.pb.robot.robot_pb2 import (
-    PoseSpeed,
-    RobotState,
-    ScannerData,
-)
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, ScannerData
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.part_data import scan_frame
@@ -63,30 +59,20 @@ async def test_the_map_is_a_picture_with_marks(chassis: SimulatorThread) -> None
 
 @aio
 async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
-    config = LinkConfig("127.0.0.1", chassis.port)
-    async with (
-        dashboard(chassis) as running,
-        page(running) as viewer,
-        ChassisClient(config=config) as client,
-    ):
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
-        await client.request(SwitchWorkMode(mode="kDeployMode"))
-        build = BuildMap(type=BuildMap.kAdd, scene_name="hall", map_name="ground")
-        answer = await client.request(build)
-        assert answer.ok, answer.msg
-        number = await viewer.until(
+        await viewer.give("workMode", mode="deploy")
+        await viewer.give("buildMap", type="add", scene="hall", map="ground")
+        area = await viewer.until(
             lambda parts: (
-                parts["map"]["number"] > before + 1
-                and "marks" not in parts["map"]
-                and parts["map"]["number"]
+                parts["map"]["number"] > before + 1 and "marks" not in parts["map"] and parts["map"]
             )
         )
-        status, _, body = await fetch(running, f"/map/0/{number}.png")
+        status, _, body = await fetch(running, f"/map/0/{area['number']}.png")
         assert status == 200
         with Image.open(io.BytesIO(body)) as image:
             assert image.format == "PNG"
-        answer = await client.request(BuildMap(type=BuildMap.kCanel))
-        assert answer.ok, answer.msg
+        await viewer.give("discardMap")
         await viewer.until(lambda parts: parts["map"]["marks"])  # that of the scene again
 
 
@@ -174,7 +160,7 @@ def test_a_scan_is_a_tenth_of_its_json() -> None:
 @aio
 async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
-        await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+        await viewer.ready()
         chassis.stop_listening()
         link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
         assert link["state"] == "lost"
@@ -187,8 +173,7 @@ async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread
 
 @aio
 async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+    async with controlled(chassis) as viewer:
         chassis.stop_listening()
         await viewer.until(lambda parts: not parts["link"]["good"])
         config = quick_config(port=chassis.port, tcp_port=0, robot_id=7)
@@ -199,8 +184,7 @@ async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread)
             assert "answers instead of robot 30001" in say(link["error"])
             assert (link["good"], link["advice"]) == (False, "")
             assert viewer.parts["robot"]["id"] == 30001
-            ok, text = await viewer.command("goMark", mark="A2")
-            assert not ok
+            text = await viewer.refused("goMark", mark="A2")
             assert "answers instead of robot 30001" in text
             await viewer.until(lambda parts: parts["robot"]["id"] == 30001)
             assert other.counts[full_name(ExecTask)] == 0
@@ -211,7 +195,7 @@ async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread)
 @aio
 async def test_a_robot_that_hangs_has_no_data(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
-        await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+        await viewer.ready()
         freeze = chassis.inject("freeze")  # the connection stays, and pings are answered
         link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
         assert link["state"] == "connected"
@@ -226,7 +210,7 @@ async def test_a_robot_that_hangs_has_no_data(chassis: SimulatorThread) -> None:
 @aio
 async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, scan_rate=0.1) as running, page(running) as viewer:
-        await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
+        await viewer.ready()
         robot, probe = running.robots[0], full_name(RobotState)
         before = chassis.counts[probe]
 
@@ -246,8 +230,7 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
             chassis.delay(full_name(cls), 0.3)
         await viewer.send(do="visible", visible=False)
         await eventually(lambda: not robot.parts.watched)
-        begin = await viewer.until(lambda parts: parts["clock"])
-        await viewer.until(lambda parts: parts["clock"] > begin + 1500)
+        await viewer.passed(1.5)
         seen, scans = set(), viewer.scans
         await viewer.send(do="visible", visible=True)
 
@@ -272,7 +255,6 @@ async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
         slow.socket.transport.pause_reading()
         begin = quick.scans
         pose = PoseSpeed()
-        pose.pose.x = 1.0
         await quick.until(lambda _: quick.scans > begin + 20)
         pose.pose.x = 2.5
         chassis.push(pose)

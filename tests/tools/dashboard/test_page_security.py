@@ -198,8 +198,7 @@ async def test_a_new_viewer_takes_the_place_of_one_that_does_not_drive(
         async with page(running) as driver, page(running) as first, page(running) as hidden:
             for each in driver, first, hidden:
                 await each.until(lambda parts: parts["robot"]["known"])
-            ok, text = await driver.command("goMark", mark="A2")
-            assert ok, text
+            await driver.give("goMark", mark="A2")
             await hidden.send(do="visible", visible=False)
             await first.send(do="visible", visible=True)
             await first.command("speak", text="")  # refused, but heard
@@ -207,8 +206,7 @@ async def test_a_new_viewer_takes_the_place_of_one_that_does_not_drive(
                 assert await hidden.closed() == _TRY_AGAIN_LATER
                 assert await first.closed() == _TRY_AGAIN_LATER
                 await fourth.until(lambda parts: parts["control"]["owner"])
-                ok, text = await fifth.command("stop")
-                assert ok, text
+                await fifth.give("stop")
             await driver.until(lambda parts: not parts["robot"]["task"]["running"])
         await eventually(lambda: not running.robots[0].parts.watched)
 
@@ -220,7 +218,7 @@ async def test_no_place_is_left_if_all_viewers_have_control(chassis: SimulatorTh
         page(running) as driver,
     ):
         await driver.until(lambda parts: parts["robot"]["known"])
-        assert (await driver.command("goMark", mark="A2"))[0]
+        await driver.give("goMark", mark="A2")
         async with page(running) as other:
             assert await other.closed() == _TRY_AGAIN_LATER
 

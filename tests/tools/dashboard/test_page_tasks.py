@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import Page, dashboard, page
+from tests.tools.dashboard.pages import Page, controlled, dashboard, page
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
@@ -37,16 +37,12 @@ async def newest(viewer: Page, **wanted: Any) -> dict[str, Any]:
     return found
 
 
-async def ready(viewer: Page) -> None:
-    await viewer.until(lambda parts: parts["link"]["good"] and parts["robot"]["known"])
-
-
 @aio
 async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThread) -> None:
     async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+        await viewer.ready()
         assert viewer.parts["tasks"] == []
-        assert (await viewer.command("goMark", mark="A2", type="carry", direction="feeding"))[0]
+        await viewer.give("goMark", mark="A2", type="carry", direction="feeding")
         begun = await newest(viewer, to="A2", state="executing", running=True)
         assert (begun["type"], begun["by"]) == ("carry", viewer.parts["hello"]["you"])
         wanted = {"mark": "A2", "type": "carry", "direction": "feeding"}
@@ -55,7 +51,7 @@ async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThrea
         assert begun["command"] == {"name": "goMark", "args": {**wanted, **place}}
         done = await newest(viewer, id=begun["id"], state="completed", running=False)
         assert 0 < begun["begun"] == done["begun"] < done["changed"] <= time.time() * 1000
-        assert (await viewer.command("go", x=500.0, y=500.0, theta=0.0))[0]
+        await viewer.give("go", x=500.0, y=500.0, theta=0.0)
         failed = await newest(viewer, state="failed")
         await viewer.until(
             lambda parts: "navigation did not succeed" in parts["tasks"][0]["code"]["meaning"]
@@ -72,9 +68,8 @@ async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThrea
 async def test_what_became_of_a_task_while_the_link_was_lost(
     real_chassis: SimulatorThread,
 ) -> None:
-    async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
-        assert (await viewer.command("goMark", mark="A2"))[0]
+    async with controlled(real_chassis) as viewer:
+        await viewer.give("goMark", mark="A2")
         await newest(viewer, state="executing")
         real_chassis.stop_listening()
         await viewer.until(lambda parts: not parts["link"]["good"])
@@ -87,9 +82,8 @@ async def test_what_became_of_a_task_while_the_link_was_lost(
 
 @aio
 async def test_a_task_whose_end_was_not_seen(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
-        assert (await viewer.command("goMark", mark="A2"))[0]
+    async with controlled(chassis) as viewer:
+        await viewer.give("goMark", mark="A2")
         known = await newest(viewer, state="executing")
         chassis.push(TaskProc(robot_task_id=17, state=task.kExecuting))
         await viewer.until(
@@ -119,10 +113,9 @@ async def test_tasks_of_others_and_of_earlier_are_in_the_list(
 @aio
 @pytest.mark.parametrize("by", ["page", "other"])
 async def test_where_a_task_to_a_place_goes(chassis: SimulatorThread, by: str) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
-        await ready(viewer)
+    async with controlled(chassis) as viewer:
         if by == "page":
-            assert (await viewer.command("go", x=1.0, y=-6.0, theta=0.0))[0]
+            await viewer.give("go", x=1.0, y=-6.0, theta=0.0)
         else:
             config = LinkConfig("127.0.0.1", chassis.port)
             async with ChassisClient(config=config) as client:

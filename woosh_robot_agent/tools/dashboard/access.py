@@ -74,9 +74,9 @@ def kept_tokens(path: Path) -> dict[Role, str]:
     """
     try:
         with contextlib.suppress(FileExistsError):
-            file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(file, "w") as made:
-                json.dump({role.value: token for role, token in new_tokens().items()}, made)
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(descriptor, "w") as file:
+                json.dump({role.value: token for role, token in new_tokens().items()}, file)
         if path.stat().st_mode & 0o077:
             raise TokenFileError(f"others can read {path}: run chmod 600 {path}")
         content = json.loads(path.read_text("utf-8"))
@@ -114,7 +114,7 @@ class Access:
     def __init__(
         self, host: str, *, is_encrypted: bool, control: bool, tokens: dict[Role, str]
     ) -> None:
-        self._highest = Role.CONTROL if control else Role.LOOK
+        self._local_role = Role.CONTROL if control else Role.LOOK
         roles = Role if control else (Role.LOOK,)
         self.tokens = {} if is_local(host) else {role: tokens[role] for role in roles}
         self.scheme = "https" if is_encrypted else "http"
@@ -142,7 +142,7 @@ class Access:
     def role(self, request: web.BaseRequest) -> Role | None:
         """Return the role of the sender of a request; None if it has no valid token."""
         if not self.tokens:
-            return self._highest
+            return self._local_role
         if role := self._role_of(request.query.get("token", "")):
             return role
         try:
@@ -204,7 +204,9 @@ class LimitedConnection(asyncio.Protocol):
         self._opening = opening
         self._transport: asyncio.Transport
         self._allowance = float(_INPUT_BURST)
+        """Number of bytes that may still arrive; it grows with time, up to `_INPUT_BURST`."""
         self._counted_at = -math.inf
+        """Loop time at which `_allowance` was updated."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -212,7 +214,7 @@ class LimitedConnection(asyncio.Protocol):
         self._opening[self] = None
         if len(self._opening) > _MAX_OPENING:
             oldest = next(iter(self._opening))
-            oldest.opened()
+            del self._opening[oldest]
             oldest._transport.abort()
         self._inner.connection_made(transport)
 
@@ -234,7 +236,7 @@ class LimitedConnection(asyncio.Protocol):
         return self._inner.eof_received()
 
     def connection_lost(self, error: Exception | None) -> None:
-        self.opened()
+        self._opening.pop(self, None)
         self._inner.connection_lost(error)
 
     def pause_writing(self) -> None:

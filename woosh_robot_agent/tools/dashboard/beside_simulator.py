@@ -29,10 +29,10 @@ _MAX_TEXT = 300
 
 @asynccontextmanager
 async def dashboard_beside(simulator: SimulatedChassis, port: int) -> AsyncIterator[str]:
-    """Serve the page for a simulated chassis, with control, on this machine.
+    """Serve the page for a simulated chassis on this machine, and let viewers control the chassis.
 
     Args:
-        simulator: the chassis, which listens.
+        simulator: the chassis, already listening.
         port: port of the page; 0 takes a free port.
 
     Yields:
@@ -41,6 +41,7 @@ async def dashboard_beside(simulator: SimulatedChassis, port: int) -> AsyncItera
     Raises:
         OSError: the port is in use.
     """
+    # a wildcard address can be listened on, but not connected to
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(simulator.config.host, simulator.config.host)
     faults = FaultCommands(simulator)
     config = DashboardConfig(port=port, control=True)

@@ -43,9 +43,9 @@ _NO_CHOICE = Sentence("argument.choice", "{name} is not one of {choices}")
 _MAX_TEXT = 200
 """Maximum length of a text."""
 _MAX_COORDINATE = 1e5
-"""Greatest coordinate, in metres."""
+"""Maximum coordinate, in metres."""
 _MAX_NUMBER = 1000
-"""Greatest number of a kind of tasks, and of a light's setting."""
+"""Maximum number of a task kind, and of a light effect."""
 
 
 class CommandError(ValueError):
@@ -155,7 +155,7 @@ def _charge(args: Args, _info: RobotInfo) -> Message:
 
 
 def _tell_pose(args: Args, info: RobotInfo) -> Message:
-    """Return the request that sets the robot's pose: before the initialisation, InitRobot."""
+    """Return the request that sets the robot's pose: InitRobot if it is not initialised."""
     request = InitRobot() if info.state == robot.kUninit else SetRobotPose()
     set_pose(request.pose, args)
     return request

@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
     Attributes:
         ok: True if the command succeeded.
         text: a text for the viewer.
-        data: data that the page requested; of an accepted task its id; otherwise None.
+        data: data that the page requested, or the id of an accepted task; otherwise None.
     """
 
     ok: bool
@@ -51,7 +51,7 @@ class Outcome(NamedTuple):
 
 
 _STICK = Said("stick", "driver.stick")
-"""Name of the stream of velocities."""
+"""Name of the stick as a source of velocities."""
 STOP = "stop"
 """Name of the command that stops the robot, which every viewer may give."""
 SPEED_LIMIT = "speedLimit"
@@ -59,23 +59,24 @@ SPEED_LIMIT = "speedLimit"
 TOO_SLOW = Text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
 UNANSWERED = Text("reason.unanswered")
+"""Reason for a velocity that is not sent, because the answer to an earlier one is overdue."""
 _OTHER_MODE = Text("reason.otherMode")
 _VELOCITY_REFUSED = Sentence("refusal.velocity", "the robot refused the velocity")
 _BECAUSE = Sentence("refusal.because", "{text} ({reason})")
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
 _MAX_AGE = 0.5
-"""Maximum age of the newest time known to the page for its commands to be sent, in seconds."""
+"""Maximum age of the newest time that the page knew when it sent a command, in seconds."""
 _MAX_COUNT = 1e15
-"""Largest number of a press, and largest time in milliseconds, in a message of the page."""
-_LEAST_SPEED = 0.05
-"""Smallest limit of the speed, in m/s."""
-_GREATEST_SPEED = 3.0
-"""Greatest limit of the speed, in m/s."""
+"""Maximum number of a press, and maximum time in milliseconds, in a message of the page."""
+_LOWEST_LIMIT = 0.05
+"""Lowest speed limit that a viewer can set, in m/s."""
+_HIGHEST_LIMIT = 3.0
+"""Highest speed limit that a viewer can set, in m/s."""
 _STICK_RATE = 20.0
 """Maximum rate of velocities that are sent to the robot, in Hz."""
 _MAX_INPUT = 100.0
-"""Greatest velocity in a message of the page, in m/s and rad/s; the limits scale it down."""
+"""Maximum velocity in a message of the page, in m/s and rad/s; the limits scale it down."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +116,8 @@ class Control:
        velocities ends the press. Only another press drives again.
     7. A robot that hangs may execute a command later. While it sends nothing, it gets no command
        that may start a motion.
-    8. The page sends a place with the map that it shows. The robot gets the place only if it uses
-       this map.
+    8. The page sends a place with the map that it shows. The place is sent to the robot only if the
+       robot uses this map.
 
     Args:
         robot: the robot.
@@ -138,13 +139,13 @@ class Control:
         self._limits = VelocityLimits(
             config.max_linear, config.max_angular, _STICK_RATE, config.stick_timeout
         )
-        self._speed: float | None = None
-        """Limit of the speed, in m/s; None without one."""
+        self._speed_limit: float | None = None
+        """Speed limit that a viewer has set, in m/s; None without one."""
         self._speed_limiter = SpeedLimiter(
             robot.chassis,
             self._gate,
-            lambda work: asyncio.get_running_loop().create_task(work, name="speed limit"),
-            lambda reason: robot.parts.changed(),
+            start=lambda work: asyncio.get_running_loop().create_task(work, name="speed limit"),
+            on_refused=lambda reason: robot.parts.changed(),
         )
         self._stick = _Stick(self._gate, robot, self._stick_limits, self._stick_refused)
         self._gate.on_answered(self._answered)
@@ -153,7 +154,9 @@ class Control:
         self._explainer = RefusalExplainer(robot.chassis, last_known)
         self._standstill = Standstill(robot.chassis, self._gate, last_known)
         velocities = VelocitySources(robot.chassis, self._gate)
-        self._who_drives = WhoDrives(robot.chassis, self._gate, last_known, velocities, tuple)
+        self._who_drives = WhoDrives(
+            robot.chassis, self._gate, last_known, velocities, goals=lambda: ()
+        )
         self.tasks = TaskLog(robot, self._who_drives.now)
         self.alarm = StopAlarm(robot, on_stopped)
         self.owner: Viewer | None = None
@@ -169,6 +172,7 @@ class Control:
         """Loop time of the last velocity of the press `_press`."""
         self._stick_task: asyncio.Task[None] | None = None
         self._explaining: asyncio.Task[None] | None = None
+        """Task of `_explain`; kept, because the event loop has only a weak reference."""
         robot.parts.add("control", self._data, each_second=True)
 
     def start(self) -> None:
@@ -207,23 +211,28 @@ class Control:
         """
         if name == STOP:
             return self._stop(viewer)
-        command = COMMANDS.get(name)
-        if command is None and name != SPEED_LIMIT:
-            raise CommandError(Text("reason.unknownCommand"))
-        request = command.request(args, self._robot.view.info) if command else None
-        limit = self._speed_in(args) if command is None else None
         reason = self._outdated(clock) or self._robot.no_data
-        if command and command.on_map:
-            reason = reason or self._other_map(args)
-        if reason and not (command and command.interrupts):
-            raise CommandError(Text("reply.notSent", command=_name(name), reason=reason))
-        if reason := self._claim(viewer):
-            raise CommandError(reason)
-        if request is None:
+        if name == SPEED_LIMIT:
+            limit = _speed_limit(args)
+            self._admit(viewer, name, reason)
             return self._limit_speed(limit)
+        command = COMMANDS.get(name)
+        if command is None:
+            raise CommandError(Text("reason.unknownCommand"))
+        request = command.request(args, self._robot.view.info)
+        if command.on_map:
+            reason = reason or self._other_map(args)
+        self._admit(viewer, name, None if command.interrupts else reason)
         if isinstance(request, ExecTask):
             self.tasks.given(request.task_id, viewer.name, name, args)
         return self._execute(name, request)
+
+    def _admit(self, viewer: Viewer, name: str, reason: Text | None) -> None:
+        """Claim the control for a command; raise a `CommandError` for a reason against it."""
+        if reason:
+            raise CommandError(Text("reply.notSent", command=_name(name), reason=reason))
+        if reason := self._claim(viewer):
+            raise CommandError(reason)
 
     def drive(self, viewer: Viewer, message: Args) -> None:
         """Process a velocity of a viewer's stick.
@@ -235,7 +244,7 @@ class Control:
         angular = number(message, "angular", _MAX_INPUT)
         clock = number(message, "clock", _MAX_COUNT)
         press = int(number(message, "press", _MAX_COUNT))
-        if not (linear or angular):
+        if not (linear or angular):  # let go, or at rest in the middle
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
                 if press == self._press and self._gap <= self._config.stick_timeout:
@@ -243,7 +252,7 @@ class Control:
             return
         if press <= viewer.ended_press:
             return
-        if reason := self._objection(viewer, press, clock):
+        if reason := self._admit_press(viewer, press, clock):
             viewer.end_press(press, reason)
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
@@ -311,11 +320,11 @@ class Control:
         """Time since the last velocity of the press that drives, in seconds."""
         return asyncio.get_running_loop().time() - self._driven_at
 
-    def _objection(self, viewer: Viewer, press: int, clock: float) -> Text | None:
-        """Return the reason why a press of the stick may not drive; None if it may."""
+    def _admit_press(self, viewer: Viewer, press: int, clock: float) -> Text | None:
+        """Claim the control for a press of the stick; return the reason why it may not drive."""
         if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason
-        if press == self._press:
+        if press == self._press:  # the press that drives already
             if self._gap > self._config.stick_timeout:
                 return TOO_SLOW
             if self._press_mode != self._robot.view.info.mode.ctrl:
@@ -357,19 +366,14 @@ class Control:
             return text
         return _BECAUSE(text=text, reason=joined(THEN, (each.said for each in reasons)))
 
-    def _speed_in(self, args: Args) -> float | None:
-        if args.get("limit") is None:
-            return None
-        return number(args, "limit", _GREATEST_SPEED, _LEAST_SPEED)
-
     async def _limit_speed(self, limit: float | None) -> Outcome:
-        self._speed = limit
+        self._speed_limit = limit
         self._speed_limiter.limit(math.inf if limit is None else limit)
         self._robot.parts.changed()
         return Outcome(True, Text("reply.accepted", command=_name(SPEED_LIMIT)))
 
     def _stick_limits(self) -> VelocityLimits:
-        linear = min(self._limits.max_linear, self._speed or math.inf)
+        linear = min(self._limits.max_linear, self._speed_limit or math.inf)
         return replace(self._limits, max_linear=linear)
 
     def _stopped(self) -> None:
@@ -404,7 +408,7 @@ class Control:
             "owner": self.owner.name if self.owner else None,
             "limits": {"linear": limits.max_linear, "angular": limits.max_angular},
             "maximum": self._limits.max_linear,
-            "speedLimit": self._speed,
+            "speedLimit": self._speed_limit,
             "speedRefusal": value_data(self._speed_limiter.refusal),
             "driver": {"name": driver.name, "detail": value_data(driver.detail)},
             "standstill": value_data(self._standstill.warning),
@@ -413,6 +417,12 @@ class Control:
 
 def _name(command: str) -> Text:
     return Text(f"command.{command}")
+
+
+def _speed_limit(args: Args) -> float | None:
+    if args.get("limit") is None:
+        return None
+    return number(args, "limit", _HIGHEST_LIMIT, _LOWEST_LIMIT)
 
 
 class _Stick(VelocityDriver):

@@ -69,15 +69,15 @@ class MapSource:
         self.number = 0
         self.error = ""
         self._shown: object = None
-        """Scene, id, name and version of the map in the picture; None for another picture."""
-        self._task: asyncio.Task[None] | None = None
+        """Scene, id, name and version of the shown map; None without it, or if it is being made."""
+        self._picture_task: asyncio.Task[None] | None = None
+        """Request of a map, or conversion of the picture of a map that the robot is making."""
         self._not_before = -math.inf
         """Loop time before which a map is not requested again."""
         self._unsubscribe: Callable[[], None] | None = None
         """Ends the subscription to the map that the robot is making."""
         self._scenes: list[SceneList.Scene] = []
-        """The scenes on the robot."""
-        self._listing: asyncio.Task[None] | None = None
+        self._list_task: asyncio.Task[None] | None = None
         self._list_at = -math.inf
         """Loop time from which the list of scenes is requested again."""
 
@@ -94,14 +94,14 @@ class MapSource:
 
     def close(self) -> None:
         """Stop requesting and receiving."""
-        for task in (self._task, self._listing):
+        for task in (self._picture_task, self._list_task):
             if task is not None:
                 task.cancel()
-        self._task = self._listing = None
-        self._end_growing()
+        self._picture_task = self._list_task = None
+        self._end_subscription()
 
     def update(self, scene: Scene, mapping: bool) -> None:
-        """Request the robot's map, unless the picture already shows this map.
+        """Request the robot's map, unless it is shown; subscribe to a map that the robot is making.
 
         Args:
             scene: scene and map that the robot uses.
@@ -113,12 +113,12 @@ class MapSource:
         if mapping:
             self._shown = None
             if self._unsubscribe is None:
-                self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._growing)
+                self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._map_grown)
             return
-        self._end_growing()
+        self._end_subscription()
         wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
         loop = asyncio.get_running_loop()
-        busy = self._task is not None and not self._task.done()
+        busy = self._picture_task is not None and not self._picture_task.done()
         if not scene.scene_name or wanted == self._shown or busy or loop.time() < self._not_before:
             return
         self._not_before = loop.time() + _RETRY_DELAY
@@ -126,12 +126,12 @@ class MapSource:
 
     def _update_list(self) -> None:
         loop = asyncio.get_running_loop()
-        if loop.time() < self._list_at or (self._listing and not self._listing.done()):
+        if loop.time() < self._list_at or (self._list_task and not self._list_task.done()):
             return
         self._list_at = loop.time() + _LIST_PERIOD
-        self._listing = loop.create_task(self._list(), name="scenes")
+        self._list_task = loop.create_task(self._request_list(), name="scenes")
 
-    async def _list(self) -> None:
+    async def _request_list(self) -> None:
         try:
             answer = await self._chassis.request(SceneList())
         except LinkError:
@@ -141,20 +141,21 @@ class MapSource:
             self._on_change()
 
     async def _request(self, wanted: tuple[str, int, str, int]) -> None:
+        scene_name, map_id, map_name, _ = wanted
         try:
-            scene = await scene_data(self._chassis, wanted[0])
-            area = find_map(scene, *wanted[1:3])
+            scene = await scene_data(self._chassis, scene_name)
+            area = find_map(scene, map_id, map_name)
             origin = area.origin.x, area.origin.y, area.origin.theta
-            more = {
-                "scene": wanted[0],
-                "name": wanted[2],
+            content = {
+                "scene": scene_name,
+                "name": map_name,
                 "marks": part_data.marks_data(area),
                 "zones": part_data.zones_data(area),
                 "lanes": part_data.lanes_data(area),
                 "taskTypes": part_data.task_types_data(scene),
             }
-            pictures = area.map_png, area.keepout_png
-            self._set(await _picture(*pictures, area.resolution, origin, more))
+            png, keepout = area.map_png, area.keepout_png
+            self._set(await _picture(png, keepout, area.resolution, origin, content))
         except (LinkError, MapError) as error:
             if self.error != str(error):
                 self.error = said_by(error)
@@ -163,11 +164,11 @@ class MapSource:
         self._shown = wanted
         self._not_before = self._list_at = -math.inf
 
-    def _growing(self, body: Body) -> None:
-        if self._task is None or self._task.done():  # while a picture is made, others are skipped
-            self._start(self._show_growing(body))
+    def _map_grown(self, body: Body) -> None:
+        if self._picture_task is None or self._picture_task.done():  # skips reports meanwhile
+            self._start(self._show_grown_map(body))
 
-    async def _show_growing(self, body: Body) -> None:
+    async def _show_grown_map(self, body: Body) -> None:
         try:
             report: BuildMapData = body.message()
             origin = report.origin_x, report.origin_y, 0.0
@@ -175,13 +176,13 @@ class MapSource:
         except (FrameError, MapError):  # the next report comes within a second
             return
 
-    def _end_growing(self) -> None:
+    def _end_subscription(self) -> None:
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None
 
     def _start(self, work: Any) -> None:
-        self._task = asyncio.get_running_loop().create_task(work, name="map picture")
+        self._picture_task = asyncio.get_running_loop().create_task(work, name="map picture")
 
     def _set(self, picture: MapPicture) -> None:
         self.picture = picture
@@ -195,22 +196,22 @@ async def _picture(
     keepout_png: bytes,
     resolution: float,
     origin: tuple[float, float, float],
-    more: dict[str, Any],
+    content: dict[str, Any],
 ) -> MapPicture:
-    """Return the picture of a map.
+    """Return the picture of a map, with what the page shows on it.
 
     Raises:
         MapError: the map has no valid resolution, origin or image.
     """
     check_resolution_and_origin(resolution, *origin)
     # decoding a large image would block the link
-    data = await asyncio.to_thread(grey_png, png)
+    map_png = await asyncio.to_thread(grey_png, png)
     keepout, problem = b"", ""
     if keepout_png:
         try:
             keepout = await asyncio.to_thread(grey_png, keepout_png)
         except MapError as error:
             problem = _NO_KEEPOUT(reason=said_by(error))
-    place = dict(zip(("x", "y", "theta"), origin, strict=True))
-    known = {"resolution": resolution, "origin": place, "keepout": bool(keepout)}
-    return MapPicture(data, keepout, problem, {**known, **more})
+    pose = dict(zip(("x", "y", "theta"), origin, strict=True))
+    data = {"resolution": resolution, "origin": pose, "keepout": bool(keepout), **content}
+    return MapPicture(map_png, keepout, problem, data)

@@ -68,8 +68,8 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
         "x": round(pose.x, 4),
         "y": round(pose.y, 4),
         "theta": round(pose.theta, 4),
-        "linear": _number(twist.linear),
-        "angular": _number(twist.angular),
+        "linear": _rounded_or_zero(twist.linear),
+        "angular": _rounded_or_zero(twist.angular),
         "doubt": None if doubt is None else _objection(doubt),
     }
 
@@ -109,7 +109,7 @@ def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
         "mileage": info.pose_speed.mileage,
         "wifi": info.network.wifi.name,
         "strength": info.network.wifi.strength,
-        "parts": _parts(info.hardware_state),
+        "parts": _abnormal_hardware(info.hardware_state),
         "connects": stats.connects,
         "received": stats.rx,
         "sent": stats.tx,
@@ -140,7 +140,7 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "name": info.setting.identity.name,
         "state": enum_name(robot.State, info.state),
         "objection": None if objection is None else _objection(objection),
-        "moves": bool(_number(twist.linear) or _number(twist.angular)),
+        "moves": bool(_rounded_or_zero(twist.linear) or _rounded_or_zero(twist.angular)),
         "problems": len(info.abnormal_codes.scs),
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),
@@ -179,7 +179,7 @@ def codes_data(view: RobotView, clock_offset: float | None) -> list[dict[str, An
     ahead = 1000.0 * (clock_offset or 0.0)
     return [
         {"time": int(code.time - ahead), **code_data(code)}
-        for code in list(view.codes)[: -_MAX_CODES - 1 : -1]
+        for code in reversed(list(view.codes)[-_MAX_CODES:])
     ]
 
 
@@ -242,7 +242,7 @@ def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
         for each in fields:
             outline = points_data(each.nav_filed.vertexs)
             if len(outline) > 2:
-                speed = _number(each.nav_filed.max_speed)
+                speed = _rounded_or_zero(each.nav_filed.max_speed)
                 zones.append({"kind": field.name, "outline": outline, "speed": speed})
     return zones[:_MAX_ZONES]
 
@@ -324,7 +324,7 @@ def _action(view: RobotView, name: str) -> dict[str, Any]:
     }
 
 
-def _parts(hardware: HardwareState) -> list[dict[str, str]]:
+def _abnormal_hardware(hardware: HardwareState) -> list[dict[str, str]]:
     """Return the hardware parts of the robot that are not normal, with their states."""
     found = []
     for field, value in hardware.ListFields():
@@ -338,7 +338,7 @@ def _parts(hardware: HardwareState) -> list[dict[str, str]]:
     return found
 
 
-def _number(value: float) -> float:
+def _rounded_or_zero(value: float) -> float:
     return round(value, 3) if math.isfinite(value) else 0.0
 
 

@@ -30,7 +30,7 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, objections
 from woosh_robot_agent.sentences import REFUSED, Said, Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.dashboard.commands import Args, set_pose
+from woosh_robot_agent.tools.dashboard.commands import Args, CommandError, set_pose
 from woosh_robot_agent.tools.dashboard.map_source import MapSource
 from woosh_robot_agent.tools.dashboard.parts import SCAN, Parts
 from woosh_robot_agent.tools.dashboard.texts import Text, value_data
@@ -64,7 +64,7 @@ _UNREACHABLE = Sentence(
     "plan.unreachable", "the place may be in or near a wall, outside of the map, or cut off"
 )
 READ_ONLY = Text("reason.readOnly")
-"""Reason for which commands are refused."""
+"""Reason for which all commands are refused without control."""
 
 
 class Robot:
@@ -129,11 +129,12 @@ class Robot:
             ("scenes", self.map.scenes_data),
         ):
             self.parts.add(name, source)
-        self.parts.add("link", self._link_data, on_change=False, each_second=True)
-        details = "details", lambda: part_data.details_data(self.view, self.chassis)
-        self.parts.add(*details, on_change=False, each_second=True)
-        newest = "sample", lambda: self._samples[-1] if self._samples else None
-        self.parts.add(*newest, on_change=False, each_second=True)
+        for name, periodic in (
+            ("link", self._link_data),
+            ("details", lambda: part_data.details_data(self.view, self.chassis)),
+            ("sample", lambda: self._samples[-1] if self._samples else None),
+        ):
+            self.parts.add(name, periodic, on_change=False, each_second=True)
         self._running: asyncio.Task[None] | None = None
         self.chassis.on_state(lambda state: self.parts.changed())
         subscribe_all(self.chassis, self._received)
@@ -161,14 +162,14 @@ class Robot:
         """Answer to the command `history`: the samples of the last half hour, as in `_sample`."""
         return {"period": SAMPLE_PERIOD, "samples": list(self._samples)}
 
-    async def plan(self, args: Args) -> tuple[str, dict[str, Any] | None]:
+    async def plan(self, args: Args) -> dict[str, Any]:
         """Ask the robot how it would drive to a pose, without driving there.
 
         Returns:
-            The reason why there is no path, or an empty text and the path with its length.
+            The points of the path and its length, in metres.
 
         Raises:
-            CommandError: the arguments are no pose.
+            CommandError: the arguments are no pose, or there is no path.
             LinkError: as in `ChassisClient.request`.
         """
         request = PlanNavPath()
@@ -176,15 +177,16 @@ class Robot:
         request.start.CopyFrom(self.view.info.pose_speed.pose)
         answer = await self.chassis.request(self.requests.address(request))
         if not answer.ok:
-            placeless = (NOT_INITIALISED, LOST)
-            found = (each.said for each in objections(self.view.info) if each in placeless)
+            without_pose = (NOT_INITIALISED, LOST)
+            found = (each.said for each in objections(self.view.info) if each in without_pose)
             reason = next(found, _UNREACHABLE())
-            return _REFUSED_PATH(reason=reason, text=answer.msg or REFUSED()), None
+            text = _REFUSED_PATH(reason=reason, text=answer.msg or REFUSED())
+            raise CommandError(Text("reason.said", text=text))
         if not isinstance(answer.body, NavPath):
-            return _NO_PATH(type=answer.type), None
+            raise CommandError(Text("reason.said", text=_NO_PATH(type=answer.type)))
         points = part_data.points_data(answer.body.path.poses)
         length = sum(map(math.dist, points, points[1:]))
-        return "", {"path": points, "length": round(length, 2)}
+        return {"path": points, "length": round(length, 2)}
 
     def _received(self, message: Message) -> None:
         self.view.update(message)

@@ -129,6 +129,7 @@ class Dashboard:
         self._count = 0
         """Number of viewers so far."""
         self._opening: dict[LimitedConnection, None] = {}
+        """Connections that are no WebSockets (yet), the oldest first."""
         self._http: web.Server | None = None
         self._server: asyncio.Server | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -242,15 +243,15 @@ class Dashboard:
     async def _answer(self, request: web.BaseRequest) -> web.StreamResponse:
         if request.method not in _METHODS:
             allowed = ", ".join(_METHODS)
-            return _text(request, HTTPStatus.METHOD_NOT_ALLOWED, _ONLY_GET(), Allow=allowed)
+            return _error(request, HTTPStatus.METHOD_NOT_ALLOWED, _ONLY_GET(), Allow=allowed)
         is_socket, access = request.path == "/live", self._access
         if reason := access.socket_refusal(request) if is_socket else access.refusal(request):
-            return _text(request, HTTPStatus.FORBIDDEN, reason)
+            return _error(request, HTTPStatus.FORBIDDEN, reason)
         if is_socket:
             return await self._serve(request)
         found = self._files.get(request.path) or self._map_picture(request.path)
         if found is None:
-            return _text(request, HTTPStatus.NOT_FOUND, _NO_PAGE())
+            return _error(request, HTTPStatus.NOT_FOUND, _NO_PAGE())
         content, content_type = found
         headers = {**SECURITY_HEADERS, "Content-Type": content_type, **access.cookie(request)}
         return web.Response(body=content, headers=headers)
@@ -264,13 +265,11 @@ class Dashboard:
         """
         for index, robot in enumerate(self.robots):
             picture = robot.map.picture
-            if picture is not None and path.startswith(f"/map/{index}/"):
+            if picture is None:
+                continue
+            if path.startswith(f"/map/{index}/"):
                 return picture.png, "image/png"
-            if (
-                picture is not None
-                and path.startswith(f"/keepout/{index}/")
-                and picture.keepout_png
-            ):
+            if path.startswith(f"/keepout/{index}/") and picture.keepout_png:
                 return picture.keepout_png, "image/png"
         return None
 
@@ -317,7 +316,7 @@ class Dashboard:
     def _make_room(self) -> bool:
         """Disconnect a viewer without control if there are too many.
 
-        So a new viewer can always connect, and stop a robot.
+        A new viewer is let in, because it may have to stop a robot.
 
         Returns:
             False if there is no room, because all viewers have control.
@@ -359,11 +358,11 @@ class Dashboard:
         for control in self._controls.values():
             control.release(viewer)
 
-    def _handle(self, viewer: Viewer, message: dict[str, Any]) -> None:
+    def _handle(self, viewer: Viewer, message: Any) -> None:
         """Handle one message.
 
         Raises:
-            ValueError: the page of this program does not send such a message.
+            ValueError: not a message that the page sends, or one that the viewer may not send.
         """
         match message:
             case {"do": "watch", "robot": int(index)} if 0 <= index < len(self.robots):
@@ -395,13 +394,13 @@ class Dashboard:
         try:
             if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
                 raise CommandError(Text("reason.tooManyCommands"))
-            work = self._work(viewer, name, args, clock)
+            execution = self._execution(viewer, name, args, clock)
         except CommandError as error:
             self._reply(viewer, id_, Outcome(False, error.text))
             return
 
         async def execute() -> None:
-            self._reply(viewer, id_, await work)
+            self._reply(viewer, id_, await execution)
 
         task = asyncio.get_running_loop().create_task(execute(), name=name)
         viewer.commands.add(task)
@@ -411,7 +410,7 @@ class Dashboard:
         ok, text, data = outcome
         viewer.note(part="reply", id=id_, ok=ok, text=text.data, data=data)
 
-    def _work(
+    def _execution(
         self, viewer: Viewer, name: str, args: Args, clock: int
     ) -> Coroutine[Any, Any, Outcome]:
         """Return the execution of a command.
@@ -436,14 +435,11 @@ class Dashboard:
 
     async def _plan(self, robot: Robot, args: Args) -> Outcome:
         try:
-            reason, found = await robot.plan(args)
+            return Outcome(True, Text("reply.done"), await robot.plan(args))
         except CommandError as error:
             return Outcome(False, error.text)
         except LinkError as error:
-            reason, found = said_by(error), None
-        if found is None:
-            return Outcome(False, Text("reason.said", text=reason))
-        return Outcome(True, Text("reply.done"), found)
+            return Outcome(False, Text("reason.said", text=said_by(error)))
 
     async def _run_more(self, name: str, args: Args) -> Outcome:
         outcome = self._more_commands[name](args)
@@ -468,19 +464,16 @@ def _reachable(host: str) -> str:
         return str(probe.getsockname()[0])
 
 
-def _parse(text: str) -> dict[str, Any]:
+def _parse(text: str) -> Any:
     """Parse a message of the page.
 
     Raises:
-        ValueError: the text is not a JSON object.
+        ValueError: the text is not JSON.
     """
     try:
-        message = json.loads(text)
+        return json.loads(text)
     except RecursionError:
         raise ValueError("not a message of the page") from None
-    if not isinstance(message, dict):
-        raise ValueError("not a message of the page")
-    return message
 
 
 def _page_files() -> dict[str, tuple[bytes, str]]:
@@ -495,6 +488,6 @@ def _page_files() -> dict[str, tuple[bytes, str]]:
     return found
 
 
-def _text(request: web.BaseRequest, status: HTTPStatus, text: str, **headers: str) -> web.Response:
+def _error(request: web.BaseRequest, status: HTTPStatus, text: str, **headers: str) -> web.Response:
     shown = spoken(text, request.headers.get("Accept-Language", ""))
     return web.Response(status=status, text=f"{shown}\n", headers={**SECURITY_HEADERS, **headers})

@@ -31,26 +31,26 @@ class StopAlarm:
         self._standing_since = -math.inf
         """Loop time since which the robot is seen to stand still."""
         self._received = 0
-        """Number of frames received until then; without a further one, nothing is seen."""
-        robot.chassis.subscribe(PoseSpeed, lambda report: self._look())
+        """Number of frames received until then; only a later frame shows the standstill."""
+        robot.chassis.subscribe(PoseSpeed, lambda report: self._check_standstill())
 
     @property
     def reason(self) -> str:
         """Why the stop was not confirmed; empty without an alarm."""
-        self._look()
+        self._check_standstill()
         return self._reason
 
     def answered(self, report: StopReport) -> None:
         """Raise the alarm if a stop was not confirmed, otherwise end it."""
         self._reason = "" if report.success else report.message
-        self._begin()
+        self._restart_standstill()
         self._on_answered()
 
-    def _begin(self) -> None:
+    def _restart_standstill(self) -> None:
         self._standing_since = asyncio.get_running_loop().time()
         self._received = self._robot.chassis.stats.rx
 
-    def _look(self) -> None:
+    def _check_standstill(self) -> None:
         """End the alarm if the robot has been seen to stand still for long enough."""
         if not self._reason:
             return
@@ -58,6 +58,6 @@ class StopAlarm:
         pose = part_data.pose_data(self._robot.view.info)
         moves = pose is None or pose["linear"] or pose["angular"]
         if moves or self._robot.no_data or chassis.state is not LinkState.READY:
-            self._begin()
+            self._restart_standstill()
         elif now - self._standing_since > _STANDSTILL and chassis.stats.rx > self._received:
             self._reason = ""

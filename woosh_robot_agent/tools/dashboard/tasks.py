@@ -115,7 +115,7 @@ class TaskLog:
         self._reported(info.task_proc)
         for each in self._tasks.values():
             if each.known and each.report.state == task.kStateUndefined and not each.changed:
-                each.changed = part_data.now()
+                each.changed = part_data.now()  # it was accepted, and ended without a link
 
     def _reported(self, report: TaskProc) -> None:
         if report.robot_task_id and report.state != task.kStateUndefined:
@@ -126,25 +126,26 @@ class TaskLog:
                 each.changed = part_data.now()
         self._robot.parts.changed()
 
-    def _update(self, report: TaskProc, now: int) -> None:
+    def _update(self, report: TaskProc, reported: int) -> None:
+        """Note a report about a task, and when it was made, as Unix time in milliseconds."""
         known = self._tasks.get(report.robot_task_id)
         if known is None:
             known = self._tasks[report.robot_task_id] = _Task()
             if is_unfinished(report):
-                known.begun = now
+                known.begun = reported
                 self._note_map(known)
                 # after the other consumers of this report, which know who drives
-                asyncio.get_running_loop().call_soon(self._ask_driver, known)
+                asyncio.get_running_loop().call_soon(self._note_driver, known)
         if known.report.state != report.state:
-            known.changed = now
+            known.changed = reported
         known.known, known.report = True, report
 
     def _path_reported(self, path: NavPath) -> None:
-        """Note where the running task goes, which is where its path ends."""
+        """Note the destination of the running task: the end of its path."""
         for each in self._tasks.values():
-            goes = each.runs and each.report.action.type == action.kNav
+            navigates = each.runs and each.report.action.type == action.kNav
             points = part_data.points_data(path.path.poses[-1:])
-            if goes and points and each.command.get("name") != "go":
+            if navigates and points and each.command.get("name") != "go":
                 each.place = points[0][0], points[0][1]
                 self._robot.parts.changed()
 
@@ -152,7 +153,7 @@ class TaskLog:
         used = self._robot.view.info.scene
         known.scene, known.map = used.scene_name, used.map_name
 
-    def _ask_driver(self, known: _Task) -> None:
+    def _note_driver(self, known: _Task) -> None:
         if known.runs and self._robot.chassis.state is LinkState.READY:
             known.by = self._driver().name
             self._robot.parts.changed()

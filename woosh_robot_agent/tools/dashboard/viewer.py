@@ -60,7 +60,7 @@ class Viewer:
         self.visible = True
         self.commands: set[asyncio.Task[None]] = set()
         self.ended_press = -1
-        self._tells_time = False
+        self._is_time_due = False
         """True if the time has to be sent."""
         self._stale: dict[tuple[Parts, str], None] = {}
         """Parts to send, as `Parts` object and name, in the order in which they changed."""
@@ -119,7 +119,7 @@ class Viewer:
 
     def tell_time(self) -> None:
         """Send the time of this process, without which the page cannot drive."""
-        self._tells_time = True
+        self._is_time_due = True
         self._wake.set()
 
     def end_press(self, press: int, reason: Text) -> None:
@@ -133,7 +133,7 @@ class Viewer:
             while True:
                 await self._wake.wait()
                 self._wake.clear()
-                while self._notes or self._tells_time or self._stale:
+                while self._notes or self._is_time_due or self._stale:
                     message = self._next()
                     if isinstance(message, str):
                         await self._socket.send_str(message)
@@ -146,8 +146,8 @@ class Viewer:
         if self._notes:
             return self._notes.pop(0)
         # after the notes: a page that knows a time after a stop has also got the note of the stop
-        if self._tells_time:
-            self._tells_time = False
+        if self._is_time_due:
+            self._is_time_due = False
             return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
         parts, name = next(iter(self._stale))
         del self._stale[parts, name]

@@ -1,17 +1,18 @@
-// What the viewer may do now. All controls follow this one rule: what would do nothing is off, and says why.
+// The commands that the viewer may give now. A control whose command would do nothing is disabled, and
+// its title says why.
 
 import * as store from "./store.js";
 import { say } from "./texts.js";
 
-/** Objections with which a robot continues no task; it may do so in spite of others. */
-const READY = [
+/** Objections that keep a robot from continuing a task; others do not. */
+const HINDRANCES = [
   ...["emergency_stop", "manual", "maintenance", "no_control_mode", "deployment", "schedule"],
   ...["no_work_mode", "not_initialised", "lost"],
 ];
-/** Commands that are sent though the robot sends nothing. */
+/** Commands that are also sent to a robot that sends nothing. */
 const INTERRUPTS = ["pause", "cancel"];
-/** Commands of which each one counts, though the robot has not answered the former one. */
-const REPEATED = ["sound", "speedLimit"];
+/** Commands that may be given again before the robot has answered. */
+const REPEATABLE = ["sound", "speedLimit"];
 const OF_SIMULATOR = ["fault", "endFault", "clearFaults"];
 
 /**
@@ -23,7 +24,7 @@ const text = (key, values = {}) => ({ key, values });
 
 /**
  * Return why a command would do nothing now; null if the viewer may give it.
- * @param {string} name of a command, or `drive`
+ * @param {string} name of the command, or `drive`
  */
 export function refusal(name) {
   const link = store.link.value;
@@ -36,8 +37,8 @@ export function refusal(name) {
     return text("link.noData", { seconds: link.silence });
   if (!robot?.known) return text("notice.unknown");
   if (owner && !store.mine.value) return text("reason.controlled", { name: owner });
-  if (store.isPending(name) && !REPEATED.includes(name)) return text("reason.pending");
-  return refusalOf(robot, name);
+  if (store.isPending(name) && !REPEATABLE.includes(name)) return text("reason.pending");
+  return robotRefusal(robot, name);
 }
 
 /**
@@ -45,9 +46,10 @@ export function refusal(name) {
  * @param {store.Robot} robot
  * @param {string} name
  */
-function refusalOf({ task, objections }, name) {
-  const doing = task?.running ? task.state : "";
-  const drives = doing && doing !== "paused" ? text("objection.busy.reason") : null;
+function robotRefusal({ task, objections }, name) {
+  const busy = task?.running ? text("objection.busy.reason") : null;
+  const paused = busy !== null && task?.state === "paused";
+  const driving = paused ? null : busy; // a paused task does not drive
   /** @param {string[]} names */
   const objection = (...names) => {
     const found = objections.find((each) => names.includes(each.name));
@@ -55,38 +57,37 @@ function refusalOf({ task, objections }, name) {
   };
   switch (store.MOVES.includes(name) ? "go" : name) {
     case "go":
-      if (doing) return text("objection.busy.reason");
-      return objection(...READY, "mapping", "following", "busy");
+      return busy ?? objection(...HINDRANCES, "mapping", "following", "busy");
     case "drive":
-      return objection("emergency_stop", "maintenance") ?? drives;
+      return objection("emergency_stop", "maintenance") ?? driving;
     case "pause":
-      if (doing === "paused") return text("reason.paused");
-      return doing ? null : text("objection.no_task.reason");
+      if (paused) return text("reason.paused");
+      return busy ? null : text("objection.no_task.reason");
     case "cancel":
-      return doing ? null : text("objection.no_task.reason");
+      return busy ? null : text("objection.no_task.reason");
     case "continue":
-      return doing === "paused" ? objection(...READY) : text("reason.notPaused");
+      return paused ? objection(...HINDRANCES) : text("reason.notPaused");
     case "setPose":
-      return objection("mapping") ?? drives;
+      return objection("mapping") ?? driving;
     case "keepPose":
     case "switchMap":
-      return objection("mapping") ?? (doing ? text("objection.busy.reason") : null);
+      return objection("mapping") ?? busy;
     default:
       return null;
   }
 }
 
 /**
- * Return the properties of a control that gives a command: off with the reason, if it would do nothing.
- * While it waits for its answer, it keeps the focus.
+ * Return the attributes of a control that gives a command. It is disabled, with the reason as its title,
+ * if the command would do nothing. While the answer is pending, it looks disabled but keeps the focus.
  * @param {string} name
- * @param {boolean} [complete] false if something is missing for the command
+ * @param {boolean} [isComplete] false if arguments of the command are missing
  */
-export function gives(name, complete = true) {
+export function commandProps(name, isComplete = true) {
   const reason = refusal(name);
   const waits = reason?.key === "reason.pending";
   return {
-    disabled: !complete || (reason !== null && !waits),
+    disabled: !isComplete || (reason !== null && !waits),
     "aria-disabled": waits || undefined,
     title: reason ? say(reason) : undefined,
   };

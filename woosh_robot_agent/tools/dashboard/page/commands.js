@@ -6,7 +6,7 @@ import { Connection } from "./connection.js";
 import * as store from "./store.js";
 
 const DOUBLE_CLICK = 500; // milliseconds within which a repeated command is not sent
-const REPLAN = 0.5; // metres from where a way was planned, beyond which it is planned anew
+const REPLAN = 0.5; // metres that the robot may move before a path to the target is planned anew
 const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
 
 export const connection = new Connection(received, receivedScan, (problem) => {
@@ -14,8 +14,8 @@ export const connection = new Connection(received, receivedScan, (problem) => {
   checkAlarm();
 });
 
-/** Time of the last sending of each command. */
-const given = /** @type {Map<string, number>} */ (new Map());
+/** When each command was sent or answered last. */
+const usedAt = /** @type {Map<string, number>} */ (new Map());
 let standingSince = 0; // time since which the robot is seen to stand still
 
 /**
@@ -24,7 +24,7 @@ let standingSince = 0; // time since which the robot is seen to stand still
  */
 function received(name, data) {
   if (name === "stick") {
-    store.letGo();
+    store.letGo(); // the dashboard has ended the press
     tell(false, data);
     return;
   }
@@ -39,7 +39,7 @@ function receivedScan(data) {
 }
 
 /**
- * Show an answer.
+ * Show a text below the map, e.g. the answer to a command.
  * @param {boolean} ok
  * @param {import("./texts.js").Text} text
  * @param {number} robot index
@@ -60,18 +60,18 @@ export async function run(name, args = {}) {
   const now = performance.now();
   const pending = store.pendingKey(name);
   const key = store.MOVES.includes(name) ? pending : `${pending} ${JSON.stringify(args)}`;
-  if (now < (given.get(key) ?? -Infinity) + DOUBLE_CLICK) return false;
+  if (now < (usedAt.get(key) ?? -Infinity) + DOUBLE_CLICK) return false;
   const values = { command: { key: `command.${name}`, values: {} } };
   const reason = refusal(name);
   if (reason) {
     tell(false, { key: "reply.notSent", values: { ...values, reason } }, robot);
     return false;
   }
-  given.set(key, now);
+  usedAt.set(key, now);
   setPending(pending, true);
   tell(true, { key: "reply.sent", values }, robot);
   const { ok, text, data } = await connection.command(name, args);
-  given.set(key, performance.now());
+  usedAt.set(key, performance.now());
   setPending(pending, false);
   tell(ok, text, robot, data);
   return ok;
@@ -120,11 +120,12 @@ function checkAlarm() {
   if (ends) setUnanswered(store.chosen.value, "");
 }
 
-let alarms = store.alarms.peek(); // those before the last change
+// When an alarm ends, this replaces an answer that says the stop failed.
+let formerAlarms = store.alarms.peek();
 effect(() => {
   const answer = store.answer.peek();
-  const reason = answer && !store.alarms.value.has(answer.robot) && alarms.get(answer.robot);
-  alarms = store.alarms.value;
+  const reason = answer && !store.alarms.value.has(answer.robot) && formerAlarms.get(answer.robot);
+  formerAlarms = store.alarms.value;
   const failed = answer && (answer.text.key === "reply.notStopped" || answer.text === reason);
   if (reason && failed) tell(true, { key: "alarm.ended", values: {} }, answer.robot);
 });
@@ -147,7 +148,7 @@ export function release() {
 }
 
 /**
- * Show how the robot would drive to a place, before the viewer sends it there.
+ * Select a target, and show the path on which the robot would drive there.
  * @param {import("./store.js").Target} chosen
  */
 export async function setTarget(chosen) {
@@ -157,8 +158,7 @@ export async function setTarget(chosen) {
   if (!target.pose || !store.mayControl.value) return;
   const { ok, text, data } = await connection.command("plan", target.pose);
   if (store.target.value !== target) return; // the viewer has chosen another target meanwhile
-  const error = { error: text };
-  store.target.value = { ...target, plan: ok ? data : error };
+  store.target.value = { ...target, plan: ok ? data : { error: text } };
 }
 
 effect(() => {
@@ -222,8 +222,8 @@ export async function confirmPose() {
   if (pose && (await run("setPose", { ...pose, ...store.shownMap.value }))) forgetTarget();
 }
 
-const maps = computed(() => {
+const mapNames = computed(() => {
   const { scene, map } = store.robot.value ?? {};
   return JSON.stringify([store.shownMap.value, scene, map]);
 });
-maps.subscribe(forgetPlaces); // places of one map mean nothing on another one
+mapNames.subscribe(forgetPlaces); // places of one map mean nothing on another one

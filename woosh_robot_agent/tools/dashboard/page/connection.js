@@ -28,8 +28,8 @@ export class Connection {
     this.replies = new Map();
     this.unsentStop = 0; // id of a stop that waits for the connection
     this.problem = "link.connecting";
-    this.heardAt = 0;
-    this.retry = 0;
+    this.heardAt = 0; // time of the last message
+    this.retry = 0; // timer of the next attempt
     this.socket = this.connect();
     document.addEventListener("visibilitychange", () => this.reportVisibility());
     addEventListener("pagehide", () => this.socket.close());
@@ -135,7 +135,7 @@ export class Connection {
     if (!this.isOpen) return Promise.resolve(failure("reason.noConnection"));
     const id = this.nextId++;
     this.sendCommand(id, name, args);
-    return this.reply(id);
+    return this.waitForReply(id);
   }
 
   /** Send a stop, now or as soon as there is a connection. */
@@ -151,7 +151,7 @@ export class Connection {
       if (this.unsentStop === id) this.unsentStop = 0;
       this.settle(id, failure("reason.noAnswer"));
     }, STOP_TIMEOUT);
-    return this.reply(id);
+    return this.waitForReply(id);
   }
 
   /**
@@ -167,7 +167,7 @@ export class Connection {
    * @param {number} id
    * @returns {Promise<Reply>}
    */
-  reply(id) {
+  waitForReply(id) {
     return new Promise((resolve) => this.replies.set(id, resolve));
   }
 

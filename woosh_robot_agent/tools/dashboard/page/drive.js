@@ -7,19 +7,19 @@ import * as store from "./store.js";
 const PERIOD = 50; // milliseconds between two velocities
 
 let press = 0; // number of the current or last press
-let timer = 0;
+let timer = 0; // of the velocities; 0 while nothing is held
 
 effect(() => {
-  const holds = store.held.value !== null;
-  if (holds && !timer) {
+  const isHeld = store.held.value !== null;
+  if (isHeld && !timer) {
     press++;
     store.answer.value = null; // answer to an earlier press or command
     sendVelocity();
     timer = setInterval(sendVelocity, PERIOD);
-  } else if (!holds && timer) {
+  } else if (!isHeld && timer) {
     clearInterval(timer);
     timer = 0;
-    sendVelocity();
+    sendVelocity(); // zero
   }
 });
 
@@ -35,7 +35,7 @@ function takesKeys(target) {
 
 /** @param {KeyboardEvent} event */
 function keyDown(event) {
-  if (event.repeat && event.key === "Enter") event.preventDefault(); // no press of a button
+  if (event.repeat && event.key === "Enter") event.preventDefault(); // it presses a button once
   if (event.key === "Escape" && store.mayControl.value) {
     if (!event.repeat) stop();
     return;

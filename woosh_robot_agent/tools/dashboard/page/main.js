@@ -1,4 +1,4 @@
-// The page: its views, in the language of its reader.
+// The page: all views, in the language of the viewer.
 
 import { effect, html, render } from "./vendor/preact.js";
 import { connection } from "./commands.js";
@@ -32,23 +32,23 @@ effect(() => {
   const robot = store.robot.value;
   document.title = robot?.known ? robotName(robot) : t("page.title");
 });
-let tooled = false; // true once a viewer with control has got the tool "go"
+let hadControl = false; // true once the viewer may control, and has got the tool "go"
 effect(() => {
-  if (!store.mayControl.value || tooled) return;
-  tooled = true;
+  if (!store.mayControl.value || hadControl) return;
+  hadControl = true;
   store.tool.value = "go";
 });
 
-// A focused control that disappears leaves the focus to what is left around it.
-let around = /** @type {EventTarget[]} */ ([]); // the focused control, and what contains it
-addEventListener("pointerdown", () => (around = []), { capture: true });
-addEventListener("focusin", (event) => (around = event.composedPath()));
+// If the focused control disappears, what contained it gets the focus.
+let focusPath = /** @type {EventTarget[]} */ ([]); // the focused control, and all that contains it
+addEventListener("pointerdown", () => (focusPath = []), { capture: true });
+addEventListener("focusin", (event) => (focusPath = event.composedPath()));
 new MutationObserver(() => {
-  const [focused, ...others] = /** @type {HTMLElement[]} */ (around);
+  const [focused, ...containers] = /** @type {HTMLElement[]} */ (focusPath);
   if (!focused || focused.isConnected || document.activeElement !== document.body) return;
-  const left = others.find((each) => each.isConnected);
-  if (!left || left === document.body) return;
-  left.tabIndex = -1;
-  left.focus();
+  const nearest = containers.find((each) => each.isConnected);
+  if (!nearest || nearest === document.body) return;
+  nearest.tabIndex = -1;
+  nearest.focus();
 }).observe(document.body, { childList: true, subtree: true });
 Object.assign(globalThis, { store, connection }); // for the console of the browser, and for tests

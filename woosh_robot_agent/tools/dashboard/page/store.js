@@ -117,9 +117,9 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {"go" | "goMark" | "charge"} command
  * @property {string} [mark]
  * @property {Pose} [pose]
- * @property {{path: number[][], length: number} | {error: import("./texts.js").Value} | null} plan null while it is asked
+ * @property {{path: number[][], length: number} | {error: import("./texts.js").Value} | null} plan null until the answer
  * @property {TaskKind} [kind] what shall be done there, as far as it is known
- * @property {Point | null} [from] where the robot was when the way was asked
+ * @property {Point | null} [from] where the robot was when the path was requested
  */
 /** @typedef {{type: string, number: number, direction: string}} TaskKind */
 /**
@@ -130,14 +130,14 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @typedef {object} Grip
  * @property {number} id of the pointer
  * @property {Point} start where it went down, in pixels
- * @property {number} right its distance from there, of the stick's radius
- * @property {number} up
+ * @property {number} right how far right of the start it is, as a fraction of the stick's radius
+ * @property {number} up how far above the start
  */
 
 /** Commands that give a task. */
 export const MOVES = ["go", "goMark", "charge"];
-const DEAD_ZONE = 0.12; // of the stick's radius
-/** @type {Record<string, [number, number]>} distances to the right and up, by the code of the key */
+const DEAD_ZONE = 0.12; // fraction of the stick's radius within which it does not drive
+/** @type {Record<string, [number, number]>} directions, right and up, by the code of the key */
 export const KEYS = {
   ArrowUp: [0, 1],
   ArrowDown: [0, -1],
@@ -199,7 +199,7 @@ export const tool = state(/** @type {"move" | "go" | "measure" | "pose" | "obsta
 export const target = state(/** @type {Target | null} */ (null));
 /** Pose that the viewer is about to send to the robot. */
 export const draft = state(/** @type {Pose | null} */ (null));
-/** Place at which the enter key has begun to set a pose. */
+/** Place of a pose whose direction the viewer still has to set with the enter key. */
 export const entered = state(/** @type {Point | null} */ (null));
 /** Both ends of the measured line. */
 export const measured = state(/** @type {[Point, Point] | null} */ (null));
@@ -255,7 +255,9 @@ export const shownMap = computed(() =>
     : { scene: robot.value?.scene ?? "", map: robot.value?.map ?? "" },
 );
 
+/** True if what is shown of the robot may be out of date. */
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
+/** True if this viewer has the control. */
 export const mine = computed(() => control.value !== null && control.value.owner === you.value);
 
 /**
@@ -271,7 +273,7 @@ export const isPending = (name) => pending.value.has(pendingKey(name));
 const SHARED = { fleet, places, simulator };
 
 /**
- * Take a part of the dashboard's data.
+ * Store a part of the dashboard's data.
  * @param {string} name
  * @param {any} data
  */
@@ -294,7 +296,7 @@ export function receive(name, data) {
 }
 
 /**
- * Take a laser scan; `part_data.py` describes its format.
+ * Store a laser scan; `part_data.py` describes its format.
  * @param {ArrayBuffer} buffer
  */
 export function receiveScan(buffer) {
@@ -316,9 +318,9 @@ export function receiveScan(buffer) {
 }
 
 /**
- * Return the velocity for the distance of a pointer from where it went down.
- * @param {number} right of the stick's radius
- * @param {number} up of the stick's radius
+ * Return the velocity for a position of the stick.
+ * @param {number} right as a fraction of the stick's radius
+ * @param {number} up
  */
 function stickVelocity(right, up) {
   const { linear, angular } = control.value?.limits ?? { linear: 0, angular: 0 };

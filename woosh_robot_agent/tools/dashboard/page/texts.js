@@ -1,4 +1,4 @@
-// The texts of the page, in the language of its reader.
+// The texts of the page, in the language of the viewer.
 
 import { batch, signal } from "./vendor/preact.js";
 

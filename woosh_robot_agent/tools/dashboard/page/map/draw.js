@@ -1,9 +1,14 @@
-// Drawing of the map. This module knows neither the page nor its state, only a `Picture`.
+// Drawing of the map. It needs no other state of the page than a `Picture`.
 
 /** @typedef {import("./view.js").View} View */
 /** @typedef {import("../store.js").Point} Point */
 /** @typedef {import("../store.js").Pose} Pose */
-/** @typedef {Record<string, string>} Colours  by the names of the custom properties, without `--` */
+/**
+ * @typedef {object} Painter what is needed to draw
+ * @property {CanvasRenderingContext2D} context
+ * @property {View} view
+ * @property {Record<string, string>} colours by the names of the custom properties, without `--`
+ */
 /**
  * @typedef {object} Picture the objects to draw; absent properties are not drawn
  * @property {{image: CanvasImageSource, width: number, height: number, resolution: number,
@@ -28,59 +33,57 @@
  * @property {boolean} cross true to show the place that the enter key presses
  */
 
-const BOX = [
+const DEFAULT_OUTLINE = [
   [0.3, 0.25],
   [-0.3, 0.25],
   [-0.3, -0.25],
   [0.3, -0.25],
 ]; // outline of a robot that has not reported its own, in metres
-const SMALLEST = 16; // minimum pixels from the middle of a robot to its farthest corner
+const MIN_RADIUS = 16; // minimum pixels from the middle of a robot to its farthest corner
 const MANY_MARKS = 150; // if more marks are on the screen, they are drawn without texts
-const SPEED_ZONES = ["speed_limit_fields"];
 
 /**
- * Draw everything.
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * Draw the map and all that is on it.
+ * @param {Painter} painter
  * @param {Picture} picture
- * @param {Colours} colours
  */
-export function draw(context, view, picture, colours) {
+export function draw(painter, picture) {
+  const { context, view, colours } = painter;
   context.clearRect(0, 0, view.width, view.height);
   const { area } = picture;
   if (area) {
-    drawImage(context, view, area, area.image);
-    if (picture.keepout) drawImage(context, view, area, picture.keepout);
+    drawImage(painter, area, area.image);
+    if (picture.keepout) drawImage(painter, area, picture.keepout);
   }
-  for (const zone of picture.zones) drawZone(context, view, zone, colours);
-  for (const lane of picture.lanes) line(context, view, lane, colours.edge, 1, [2, 4]);
-  line(context, view, picture.trail, colours.faint, 1.5, [3, 5]);
-  line(context, view, picture.path, colours.accent, 3);
-  line(context, view, picture.planned, colours.accent, 3, [8, 6]);
-  for (const obstacle of picture.obstacles) drawObstacle(context, view, obstacle, colours);
-  if (picture.scan) drawScan(context, view, picture.scan, colours.laser);
-  drawMarks(context, view, picture, colours);
+  for (const zone of picture.zones) drawZone(painter, zone);
+  for (const lane of picture.lanes) line(painter, lane, colours.edge, 1, [2, 4]);
+  line(painter, picture.trail, colours.faint, 1.5, [3, 5]);
+  line(painter, picture.path, colours.accent, 3);
+  line(painter, picture.planned, colours.accent, 3, [8, 6]);
+  for (const obstacle of picture.obstacles) drawObstacle(painter, obstacle);
+  if (picture.scan) drawScan(painter, picture.scan);
+  drawMarks(painter, picture);
   for (const each of picture.others) {
-    drawRobot(context, view, each, each.outline, colours.edge, colours["map-floor"]);
-    label(context, view, each, each.name, colours);
+    drawRobot(painter, each, each.outline, colours.edge, colours["map-floor"]);
+    const at = view.toScreen(each.x, each.y);
+    text(painter, each.name, at.x + 14, at.y - 12);
   }
   const { pose, draft, target, outline } = picture;
-  if (pose && !draft) drawRobot(context, view, pose, outline, colours.accent, colours["on-accent"]);
-  if (draft) drawRobot(context, view, draft, outline, colours.warning, colours["map-floor"]);
-  if (target) drawTarget(context, view, target, colours.accent);
-  if (picture.measured) drawMeasured(context, view, picture.measured, colours);
-  if (picture.arrow) drawArrow(context, picture.arrow, colours.accent);
-  if (picture.cross) drawCross(context, view.middle, colours);
-  drawScale(context, view, colours);
+  if (pose && !draft) drawRobot(painter, pose, outline, colours.accent, colours["on-accent"]);
+  if (draft) drawRobot(painter, draft, outline, colours.warning, colours["map-floor"]);
+  if (target) drawTarget(painter, target);
+  if (picture.measured) drawMeasured(painter, picture.measured);
+  if (picture.arrow) drawArrow(painter, picture.arrow);
+  if (picture.cross) drawCross(painter);
+  drawScale(painter);
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {NonNullable<Picture["area"]>} area
  * @param {CanvasImageSource} image
  */
-function drawImage(context, view, area, image) {
+function drawImage({ context, view }, area, image) {
   const { origin, resolution, width, height } = area;
   const corner = view.toScreen(origin.x, origin.y);
   const pixel = resolution * view.scale;
@@ -93,11 +96,10 @@ function drawImage(context, view, area, image) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {number[][]} points
  */
-function trace(context, view, points) {
+function trace({ context, view }, points) {
   context.beginPath();
   for (const [x, y] of points) {
     const at = view.toScreen(x, y);
@@ -106,16 +108,16 @@ function trace(context, view, points) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {number[][]} points
  * @param {string} colour
  * @param {number} width
  * @param {number[]} dashes
  */
-function line(context, view, points, colour, width, dashes = []) {
+function line(painter, points, colour, width, dashes = []) {
   if (points.length < 2) return;
-  trace(context, view, points);
+  const { context } = painter;
+  trace(painter, points);
   context.setLineDash(dashes);
   context.lineJoin = "round";
   context.strokeStyle = colour;
@@ -125,13 +127,12 @@ function line(context, view, points, colour, width, dashes = []) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {import("../store.js").Zone} zone
- * @param {Colours} colours
  */
-function drawZone(context, view, zone, colours) {
-  trace(context, view, zone.outline);
+function drawZone(painter, zone) {
+  const { context, view, colours } = painter;
+  trace(painter, zone.outline);
   context.closePath();
   context.fillStyle = context.strokeStyle = colours.warning;
   context.globalAlpha = 0.1;
@@ -140,26 +141,24 @@ function drawZone(context, view, zone, colours) {
   context.lineWidth = 1;
   context.stroke();
   context.globalAlpha = 1;
-  if (SPEED_ZONES.includes(zone.kind) || zone.speed) {
+  if (zone.kind === "speed_limit_fields" || zone.speed) {
     const middle = (/** @type {number} */ axis) =>
       zone.outline.reduce((sum, corner) => sum + corner[axis], 0) / zone.outline.length;
     const at = view.toScreen(middle(0), middle(1));
-    text(context, `${zone.speed} m/s`, at.x, at.y, colours, "center");
+    text(painter, `${zone.speed} m/s`, at.x, at.y, "center");
   }
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {{pose: Pose, points: Float32Array}} scan
- * @param {string} colour
  */
-function drawScan(context, view, { pose, points }, colour) {
+function drawScan({ context, view, colours }, { pose, points }) {
   const at = view.toScreen(pose.x, pose.y);
   const turn = pose.theta + view.angle;
   const cos = Math.cos(turn) * view.scale;
   const sin = Math.sin(turn) * view.scale;
-  context.fillStyle = colour;
+  context.fillStyle = colours.laser;
   for (let index = 0; index < points.length; index += 2) {
     const forward = points[index];
     const left = points[index + 1];
@@ -170,12 +169,11 @@ function drawScan(context, view, { pose, points }, colour) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {Picture} picture
- * @param {Colours} colours
  */
-function drawMarks(context, view, { marks, chosenMark }, colours) {
+function drawMarks(painter, { marks, chosenMark }) {
+  const { context, view, colours } = painter;
   const shown = marks
     .map((mark) => ({ mark, at: view.toScreen(mark.x, mark.y) }))
     .filter(
@@ -197,7 +195,7 @@ function drawMarks(context, view, { marks, chosenMark }, colours) {
     context.fillStyle = chosen ? colours["on-accent"] : colours.accent;
     triangle(context, 5.5, -3, 4);
     context.restore();
-    if (!many || chosen) text(context, mark.number, at.x + 11, at.y - 6, colours);
+    if (!many || chosen) text(painter, mark.number, at.x + 11, at.y - 6);
   }
 }
 
@@ -217,14 +215,13 @@ function triangle(context, front, back, side) {
 
 /**
  * Write a text that can be read on any background.
- * @param {CanvasRenderingContext2D} context
+ * @param {Painter} painter
  * @param {string} content
  * @param {number} x
  * @param {number} y
- * @param {Colours} colours
  * @param {CanvasTextAlign} align
  */
-function text(context, content, x, y, colours, align = "left") {
+function text({ context, colours }, content, x, y, align = "left") {
   context.font = "600 12px system-ui, sans-serif";
   context.textAlign = align;
   context.lineJoin = "round";
@@ -236,25 +233,10 @@ function text(context, content, x, y, colours, align = "left") {
 }
 
 /**
- * Write a name to the upper right of a pose.
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
- * @param {Pose} pose
- * @param {string} name
- * @param {Colours} colours
- */
-function label(context, view, pose, name, colours) {
-  const at = view.toScreen(pose.x, pose.y);
-  text(context, name, at.x + 14, at.y - 12, colours);
-}
-
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {import("../store.js").Fault} obstacle
- * @param {Colours} colours
  */
-function drawObstacle(context, view, { x = 0, y = 0, radius = 0 }, colours) {
+function drawObstacle({ context, view, colours }, { x = 0, y = 0, radius = 0 }) {
   const at = view.toScreen(x, y);
   context.beginPath();
   context.arc(at.x, at.y, Math.max(4, radius * view.scale), 0, 2 * Math.PI);
@@ -263,62 +245,59 @@ function drawObstacle(context, view, { x = 0, y = 0, radius = 0 }, colours) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {Pose} pose
  * @param {number[][]} outline
  * @param {string} colour
- * @param {string} light
+ * @param {string} contrast colour of its border and nose
  */
-function drawRobot(context, view, pose, outline, colour, light) {
-  const corners = outline.length > 2 ? outline : BOX;
+function drawRobot({ context, view }, pose, outline, colour, contrast) {
+  const corners = outline.length > 2 ? outline : DEFAULT_OUTLINE;
   const at = view.toScreen(pose.x, pose.y);
-  const reach = Math.max(...corners.map(([a, b]) => Math.hypot(a, b)));
-  const size = Math.max(view.scale, SMALLEST / reach);
+  const radius = Math.max(...corners.map(([a, b]) => Math.hypot(a, b)));
+  const scale = Math.max(view.scale, MIN_RADIUS / radius);
   context.save();
   context.translate(at.x, at.y);
   context.rotate(-pose.theta - view.angle);
   context.beginPath();
-  for (const [forward, left] of corners) context.lineTo(forward * size, -left * size);
+  for (const [forward, left] of corners) context.lineTo(forward * scale, -left * scale);
   context.closePath();
   context.lineJoin = "round";
   context.lineWidth = 2;
-  context.strokeStyle = light;
+  context.strokeStyle = contrast;
   context.stroke();
   context.fillStyle = colour;
   context.fill();
-  const front = Math.max(...corners.map(([forward]) => forward)) * size;
-  context.fillStyle = light;
+  const front = Math.max(...corners.map(([forward]) => forward)) * scale;
+  context.fillStyle = contrast;
   triangle(context, front * 0.8, front * 0.15, front * 0.42);
   context.restore();
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {Pose} pose
- * @param {string} colour
  */
-function drawTarget(context, view, pose, colour) {
-  const at = view.toScreen(pose.x, pose.y);
-  const turn = pose.theta + view.angle;
+function drawTarget(painter, pose) {
+  const at = painter.view.toScreen(pose.x, pose.y);
+  const turn = pose.theta + painter.view.angle;
   const to = { x: at.x + 34 * Math.cos(turn), y: at.y - 34 * Math.sin(turn) };
-  drawArrow(context, { from: at, to }, colour);
+  drawArrow(painter, { from: at, to });
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
+ * @param {Painter} painter
  * @param {{from: Point, to: Point}} arrow in pixels
- * @param {string} colour
  */
-function drawArrow(context, { from, to }, colour) {
+function drawArrow({ context, colours }, { from, to }) {
   const angle = Math.atan2(to.y - from.y, to.x - from.x);
-  context.strokeStyle = colour;
+  context.strokeStyle = colours.accent;
   context.lineWidth = 3;
   context.beginPath();
   context.arc(from.x, from.y, 7, 0, 2 * Math.PI);
   context.moveTo(from.x, from.y);
   context.lineTo(to.x, to.y);
+  // the head: two lines, at these angles to the arrow in radians
   for (const side of [2.6, -2.6]) {
     context.moveTo(to.x, to.y);
     context.lineTo(to.x + 12 * Math.cos(angle + side), to.y + 12 * Math.sin(angle + side));
@@ -327,21 +306,15 @@ function drawArrow(context, { from, to }, colour) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
+ * @param {Painter} painter
  * @param {[Point, Point]} measured
- * @param {Colours} colours
  */
-function drawMeasured(context, view, [from, to], colours) {
+function drawMeasured(painter, [from, to]) {
+  const { context, view, colours } = painter;
   const begin = view.toScreen(from.x, from.y);
   const end = view.toScreen(to.x, to.y);
-  line(
-    context,
-    view,
-    [from, to].map(({ x, y }) => [x, y]),
-    colours.ink,
-    2,
-  );
+  const points = [from, to].map(({ x, y }) => [x, y]);
+  line(painter, points, colours.ink, 2);
   for (const { x, y } of [begin, end]) {
     context.beginPath();
     context.arc(x, y, 4, 0, 2 * Math.PI);
@@ -349,15 +322,13 @@ function drawMeasured(context, view, [from, to], colours) {
     context.fill();
   }
   const length = Math.hypot(to.x - from.x, to.y - from.y).toFixed(2);
-  text(context, `${length} m`, (begin.x + end.x) / 2, (begin.y + end.y) / 2 - 8, colours, "center");
+  text(painter, `${length} m`, (begin.x + end.x) / 2, (begin.y + end.y) / 2 - 8, "center");
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Point} at in pixels
- * @param {Colours} colours
- */
-function drawCross(context, { x, y }, colours) {
+/** @param {Painter} painter */
+function drawCross(painter) {
+  const { context, view, colours } = painter;
+  const { x, y } = view.middle;
   for (const [colour, width] of /** @type {[string, number][]} */ ([
     [colours["map-floor"], 5],
     [colours.ink, 2],
@@ -371,19 +342,18 @@ function drawCross(context, { x, y }, colours) {
     context.lineWidth = width;
     context.stroke();
   }
-  text(context, "Enter", x, y + 30, colours, "center");
+  text(painter, "Enter", x, y + 30, "center");
 }
 
 /**
  * Draw a bar that shows how long a metre is.
- * @param {CanvasRenderingContext2D} context
- * @param {View} view
- * @param {Colours} colours
+ * @param {Painter} painter
  */
-function drawScale(context, view, colours) {
-  const most = 120 / view.scale; // metres
-  const power = 10 ** Math.floor(Math.log10(most));
-  const length = [5, 2, 1].map((factor) => factor * power).find((each) => each <= most) ?? power;
+function drawScale(painter) {
+  const { context, view, colours } = painter;
+  const maximum = 120 / view.scale; // metres
+  const power = 10 ** Math.floor(Math.log10(maximum));
+  const length = [5, 2, 1].map((factor) => factor * power).find((each) => each <= maximum) ?? power;
   const x = 14 + view.inset.left;
   const y = view.height - 14 - view.inset.bottom;
   context.beginPath();
@@ -395,7 +365,7 @@ function drawScale(context, view, colours) {
   context.strokeStyle = colours.ink;
   context.stroke();
   const shown = length < 1 ? `${Math.round(length * 100)} cm` : `${length} m`;
-  text(context, shown, x + (length * view.scale) / 2, y - 7, colours, "center");
+  text(painter, shown, x + (length * view.scale) / 2, y - 7, "center");
 }
 
 /**
@@ -409,12 +379,13 @@ export function recoloured(image, colourOf) {
   const context = /** @type {OffscreenCanvasRenderingContext2D} */ (canvas.getContext("2d"));
   context.drawImage(image, 0, 0);
   const pixels = context.getImageData(0, 0, image.width, image.height);
-  const words = new Uint32Array(pixels.data.buffer);
+  const colours = new Uint32Array(pixels.data.buffer); // of the pixels
   const table = Uint32Array.from({ length: 256 }, (_, shade) => {
     const [red, green, blue, opacity] = colourOf(shade);
     return new Uint32Array(Uint8ClampedArray.of(red, green, blue, opacity).buffer)[0];
   });
-  for (let index = 0; index < words.length; index++) words[index] = table[pixels.data[4 * index]];
+  for (let index = 0; index < colours.length; index++)
+    colours[index] = table[pixels.data[4 * index]];
   context.putImageData(pixels, 0, 0);
   return canvas;
 }

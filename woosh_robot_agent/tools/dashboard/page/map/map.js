@@ -12,10 +12,10 @@ const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const OCCUPIED = 0.65; // darkness above which a pixel is a wall, as in nav2's map_server
 const FREE = 0.196; // darkness below which a pixel is floor
 const TRAIL_STEP = 0.05; // metres between two points of the trail
-const TRAIL_JUMP = 1; // metres between two poses from which the robot has not driven there
+const TRAIL_JUMP = 1; // metres between two poses beyond which a new trail begins
 const TRAIL_LENGTH = 4000; // points
-const DRAG = 8; // pixels from which a press is a drag
-const DIRECTION = 24; // pixels from which a drag gives a direction
+const DRAG = 8; // pixels beyond which a press is a drag
+const DIRECTION = 24; // minimum pixels of a drag that gives a direction
 const HIT = 22; // pixels within which a press hits a mark or an obstacle
 const KEY_STEP = 60; // pixels by which an arrow key moves the map
 const SMALL_KEY_STEP = 5; // pixels by which it does so with Shift
@@ -43,13 +43,13 @@ export class MapCanvas {
     this.trail = [];
     /** @type {Map<number, Point>} pressed pointers: their positions, in pixels */
     this.pointers = new Map();
-    /** @type {{start: Point, acts: boolean, dragged: boolean}} */
+    /** @type {{start: Point, acts: boolean, dragged: boolean}} acts: it uses the tool */
     this.press = { start: { x: 0, y: 0 }, acts: false, dragged: false };
     /** @type {{from: Point, to: Point} | null} */
     this.arrow = null;
-    /** @type {import("./view.js").Inset} what lies over the canvas now */
+    /** @type {import("./view.js").Inset} margins that are covered now; `view.inset` may be older */
     this.covered = this.view.inset;
-    this.pending = 0; // request of the next frame
+    this.pending = 0; // id of the requested animation frame; 0 without one
     this.shown = ""; // address of the map's picture
     this.colours = this.readColours();
     this.bind();
@@ -66,7 +66,7 @@ export class MapCanvas {
     canvas.addEventListener("pointerdown", (event) => this.pressed(event));
     canvas.addEventListener("pointermove", (event) => this.moved(event));
     canvas.addEventListener("pointerup", (event) => this.released(event));
-    canvas.addEventListener("pointercancel", (event) => this.dropped(event));
+    canvas.addEventListener("pointercancel", (event) => this.forgetPointer(event));
     canvas.addEventListener("pointerleave", () => (store.pointed.value = null));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("keydown", (event) => this.keyDown(event));
@@ -84,6 +84,7 @@ export class MapCanvas {
     effect(() => this.addToTrail(store.pose.value));
     effect(() => this.followRobot());
     effect(() => {
+      // reading the value of a signal subscribes to it
       const signals = [store.scan, store.path, store.outline, store.layers, store.target];
       for (const each of [...signals, store.draft, store.measured, store.places]) each.value;
       for (const each of [store.simulator, store.tool, store.entered]) each.value;
@@ -124,8 +125,8 @@ export class MapCanvas {
   }
 
   /**
-   * Say what lies over the canvas. When somebody opens or closes the panel, a map that is still
-   * fitted is fitted anew. Notices, which come by themselves, move nothing.
+   * Note the margins of the canvas that other elements cover. When the viewer opens or closes the
+   * panel, a map that is still fitted is fitted anew. Notices, which come by themselves, move nothing.
    * @param {import("./view.js").Inset} inset
    */
   setInset(inset) {
@@ -207,12 +208,12 @@ export class MapCanvas {
   released(event) {
     const { press, arrow } = this;
     const acts = press.acts && this.pointers.size === 1 && this.pointers.has(event.pointerId);
-    this.dropped(event);
+    this.forgetPointer(event);
     if (acts) this.act(press, arrow);
   }
 
   /** @param {PointerEvent} event */
-  dropped(event) {
+  forgetPointer(event) {
     this.pointers.delete(event.pointerId);
     this.press.acts = false;
     this.arrow = null;
@@ -220,7 +221,7 @@ export class MapCanvas {
   }
 
   /**
-   * Do what the tool does with a press.
+   * Use the tool for a press that has ended.
    * @param {{start: Point, dragged: boolean}} press
    * @param {{from: Point, to: Point} | null} arrow
    */
@@ -232,13 +233,13 @@ export class MapCanvas {
       const { from, to } = arrow;
       direction = Math.atan2(from.y - to.y, to.x - from.x) - this.view.angle;
     }
-    if (tool === "measure") return;
+    if (tool === "measure") return; // the line was drawn during the press
     if (tool === "pose") {
-      if (direction !== null) store.draft.value = { ...place, theta: normal(direction) };
+      if (direction !== null) store.draft.value = { ...place, theta: normalized(direction) };
       else commands.tell(false, { key: "pose.drag", values: {} });
       return;
     }
-    if (dragged && tool !== "go") return; // has moved the map
+    if (dragged && tool !== "go") return; // the press has moved the map
     if (tool === "obstacle") {
       const { x, y } = place;
       const hit = this.hit(start, this.obstacles, ({ radius }) => radius ?? 0);
@@ -248,7 +249,7 @@ export class MapCanvas {
     }
     const mark = store.layers.value.marks && this.hit(start, store.map.value?.marks ?? []);
     if (mark && direction === null) commands.setTargetMark(mark);
-    else if (tool === "go") commands.setTargetPlace(place, direction && normal(direction));
+    else if (tool === "go") commands.setTargetPlace(place, direction && normalized(direction));
     else commands.forgetTarget();
   }
 
@@ -295,7 +296,7 @@ export class MapCanvas {
     event.preventDefault();
   }
 
-  /** Press the cross in the middle; for a pose, a second time in its direction. */
+  /** Use the tool at the cross. A pose takes two presses of Enter: at its place, then in its direction. */
   enter() {
     const { middle } = this.view;
     const tool = store.tool.value;
@@ -309,7 +310,7 @@ export class MapCanvas {
     }
   }
 
-  /** Arrow from where the enter key has begun to the cross; null if it would be too short. */
+  /** Arrow from the place that Enter has set to the cross; null if it would be too short. */
   get enteredArrow() {
     const place = store.entered.peek();
     if (!place) return null;
@@ -373,12 +374,12 @@ export class MapCanvas {
   /**
    * @param {string} wanted value of `shown`; if it has changed meanwhile, the image is dropped
    * @param {string} url
-   * @param {(image: HTMLImageElement) => void} use
+   * @param {(image: HTMLImageElement) => void} onLoad
    */
-  loadPicture(wanted, url, use) {
+  loadPicture(wanted, url, onLoad) {
     const image = new Image();
     image.onload = () => {
-      if (this.shown === wanted) use(image);
+      if (this.shown === wanted) onLoad(image);
     };
     image.src = url;
   }
@@ -390,7 +391,7 @@ export class MapCanvas {
     const step = last ? Math.hypot(pose.x - last[0], pose.y - last[1]) : Infinity;
     if (step < TRAIL_STEP) return;
     if (step > TRAIL_JUMP) {
-      this.trail = []; // it was told another pose, or was not seen for a while
+      this.trail = []; // the robot was told another pose, or was not seen for a while
       if (!this.area && this.stillFitted) this.fit();
     }
     this.trail.push([pose.x, pose.y]);
@@ -402,7 +403,7 @@ export class MapCanvas {
     return Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`)]));
   }
 
-  /** Give everything the colours of the page. */
+  /** Draw the map in the present colours of the page. */
   recolour() {
     this.colours = this.readColours();
     const { area, colours } = this;
@@ -417,12 +418,10 @@ export class MapCanvas {
     }
     if (this.keepoutImage) {
       const [red, green, blue] = components(colours.fault);
-      this.keepout = recoloured(this.keepoutImage, (shade) => [
-        red,
-        green,
-        blue,
-        shade < 100 ? 70 : 0,
-      ]);
+      this.keepout = recoloured(this.keepoutImage, (shade) => {
+        const isKeepOut = shade < 100;
+        return [red, green, blue, isKeepOut ? 70 : 0];
+      });
     }
     this.redraw();
   }
@@ -454,13 +453,13 @@ export class MapCanvas {
   draw() {
     cancelAnimationFrame(this.pending);
     this.pending = 0;
-    const { canvas, view } = this;
+    const { canvas, context, view, colours } = this;
     const ratio = devicePixelRatio;
     const [width, height] = [view.width, view.height].map((size) => Math.round(size * ratio));
     if (canvas.width !== width) canvas.width = width;
     if (canvas.height !== height) canvas.height = height;
-    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    draw(this.context, view, this.picture(), this.colours);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    draw({ context, view, colours }, this.picture());
   }
 
   /** @returns {import("./draw.js").Picture} */
@@ -532,7 +531,7 @@ function between(one, other) {
  * Return an angle within -π to π.
  * @param {number} angle
  */
-function normal(angle) {
+function normalized(angle) {
   return Math.atan2(Math.sin(angle), Math.cos(angle));
 }
 

@@ -5,7 +5,7 @@
 
 const MIN_SCALE = 0.02; // pixels per metre
 const MAX_SCALE = 400;
-const MARGIN = 0.95; // share of the free area that a fitted map fills
+const FILL = 0.95; // share of the free area that a fitted map fills
 
 export class View {
   constructor() {
@@ -15,7 +15,7 @@ export class View {
     this.width = 0; // of the canvas, in pixels
     this.height = 0;
     /** @type {Inset} */
-    this.inset = { top: 0, right: 0, bottom: 0, left: 0 }; // margins of the canvas that views cover
+    this.inset = { top: 0, right: 0, bottom: 0, left: 0 }; // margins that other elements cover
   }
 
   /**
@@ -107,7 +107,7 @@ export class View {
     const { inset } = this;
     const width = Math.max(1, this.width - inset.left - inset.right);
     const height = Math.max(1, this.height - inset.top - inset.bottom);
-    const scale = MARGIN * Math.min(width / (right - left || 1), height / (high - low || 1));
+    const scale = FILL * Math.min(width / (right - left || 1), height / (high - low || 1));
     this.scale = Math.min(MAX_SCALE, Math.max(MIN_SCALE, scale));
     const middle = { across: (left + right) / 2, up: (low + high) / 2 };
     const x = middle.across * cos + middle.up * sin;

@@ -9,7 +9,7 @@ import { Icon, robotLabel, robotName, shortLabel } from "./parts.js";
 
 export function Bar() {
   return html`<header class="bar">
-    <${Name} />
+    <${RobotName} />
     <div class="chips">
       <${LinkChip} />
       <${BatteryChip} />
@@ -21,7 +21,7 @@ export function Bar() {
   </header>`;
 }
 
-function Name() {
+function RobotName() {
   const robot = store.robot.value;
   const cards = store.fleet.value;
   const name = robot?.known ? robotName(robot) : (store.robots.value[store.chosen.value] ?? "");
@@ -80,23 +80,24 @@ function ModeChip() {
   const robot = store.robot.value;
   const control = robot?.control ?? "unknown";
   const work = robot?.work;
-  const hinders = control === "auto" && work && work !== "task"; // where only one has room
+  // a narrow screen has room for one mode: the one that keeps the robot from tasks
+  const workHinders = control === "auto" && work && work !== "task";
   return html`<div
-    class="chip mode ${control === "auto" && !hinders ? "" : "warn"}"
+    class="chip mode ${control === "auto" && !workHinders ? "" : "warn"}"
     title=${t("robot.mode")}
   >
     <${Icon} name="auto" />
-    <span class=${hinders ? "wide" : ""}>${tOr(`control.${control}`, control)}</span>
-    <small class=${hinders ? "" : "wide"}>${work && tOr(`work.${work}`, work)}</small>
+    <span class=${workHinders ? "wide" : ""}>${tOr(`control.${control}`, control)}</span>
+    <small class=${workHinders ? "" : "wide"}>${work && tOr(`work.${work}`, work)}</small>
   </div>`;
 }
 
 function AlarmChip() {
   const problems = store.robot.value?.problems ?? [];
   const faults = problems.filter(({ level }) => level === "fault").length;
-  const ofPage = store.alarms.value.size + Number(store.outdated.value);
-  const count = problems.length + ofPage;
-  const tone = !count ? "" : faults + ofPage ? "bad" : "warn";
+  const pageAlarms = store.alarms.value.size + Number(store.outdated.value);
+  const count = problems.length + pageAlarms;
+  const tone = !count ? "" : faults + pageAlarms ? "bad" : "warn";
   return html`<button
     type="button"
     class="chip ${tone}"
@@ -126,7 +127,7 @@ function Language() {
   </button>`;
 }
 
-/** Return a label that is broken, if it must be, before the port of its address. @param {string} label */
+/** Return a label that may only be broken before the port of its address. @param {string} label */
 function breakable(label) {
   return label.split(/(?<=:)(?=\d+$)/).map((each, index) => [index > 0 && html`<wbr />`, each]);
 }

@@ -1,7 +1,7 @@
 // The current task of the robot, and the stick, whose place on the screen never changes.
 
 import { html, useEffect, useRef, useState } from "../vendor/preact.js";
-import { gives, refusal } from "../allowed.js";
+import { commandProps, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import { keysOff } from "../drive.js";
 import * as store from "../store.js";
@@ -10,27 +10,27 @@ import { degrees, goalText, Icon, placeText } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
-const SETTLE = 1000; // milliseconds for which buttons that replace others are off
+const SETTLE = 1000; // milliseconds for which buttons that replace others are disabled
 const TURN = Math.PI / 180; // radians by which a button turns the pose
-const HALF = 132; // half of the stick's width, in percent of its knob's
+const TRAVEL = 132; // half of the stick's width, in percent of the knob's width
 
 export function Dock() {
   return html`<section class="dock" aria-label=${t("dock.name")}>
     <div class="doing">
-      <${Owner} />
-      <${Doing} />
+      <${ControlOwner} />
+      <${CurrentTask} />
     </div>
     <${Stick} />
   </section>`;
 }
 
-function Owner() {
-  const keys = useRef(/** @type {HTMLElement | null} */ (null));
+function ControlOwner() {
+  const keysSwitch = useRef(/** @type {HTMLElement | null} */ (null));
   useEffect(() => {
-    const observer = new IntersectionObserver((seen) => {
-      if (seen.some(({ isIntersecting }) => !isIntersecting)) keysOff();
+    const observer = new IntersectionObserver((entries) => {
+      if (entries.some(({ isIntersecting }) => !isIntersecting)) keysOff();
     });
-    observer.observe(/** @type {HTMLElement} */ (keys.current));
+    observer.observe(/** @type {HTMLElement} */ (keysSwitch.current));
     return () => {
       observer.disconnect();
       keysOff();
@@ -49,7 +49,7 @@ function Owner() {
       type="button"
       class="quiet"
       id="keyboard"
-      ref=${keys}
+      ref=${keysSwitch}
       aria-pressed=${store.keyboard.value}
       title=${t("keyboard.title")}
       aria-label=${t("keyboard.title")}
@@ -67,7 +67,7 @@ function Owner() {
 }
 
 /** The task that runs, or else the target or pose that the viewer has begun to set. */
-function Doing() {
+function CurrentTask() {
   const task = store.robot.value?.task;
   const drives = task?.running && task.state !== "paused";
   if (store.tool.value === "pose" && !drives) return html`<${PoseDraft} />`;
@@ -83,7 +83,7 @@ function Doing() {
 }
 
 /**
- * What is shown of the robot; if that is old, it says so.
+ * Texts about the robot; if they are outdated, it says so.
  * @param {{title: unknown, text: string, more?: string}} props
  */
 function Now({ title, text, more = "" }) {
@@ -114,8 +114,8 @@ function stateText() {
 let shownButtons = 0; // number of `Buttons` that are shown
 
 /**
- * Buttons below what is shown. In place of others, they are off for a moment: a press that was aimed
- * at those does nothing.
+ * Buttons below these texts. If they replace others, they are disabled for a moment, so that a press
+ * that was aimed at the others does nothing.
  * @param {{children?: unknown}} props
  */
 function Buttons({ children }) {
@@ -164,7 +164,7 @@ function PoseDraft() {
         type="button"
         class="primary"
         id="confirm"
-        ...${gives("setPose", draft !== null)}
+        ...${commandProps("setPose", draft !== null)}
         onClick=${commands.confirmPose}
       >
         ${t("pose.confirm")}
@@ -185,7 +185,7 @@ function Dismiss() {
 }
 
 /**
- * Return where a target is, and the way there.
+ * Return the name or place of a target, and the length of the path or why there is none.
  * @param {import("../store.js").Target} target
  */
 function targetTexts({ plan, mark, pose }) {
@@ -196,7 +196,7 @@ function targetTexts({ plan, mark, pose }) {
   return [to, t("target.length", { length: plan.length.toFixed(1) })];
 }
 
-/** The way to the target, and the choice to go there. */
+/** The target, the path to it, and the button that sends the robot there. */
 function Preview() {
   const target = /** @type {import("../store.js").Target} */ (store.target.value);
   const { mark, pose, command } = target;
@@ -272,7 +272,7 @@ function Stick() {
   const end = (event) => {
     if (event.pointerId === store.grip.value?.id) store.letGo();
   };
-  const shift = grip ? `translate(${grip.right * HALF}%, ${-grip.up * HALF}%)` : "";
+  const shift = grip ? `translate(${grip.right * TRAVEL}%, ${-grip.up * TRAVEL}%)` : "";
   return html`<div
     class="stick ${reason ? "off" : ""}"
     id="stick"

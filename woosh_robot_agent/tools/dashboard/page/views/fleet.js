@@ -41,7 +41,7 @@ function Card({ card, index }) {
 
 /**
  * @param {store.Card} card
- * @returns {[string, string]} class and text
+ * @returns {[string, string]} CSS class and text
  */
 function stateOf({ link, silence, known, objection, level, state, task }) {
   if (link !== "connected") return ["bad", t(`link.${link}`)];

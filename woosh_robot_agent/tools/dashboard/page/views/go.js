@@ -1,7 +1,7 @@
 // Marks to go to, and the kinds of tasks that can be done there.
 
 import { html, useState } from "../vendor/preact.js";
-import { gives, refusal } from "../allowed.js";
+import { commandProps, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
@@ -29,7 +29,12 @@ export function Go() {
           <button type="button" id="charge" onClick=${charge}>
             <${Icon} name="charge" />${t("type.charge")}
           </button>
-          <button type="button" id="park" disabled=${!parks} onClick=${() => choose("parkspot")}>
+          <button
+            type="button"
+            id="park"
+            disabled=${!parks}
+            onClick=${() => chooseNearest("parkspot")}
+          >
             <${Icon} name="park" />${t("type.parking")}
           </button>
         </section>
@@ -74,15 +79,15 @@ function Mark({ mark }) {
 }
 
 function charge() {
-  if (!choose("charger")) commands.setTarget({ command: "charge", plan: null });
+  if (!chooseNearest("charger")) commands.setTarget({ command: "charge", plan: null });
 }
 
 /**
- * Show the way to the nearest mark of a type.
+ * Select the nearest mark of a type as the target.
  * @param {string} type
  * @returns {boolean} false if there is no mark of the type
  */
-function choose(type) {
+function chooseNearest(type) {
   const from = store.pose.value ?? { x: 0, y: 0 };
   const away = (/** @type {store.Mark} */ { x, y }) => Math.hypot(x - from.x, y - from.y);
   const marks = (store.map.value?.marks ?? []).filter((mark) => mark.type === type);
@@ -98,9 +103,9 @@ function choose(type) {
 export function TaskOptions({ target, command }) {
   const mark = store.map.value?.marks?.find(({ number }) => number === target.mark);
   const usual = command === "charge" ? "charge" : ((mark && USUAL[mark.type]) ?? "pick");
-  const known = target.kind ?? { type: usual, number: 0, direction: "unknown" };
-  const [kind, setKind] = useState(`${known.type} ${known.number}`);
-  const [direction, setDirection] = useState(known.direction);
+  const initial = target.kind ?? { type: usual, number: 0, direction: "unknown" };
+  const [kind, setKind] = useState(`${initial.type} ${initial.number}`);
+  const [direction, setDirection] = useState(initial.direction);
   const [type, number] = kind.split(" ");
   const reason = refusal(command);
   const refused = reason && reason.key !== "reason.pending"; // the reason takes the place of the direction
@@ -148,7 +153,7 @@ export function TaskOptions({ target, command }) {
         ${DIRECTIONS.map((each) => html`<option key=${each} value=${each}>${t(`direction.${each}`)}</option>`)}
       </select>`
     }
-    <button type="button" class="primary" id="go" ...${gives(command)} onClick=${go}>
+    <button type="button" class="primary" id="go" ...${commandProps(command)} onClick=${go}>
       ${t("target.go")}
     </button>`;
 }

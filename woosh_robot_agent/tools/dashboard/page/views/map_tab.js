@@ -1,7 +1,7 @@
 // The robot's place and its maps: set pose, switch map, make a map.
 
 import { effect, html, signal, useState } from "../vendor/preact.js";
-import { gives } from "../allowed.js";
+import { commandProps } from "../allowed.js";
 import { run, startPose } from "../commands.js";
 import * as store from "../store.js";
 import { t } from "../texts.js";
@@ -22,17 +22,15 @@ export function MapTab() {
       ${
         may
           ? html`<div class="act">
-                <button type="button" id="set-pose" ...${gives("setPose")} onClick=${startPose}>
-                  <${Icon} name="pose" />${t("pose.set")}
-                </button>
                 <button
                   type="button"
-                  id="keep-pose"
-                  ...${gives("keepPose")}
-                  onClick=${() => run("keepPose")}
+                  id="set-pose"
+                  ...${commandProps("setPose")}
+                  onClick=${startPose}
                 >
-                  ${t("command.keepPose")}
+                  <${Icon} name="pose" />${t("pose.set")}
                 </button>
+                <${CommandButton} id="keep-pose" command="keepPose" />
               </div>
               <p class="faint">${t("place.hint")}</p>`
           : html`<p class="faint">${t("dock.looking")}</p>`
@@ -75,7 +73,11 @@ function Scenes() {
   </section>`;
 }
 
-/** @param {{mapping: boolean}} props */
+/**
+ * The steps of making a map: 1 deployment mode, 2 begin, 3 drive and save, 4 marks, 5 task mode. The
+ * current step is marked; the last one never is.
+ * @param {{mapping: boolean}} props
+ */
 function Mapping({ mapping }) {
   const robot = store.robot.value;
   const [scene, setScene] = useState(robot?.scene ?? "");
@@ -100,14 +102,12 @@ function Mapping({ mapping }) {
         <p>${t("mapping.deploy")}</p>
         ${
           !deploying &&
-          html`<button
-            type="button"
+          html`<${CommandButton}
             id="deploy"
-            ...${gives("workMode")}
+            command="workMode"
+            label=${t("work.setDeploy")}
             onClick=${() => run("workMode", { mode: "deploy" })}
-          >
-            ${t("work.setDeploy")}
-          </button>`
+          />`
         }
       </li>
       <li aria-current=${step === 2 ? "step" : undefined}>
@@ -133,23 +133,21 @@ function Mapping({ mapping }) {
               />
             </label>
             <div class="act">
-              <button
-                type="button"
+              <${CommandButton}
                 id="add-map"
-                class=${step === 2 ? "primary" : ""}
-                ...${gives("buildMap", Boolean(scene && name))}
+                command="buildMap"
+                label=${t("mapping.add")}
+                isPrimary=${step === 2}
+                isComplete=${Boolean(scene && name)}
                 onClick=${() => begin("add")}
-              >
-                ${t("mapping.add")}
-              </button>
-              <button
-                type="button"
+              />
+              <${CommandButton}
                 id="update-map"
-                ...${gives("buildMap", Boolean(scene && name))}
+                command="buildMap"
+                label=${t("mapping.update")}
+                isComplete=${Boolean(scene && name)}
                 onClick=${() => begin("update")}
-              >
-                ${t("mapping.update")}
-              </button>
+              />
             </div>`
         }
       </li>
@@ -158,15 +156,7 @@ function Mapping({ mapping }) {
         ${
           step === 3 &&
           html`<div class="act">
-            <button
-              type="button"
-              id="save-map"
-              class="primary"
-              ...${gives("saveMap")}
-              onClick=${save}
-            >
-              ${t("command.saveMap")}
-            </button>
+            <${CommandButton} id="save-map" command="saveMap" isPrimary onClick=${save} />
             <${Confirmed}
               command="discardMap"
               label=${t("command.discardMap")}
@@ -178,34 +168,39 @@ function Mapping({ mapping }) {
       </li>
       <li aria-current=${step === 4 ? "step" : undefined}>
         <p>${t("mapping.marks")}</p>
-        ${
-          ready &&
-          html`<button
-            type="button"
-            id="collect-mark"
-            ...${gives("collectMark")}
-            onClick=${() => run("collectMark")}
-          >
-            ${t("command.collectMark")}
-          </button>`
-        }
+        ${ready && html`<${CommandButton} id="collect-mark" command="collectMark" />`}
       </li>
       <li>
         <p>${t("mapping.use")}</p>
         ${
           ready &&
-          html`<button
-            type="button"
+          html`<${CommandButton}
             id="task-mode"
-            ...${gives("workMode")}
+            command="workMode"
+            label=${t("work.setTask")}
             onClick=${() => run("workMode", { mode: "task" })}
-          >
-            ${t("work.setTask")}
-          </button>`
+          />`
         }
       </li>
     </ol>
   </section>`;
+}
+
+/**
+ * A button that gives a command, by default without arguments.
+ * @param {{id: string, command: string, label?: string, isPrimary?: boolean, isComplete?: boolean,
+ *   onClick?: () => void}} props
+ */
+function CommandButton({ id, command, label, isPrimary, isComplete, onClick }) {
+  return html`<button
+    type="button"
+    id=${id}
+    class=${isPrimary ? "primary" : ""}
+    ...${commandProps(command, isComplete)}
+    onClick=${onClick ?? (() => run(command))}
+  >
+    ${label ?? t(`command.${command}`)}
+  </button>`;
 }
 
 /**
@@ -215,7 +210,7 @@ function Mapping({ mapping }) {
 function Confirmed({ command, label, question, onConfirm }) {
   const [asks, setAsks] = useState(false);
   if (!asks)
-    return html`<button type="button" ...${gives(command)} onClick=${() => setAsks(true)}>
+    return html`<button type="button" ...${commandProps(command)} onClick=${() => setAsks(true)}>
       ${label}
     </button>`;
   const confirm = () => {
@@ -223,7 +218,7 @@ function Confirmed({ command, label, question, onConfirm }) {
     onConfirm();
   };
   return html`<span class="act asks">
-    <button type="button" class="primary" ...${gives(command)} onClick=${confirm}>
+    <button type="button" class="primary" ...${commandProps(command)} onClick=${confirm}>
       ${question}
     </button>
     <button type="button" aria-label=${t("target.cancel")} onClick=${() => setAsks(false)}>

@@ -24,7 +24,7 @@ const TABS = {
 };
 
 /** Return the names of the visible tabs. */
-function names() {
+function visibleTabs() {
   const cards = store.fleet.value;
   const hasFleet = cards.length > 1 || cards.some(({ order }) => order);
   return Object.keys(TABS).filter(
@@ -55,21 +55,21 @@ function pressTab(name) {
 export function Tabs() {
   const isCompact = useMatches();
   const open = !isCompact || store.sheet.value !== "closed";
-  const known = names();
+  const tabs = visibleTabs();
   const problems = store.robot.value?.problems.length ?? 0;
   /** @param {KeyboardEvent} event */
   const move = (event) => {
     const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
     if (!step) return;
     event.preventDefault();
-    const index = known.indexOf(store.tab.value) + step;
-    const next = known[(index + known.length) % known.length];
+    const index = tabs.indexOf(store.tab.value) + step;
+    const next = tabs[(index + tabs.length) % tabs.length];
     openTab(next);
     document.getElementById(`tab-${next}`)?.focus();
   };
   return html`<nav class="tabs" aria-label=${t("panel.name")}>
     <div role="tablist" aria-label=${t("panel.name")} onKeyDown=${move}>
-      ${known.map((name) => {
+      ${tabs.map((name) => {
         const selected = open && store.tab.value === name;
         return html`<button
           type="button"
@@ -92,8 +92,7 @@ export function Tabs() {
 
 export function Panel() {
   const isCompact = useMatches();
-  const known = names();
-  const name = known.includes(store.tab.value) ? store.tab.value : "go";
+  const name = visibleTabs().includes(store.tab.value) ? store.tab.value : "go";
   const size = isCompact ? store.sheet.value : "half";
   const full = size === "full";
   const old = store.outdated.value && !["fleet", "simulator"].includes(name);

@@ -4,7 +4,7 @@ import { html } from "../vendor/preact.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
 
-/** @type {Record<string, string>} lines of icons of 24 x 24 pixels */
+/** @type {Record<string, string>} paths of icons of 24 x 24 pixels, as in SVG */
 const ICONS = {
   alarm: "M12 3 2 20h20zM12 10v4M12 17v.5",
   auto: "M12 3a9 9 0 1 0 0 18 9 9 0 1 0 0-18M8.500 16 12 7l3.500 9M9.700 13h4.600",
@@ -81,7 +81,10 @@ export function shortLabel(index) {
   return store.robots.value.length > 1 ? robotLabel(index).split(" · ")[0] : "";
 }
 
-/** @param {number} robot index */
+/**
+ * Return `shortLabel` in parentheses, to be added to a text.
+ * @param {number} robot index
+ */
 export function ofRobot(robot) {
   const label = shortLabel(robot);
   return label && ` (${label})`;
@@ -148,18 +151,18 @@ export function objectionText({ name, reason, remedy }) {
 }
 
 /**
- * Return the class of an objection.
+ * Return the CSS class of an objection.
  * @param {import("../store.js").Objection} objection
  */
 export function toneOf({ name }) {
   return name === "emergency_stop" || name === "hardware" ? "bad" : "warn";
 }
 
-/** @type {Record<string, string>} class of a level of a status code */
-export const LEVELS = { fault: "bad", warn: "warn", tips: "", normal: "" };
+/** @type {Record<string, string>} CSS classes of the levels of status codes */
+export const LEVEL_CLASSES = { fault: "bad", warn: "warn", tips: "", normal: "" };
 
-/** True on screens on which the panel is a sheet over the map; the same query is in style.css. */
+/** Media query for screens on which the panel is a sheet over the map; style.css has the same one. */
 export const compact = matchMedia("(max-width: 999px), (max-height: 599px)");
 
-/** True on screens on which a notice is folded to one line. */
+/** Media query for screens on which a notice is folded to one line. */
 export const tiny = matchMedia("(max-width: 479px), (max-height: 599px)");

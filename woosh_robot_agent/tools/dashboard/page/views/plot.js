@@ -16,18 +16,18 @@ export function Plot({ name, unit, least, times, values }) {
   const data = useRef(/** @type {[number[], (number | null)[]]} */ ([times, values]));
   data.current = [times, values];
   useEffect(() => {
-    let ended = false;
+    let unmounted = false;
     const element = /** @type {HTMLElement} */ (box.current);
     const resizing = new ResizeObserver(() => {
       plot.current?.setSize({ width: element.clientWidth, height: HEIGHT });
     });
     import("../vendor/uplot.js").then(({ default: UPlot }) => {
-      if (ended) return;
+      if (unmounted) return;
       plot.current = new UPlot(options(element, least), data.current, element);
       resizing.observe(element);
     });
     return () => {
-      ended = true;
+      unmounted = true;
       resizing.disconnect();
       plot.current?.destroy();
       plot.current = null;

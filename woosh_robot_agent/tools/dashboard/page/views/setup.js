@@ -1,7 +1,7 @@
 // Modes and settings of the robot, and of this page.
 
 import { html, useEffect, useState } from "../vendor/preact.js";
-import { gives } from "../allowed.js";
+import { commandProps } from "../allowed.js";
 import { run } from "../commands.js";
 import * as store from "../store.js";
 import { t } from "../texts.js";
@@ -56,7 +56,7 @@ function Choice({ name, command, value, choices }) {
             type="button"
             key=${each}
             aria-pressed=${value === each}
-            ...${gives(command)}
+            ...${commandProps(command)}
             onClick=${() => run(command, { mode: each })}
           >
             ${t(`${name}.${each}`)}
@@ -85,7 +85,7 @@ function Speed() {
       <select
         id="speed-limit"
         value=${String(limit ?? "")}
-        ...${gives("speedLimit")}
+        ...${commandProps("speedLimit")}
         onChange=${(/** @type {any} */ event) => {
           const { value } = event.currentTarget;
           run("speedLimit", { limit: value ? Number(value) : null });
@@ -115,7 +115,7 @@ function Sound({ sound }) {
           max="100"
           step="5"
           value=${volume}
-          ...${gives("sound")}
+          ...${commandProps("sound")}
           onInput=${(/** @type {any} */ event) => setVolume(Number(event.currentTarget.value))}
           onChange=${() => run("sound", { mute: sound.mute, volume })}
         />
@@ -126,7 +126,7 @@ function Sound({ sound }) {
       type="button"
       id="mute"
       aria-pressed=${sound.mute}
-      ...${gives("sound")}
+      ...${commandProps("sound")}
       onClick=${() => run("sound", { mute: !sound.mute, volume: sound.volume })}
     >
       ${t("setup.mute")}
@@ -153,7 +153,9 @@ function Speech() {
         value=${text}
         onInput=${(/** @type {any} */ event) => setText(event.currentTarget.value)}
       />
-      <button id="speak" ...${gives("speak", text.trim() !== "")}>${t("command.speak")}</button>
+      <button id="speak" ...${commandProps("speak", text.trim() !== "")}>
+        ${t("command.speak")}
+      </button>
     </form>
   </section>`;
 }
@@ -192,7 +194,7 @@ function Light() {
           onInput=${(/** @type {any} */ e) => setColor(Number(e.currentTarget.value))}
         />
       </label>
-      <button id="light" ...${gives("light")}>${t("setup.set")}</button>
+      <button id="light" ...${commandProps("light")}>${t("setup.set")}</button>
     </form>
     <p class="faint">${t("setup.lightHint")}</p>
   </section>`;

@@ -9,18 +9,18 @@ export function Simulator() {
   const { known, faults } = /** @type {store.Simulator} */ (store.simulator.value);
   const [name, setName] = useState(known[0].name);
   const [text, setText] = useState("");
-  const puts = store.tool.value === "obstacle";
+  const isPlacing = store.tool.value === "obstacle";
   const chosen = known.find((each) => each.name === name) ?? known[0];
   return html`<section>
       <h2>${t("simulator.robot")}</h2>
       <div class="act">
         <${Toggle} name="emergency_stop" id="emergency-stop" />
         <${Toggle} name="key_switch" id="key-switch" />
-        <button type="button" id="obstacle" aria-pressed=${puts} onClick=${toggleObstacles}>
+        <button type="button" id="obstacle" aria-pressed=${isPlacing} onClick=${toggleObstacles}>
           ${t("simulator.obstacles")}
         </button>
       </div>
-      ${puts && html`<p class="faint">${t("simulator.obstacleHint")}</p>`}
+      ${isPlacing && html`<p class="faint">${t("simulator.obstacleHint")}</p>`}
     </section>
     <section>
       <h2>${t("simulator.faults")}</h2>

@@ -36,7 +36,7 @@ export function Stage() {
       ></canvas>
       <${Notices} />
     </div>
-    <${Line} />
+    <${AnswerLine} />
   </main>`;
 }
 
@@ -170,7 +170,7 @@ function Notices() {
   useEffect(() => {
     const panel = document.querySelector(".panel");
     const elements = [box.current, panel].filter((each) => each !== null);
-    const observer = new ResizeObserver(leaveFree);
+    const observer = new ResizeObserver(updateCovered);
     for (const each of elements) observer.observe(each);
     return () => observer.disconnect();
   }, []);
@@ -212,10 +212,10 @@ function Notices() {
 }
 
 /**
- * Tell the map what lies over it: the notices, and on a small screen the panel. Tell the panel what
- * lies over it: the notices. Its content stays at its place, and can be scrolled to below them.
+ * Tell the map which margins the notices cover, and on a small screen the panel. There, pad the panel
+ * by the height that the notices cover of it; its content stays where it is on the screen.
  */
-function leaveFree() {
+function updateCovered() {
   const canvas = map?.canvas.getBoundingClientRect();
   if (!canvas) return;
   const notices = document.querySelector(".notices")?.getBoundingClientRect();
@@ -227,7 +227,8 @@ function leaveFree() {
     panel.style.setProperty("--under", `${under}px`);
     panel.scrollTop += under - parseFloat(paddingTop);
   }
-  const covered = sheet && sheet.height ? sheet : { top: canvas.bottom, right: canvas.left };
+  const nothing = { top: canvas.bottom, right: canvas.left };
+  const covered = sheet?.height ? sheet : nothing;
   const below = sheet && sheet.width >= canvas.width;
   map?.setInset({
     top: notices?.height ? notices.bottom - canvas.top : 0,
@@ -241,7 +242,7 @@ function leaveFree() {
  * Return the problems of the robot with their remedies, the most urgent first.
  * @returns {Notice[]}
  */
-export function notices() {
+function notices() {
   const robot = store.robot.value;
   /** @type {Notice[]} */
   const found = [];
@@ -272,6 +273,7 @@ export function notices() {
     ...{ not_initialised: setPose, lost: setPose, no_work_mode: setTask, schedule: setTask },
     ...{ manual: setAuto, no_control_mode: setAuto, maintenance: setAuto },
   };
+  // these need no notice, or, like a fault, have another one
   const ordinary = ["busy", "mapping", "not_taskable", "fault", "deployment"];
   const objections = robot.objections.filter(({ name }) => !ordinary.includes(name));
   for (const each of objections) {
@@ -305,12 +307,12 @@ function doubtKey({ name }) {
   return [store.chosen.value, name, scene, map].join(" ");
 }
 
-/** Show a doubt no more while the robot uses this map. @param {store.Objection} doubt */
+/** Do not show a doubt again while the robot uses this map. @param {store.Objection} doubt */
 function dismissDoubt(doubt) {
   store.dismissed.value = [...store.dismissed.value, doubtKey(doubt)];
 }
 
-function Line() {
+function AnswerLine() {
   const answer = store.answer.value;
   const at = store.pointed.value;
   const other = answer && answer.robot !== store.chosen.value ? ofRobot(answer.robot) : "";

@@ -5,7 +5,7 @@ import { connection } from "../commands.js";
 import * as store from "../store.js";
 import { meaningOf, moment, say, t, tOr } from "../texts.js";
 import { linkText } from "./bar.js";
-import { alarmText, degrees, LEVELS, objectionText, placeText } from "./parts.js";
+import { alarmText, degrees, LEVEL_CLASSES, objectionText, placeText } from "./parts.js";
 import { Plot } from "./plot.js";
 
 /** @typedef {[number, number | null, number | null, number | null]} Sample  Unix time in s, speed in
@@ -129,7 +129,7 @@ function batteryTrend() {
   return Math.round((change * 3600) / (last[0] - first[0]));
 }
 
-/** All that the bar counts as alarms. @param {{problems: store.Code[]}} props */
+/** List of all that the bar counts as alarms. @param {{problems: store.Code[]}} props */
 function Problems({ problems }) {
   const alarms = [...store.alarms.value];
   const old = store.outdated.value;
@@ -165,7 +165,8 @@ function CodeLine({ code, time }) {
   return html`<li>
     <div>
       <p>
-        <span class=${LEVELS[code.level] ?? ""}>${tOr(`level.${code.level}`, code.level)}</span
+        <span class=${LEVEL_CLASSES[code.level] ?? ""}
+          >${tOr(`level.${code.level}`, code.level)}</span
         >${" "} ${meaning || code.text || t("codes.unknown")}
       </p>
       <small>${about.filter(Boolean).join(" · ")}</small>

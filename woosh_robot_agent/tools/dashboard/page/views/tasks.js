@@ -1,15 +1,15 @@
 // The tasks of the robot: the running task, and the outcomes of earlier tasks.
 
 import { html } from "../vendor/preact.js";
-import { gives } from "../allowed.js";
+import { commandProps } from "../allowed.js";
 import { forgetTarget, run, setTarget } from "../commands.js";
 import * as store from "../store.js";
 import { clock, meaningOf, moment, t, tOr } from "../texts.js";
 import { destination, goalText, Icon, TYPES, taskType } from "./parts.js";
 
-/** @type {Record<string, string>} class of the outcome of a task */
+/** @type {Record<string, string>} CSS classes of the outcomes of tasks */
 export const TONES = { completed: "ok", canceled: "warn", failed: "bad", unseen: "bad" };
-// texts for the senders of tasks that are no viewers; without a text, no sender is shown
+// keys of the texts for the senders of tasks that are no viewers; without one, no sender is shown
 /** @type {Record<string, string>} */
 const SOURCES = {
   "the robot itself": "by.robot",
@@ -47,8 +47,8 @@ export function Tasks() {
 }
 
 /**
- * Return the buttons for the running task. Each has its place, whatever the task does: a repeated
- * press of Pause must not find Continue there.
+ * Return the buttons for the running task. Each keeps its place, so that a repeated press of Pause
+ * does not hit Continue.
  */
 export function taskButtons() {
   /**
@@ -58,7 +58,7 @@ export function taskButtons() {
    */
   const button = (id, icon, name = id) => {
     const label = t(`command.${name}`);
-    const { title = label, ...state } = gives(name);
+    const { title = label, ...state } = commandProps(name);
     return html`<button
       type="button"
       id=${id}
@@ -114,7 +114,7 @@ function Entry({ task }) {
 const codeText = (code) => `${meaningOf(code) || code.text} (${code.code})`;
 
 /**
- * Return what became of a task, with the reason.
+ * Return the outcome of a task, with the reason.
  * @param {store.Task} task
  */
 export function outcomeText(task) {
@@ -129,7 +129,7 @@ function byViewer(name) {
 }
 
 /**
- * Return where a task went, and what was done there, to do it again; null if that is not known.
+ * Return the target of an earlier task, with the kind of the task; null if that is not known.
  * @param {store.Task} task
  * @returns {store.Target | null}
  */
@@ -162,7 +162,10 @@ function isHere({ scene, map }, { command, pose }) {
   return map ? scene === shown.scene && map === shown.map : pose !== undefined;
 }
 
-/** @param {{task: store.Task}} props */
+/**
+ * Button that selects the target of an earlier task again. The viewer then starts it as a new task.
+ * @param {{task: store.Task}} props
+ */
 function Repeat({ task }) {
   if (!store.mayControl.value || task.running) return null;
   const target = targetOf(task);
@@ -176,14 +179,14 @@ function Repeat({ task }) {
     title=${label}
     aria-label=${label}
     disabled=${busy || !here}
-    onClick=${() => repeat(target)}
+    onClick=${() => selectAgain(target)}
   >
     <${Icon} name="repeat" />
   </button>`;
 }
 
-/** Show the way again, as for a new task. @param {store.Target} target */
-function repeat(target) {
+/** Select a target instead of what was begun on the map. @param {store.Target} target */
+function selectAgain(target) {
   forgetTarget();
   setTarget(target);
 }
