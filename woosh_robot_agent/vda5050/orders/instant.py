@@ -104,7 +104,7 @@ class InstantActions:
         for action in actions:
             if action.type == STOP_PAUSE:
                 self._pause_again.clear()
-            if self._is_pausing(action):
+            if self._repeats_running_pause(action):
                 # not refused, because a stopPause may have arrived since the first one
                 self._pause_again[action.id] = action
                 continue
@@ -112,7 +112,7 @@ class InstantActions:
                 self._refuse(action, Objection(reason), "use each actionId once")
                 continue
             for ids in (self._known, self._states):
-                ids.pop(action.id, None)  # so that a repeated id moves to the end
+                ids.pop(action.id, None)  # moves a repeated id to the end
             self._known[action.id] = None
             self._states[action.id] = ActionState(
                 action.id,
@@ -140,7 +140,7 @@ class InstantActions:
         """Restore the states after a restart. Actions that ran fail, except `cancelOrder`.
 
         Args:
-            states: the states, which may be a second old.
+            states: the states, which may not be the latest ones.
             known_ids: ids of the last instant actions.
             holds: names of the holds that kept the vehicle from driving.
 
@@ -196,7 +196,7 @@ class InstantActions:
             self._order.hold(_hold_of(action.id))
         self.commands.append(Perform(action))
 
-    def _is_pausing(self, action: Action) -> bool:
+    def _repeats_running_pause(self, action: Action) -> bool:
         """Return True for a startPause with the id of a startPause that has not ended."""
         state = self._states.get(action.id)
         if state is None or state.status.ended:
@@ -204,7 +204,7 @@ class InstantActions:
         return state.type == action.type == START_PAUSE
 
     def _reuse_objection(self, action: Action) -> str:
-        """Return why an action cannot use its id again; empty if it may use it."""
+        """Return why an action may not reuse the id of an earlier action; empty if it may."""
         state = self._states.get(action.id)
         if state is not None and not state.status.ended:
             return _RUNS(action=state.type)
