@@ -210,7 +210,7 @@ _LOG = logging.getLogger(__name__)
 class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
 
-    Each message has one method, which returns False if the state of the vehicle has not changed.
+    Each topic has one method, which returns False if the state of the vehicle has not changed.
 
     Attributes:
         message_error: why the last message with instant actions or zones was rejected; None if the
@@ -238,9 +238,8 @@ class Intake:
             if received == self._order:
                 return False
             here = execution.robot.position
-            order = with_marks(
-                received, "" if here is None else here.map_id, execution.maps.find_mark
-            )
+            map_id = "" if here is None else here.map_id
+            order = with_marks(received, map_id, execution.maps.find_mark)
             kind = execution.order.receive(order, self._check)
         except RejectedError as rejected:
             self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")

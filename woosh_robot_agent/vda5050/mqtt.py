@@ -164,7 +164,7 @@ class MqttConnection:
         while True:
             self._connected_at = math.inf
             try:
-                await self._connect()
+                await self._serve_connection()
                 reason = "the broker closed it"
             except (aiomqtt.MqttError, OSError) as error:
                 reason = _explained(error)
@@ -182,8 +182,8 @@ class MqttConnection:
             )
             await asyncio.sleep(backoff.next())
 
-    async def _connect(self) -> None:
-        """Serve one connection until it breaks.
+    async def _serve_connection(self) -> None:
+        """Connect, and serve the connection until it ends.
 
         Raises:
             MqttError: the connection failed.
@@ -222,7 +222,7 @@ class MqttConnection:
             try:
                 done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
                 for each in done:
-                    each.result()
+                    each.result()  # raises the exception of the task
             finally:
                 for each in work:
                     each.cancel()
@@ -255,11 +255,11 @@ class MqttConnection:
 
 
 class _Client(aiomqtt.Client):
-    """The client of aiomqtt, without its tracebacks of asyncio when the connection ends.
+    """The client of aiomqtt, without three errors when a connection ends.
 
-    The tracebacks come from errors in private parts of aiomqtt 2.5.1: it watches a socket that was
-    closed meanwhile, stores the reason of a lost connection where nobody reads it, and keeps a
-    connection open that was cancelled while it began.
+    aiomqtt 2.5.1 watches a socket that was closed meanwhile, stores the reason of a lost connection
+    where nobody reads it, and keeps a connection open that was cancelled while it began. asyncio
+    would log tracebacks.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

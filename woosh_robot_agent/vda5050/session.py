@@ -26,7 +26,7 @@ from woosh_robot_agent.vda5050.robot.link import Timing
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 _LOG = logging.getLogger(__name__)
-_REASON = Sentence(
+_OTHER_CONNECTOR = Sentence(
     "vda.second",
     "another connector publishes as this vehicle, or connects with the same client id",
 )()
@@ -36,8 +36,7 @@ class OtherConnectorDetector:
     """Detects messages on the topic `connection` that this connector did not send.
 
     Two connectors of a vehicle have the same client id, so the broker disconnects one when the
-    other connects. When the first one connects again, it receives the retained message of the
-    other one.
+    other connects. When the first one connects again, it receives the other one's retained message.
 
     Args:
         is_own: returns True for the messages that this connector has sent.
@@ -87,9 +86,9 @@ class OtherConnectorDetector:
     def _set_error(self) -> None:
         if self.error is None:
             hint = "end one of the two; until then the robot starts no drive"
-            _LOG.error("%s; %s", _REASON, hint)
+            _LOG.error("%s; %s", _OTHER_CONNECTOR, hint)
             self.error = VehicleError(
-                ErrorType.SECOND_CONNECTOR.value, ErrorLevel.FATAL, _REASON, hint
+                ErrorType.SECOND_CONNECTOR.value, ErrorLevel.FATAL, _OTHER_CONNECTOR, hint
             )
             self._on_changed()
 

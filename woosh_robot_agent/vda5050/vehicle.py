@@ -43,7 +43,7 @@ class Vehicle:
     def __init__(self, config: VehicleConfig, broker: BrokerConfig) -> None:
         self._config = config
         self._broker = broker
-        self._link = RobotLink(config.link, config.timing, self._changed, self._moved)
+        self._link = RobotLink(config.link, config.timing, self._update, self._moved)
         types = action_types(config.version, can_log=config.log_folder is not None)
         self._execution = Execution(self._link, config.version, types)
         self._reported = self._execution.robot
@@ -63,7 +63,7 @@ class Vehicle:
         self._was_driving = False
         """True if the robot drove at its last report of a pose."""
         self._is_updating = False
-        """True while `_changed` or `_restore` works; then `_changed` and `_save` do nothing."""
+        """True while `_update` or `_restore` works; then `_update` and `_save` do nothing."""
         self._link.chassis.on_snapshot(self._identified)
 
     # Start and end
@@ -105,7 +105,7 @@ class Vehicle:
             self._reports,
             {topic: partial(self._received, take, identity) for topic, take in handlers.items()},
             self._restore,
-            self._changed,
+            self._update,
         )
         self._session.start()
 
@@ -138,7 +138,7 @@ class Vehicle:
         self._is_updating = False
         if execution.order.busy:
             _LOG.info("order %s goes on after a restart", record.order.order_id)
-        self._changed()
+        self._update()
 
     def _save(self) -> None:
         """Save the state that must survive a restart."""
@@ -179,23 +179,24 @@ class Vehicle:
     def _received(
         self, take: Callable[[Identity, bytes], bool], identity: Identity, payload: bytes
     ) -> None:
-        """Handle a message of the master control by `take`, a method of `Intake`."""
+        """Handle a message of the master control with `take`, a method of `Intake`."""
         if take(identity, payload):
-            self._changed()
+            self._update()
 
     def _moved(self) -> None:
         """Handle a new pose of the robot, which comes several times per second."""
-        before = self._execution.order.progress
+        order = self._execution.order
+        former_progress = order.progress
         self._execution.update_position()
-        has_changed = self._execution.order.progress != before
-        if has_changed or self._reported.is_driving != self._was_driving:
+        starts_or_stops = self._reported.is_driving != self._was_driving
+        if order.progress != former_progress or starts_or_stops:
             self._was_driving = self._reported.is_driving
-            self._changed()  # actions may wait for the standstill
-        self._execution.speed.limit(self._execution.order.speed_limit)
+            self._update()  # actions may wait for the standstill
+        self._execution.speed.limit(order.speed_limit)
         self._link.conditions.check()
         self._reports.moved()
 
-    def _changed(self) -> None:
+    def _update(self) -> None:
         """Execute the commands that follow from the events so far, and publish the state soon.
 
         Called after each event; for a pose only if something else has changed by it.
@@ -214,8 +215,7 @@ class Vehicle:
             self._runner.poll()
         finally:
             self._is_updating = False
-        # saved before the robot gets the commands, because the tasks that send them begin later
-        self._save()
+        self._save()  # before the commands are sent: the asyncio tasks that send them run later
         self._link.conditions.check()
         self._reports.changed()
 

@@ -45,9 +45,9 @@ async def start_pause(run: Run) -> None:
     execution, limit = run.execution, run.link.timing.pause_within
     execution.set_pause_wanted(True)
     await run.wait(
-        lambda: (execution.paused and not execution.own_motion) or not execution.pause_wanted,
+        lambda: (execution.paused and not execution.has_own_motion) or not execution.pause_wanted,
         limit,
-        # the robot must not drive on because it was slow to obey, so the pause stays wanted
+        # the pause stays wanted after the failure, so that a robot that obeys late stops too
         _NOT_PAUSED(seconds=f"{limit:g}"),
     )
     if not execution.pause_wanted:
@@ -92,7 +92,7 @@ async def cancel_order(run: Run) -> None:
         order.cancel()
     run.link.changed()
     await run.link.conditions.wait(
-        lambda: not order.canceling or (order.has_ended and not execution.own_motion)
+        lambda: not order.canceling or (order.has_ended and not execution.has_own_motion)
     )
     if order.canceling:  # otherwise another cancelOrder has emptied it
         order.empty()

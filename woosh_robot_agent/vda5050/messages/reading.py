@@ -282,8 +282,7 @@ def _check_limits(message: Any) -> None:
             if isinstance(value, float | int) and not abs(value) <= _MAX_NUMBER:
                 raise ValueError(_LARGE_NUMBER(most=f"{_MAX_NUMBER:g}"))
             if isinstance(value, dict):
-                following += value
-                following += value.values()
+                following += [*value.keys(), *value.values()]
             elif isinstance(value, list):
                 following += value
         if not following:
@@ -293,7 +292,7 @@ def _check_limits(message: Any) -> None:
 
 
 def _rejection(topic: Topic, message: Any, reason: str) -> RejectedError:
-    """Return the exception that rejects a message; None as message if it could not be parsed."""
+    """Return the exception that rejects a message, which is None if it could not be parsed."""
     references = {
         key: str(message[key])[:_MAX_VALUE]
         for key in ("headerId", "orderId", "orderUpdateId")

@@ -57,6 +57,7 @@ def timestamp(unix: float) -> str:
 
 
 def _is_tangential(edge: Mapping[str, Any]) -> bool:
+    """Return True if the vehicle must drive forwards: with orientation 0 along the edge."""
     return not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
 
 

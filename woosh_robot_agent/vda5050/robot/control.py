@@ -105,11 +105,11 @@ class Controller:
 
     def _start_sending(self) -> None:
         """Start to send the wanted command, unless the robot has obeyed it."""
-        if self._pending() is not None:
+        if self._next_command() is not None:
             self._link.background.start_once(self._send_until_obeyed, self)
 
     async def _send_until_obeyed(self) -> None:
-        while (control := self._pending()) is not None:
+        while (control := self._next_command()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
                 self._is_pause_pending = control is Control.PAUSE
@@ -120,29 +120,30 @@ class Controller:
             with contextlib.suppress(TimeoutError):
                 await run_with_timeout(self._link.timing.repeat_after, self._wake.wait())
 
-    def _pending(self) -> Control | None:
-        """Return the wanted command; None if there is none, or the robot has obeyed it.
+    def _next_command(self) -> Control | None:
+        """Return the command to send; None if there is none, or the robot has obeyed it.
 
-        A resumption of what is not paused is forgotten. A pause is not, because it must last.
+        Forget a resumption of what is not paused. Keep an obeyed pause, because it must last.
         """
-        if self._wanted is Control.PAUSE and self.stays_paused:
-            return None
         if self._wanted is Control.RESUME and not (self.paused or self._is_pause_pending):
             self._wanted = None
+        if self._wanted is Control.PAUSE and self.stays_paused:
+            return None
         return self._wanted
 
     async def _send(self, control: Control) -> None:
-        text = f"{control.value} of {self._name}"
+        command = f"{control.value} of {self._name}"
         answer = None
         try:
             answer = await self._request(control)
         except LinkError as error:
-            self._log.warn(text, f"the {text} was not sent or not answered: {error}")
+            self._log.warn(command, f"the {command} was not sent or not answered: {error}")
             is_unsent = isinstance(error, NotConnectedError | TooManyRequestsError)
             if is_unsent and control is Control.RESUME and self._wanted is None:
                 self._wanted = control  # `_send_until_obeyed` tries again
         else:
             if not answer.ok:
-                self._is_pause_pending = self._is_pause_pending and control is not Control.PAUSE
-                self._log.warn(text, f"the robot refused the {text}: {answer.msg}")
+                if control is Control.PAUSE:
+                    self._is_pause_pending = False
+                self._log.warn(command, f"the robot refused the {command}: {answer.msg}")
         self._answered(control, answer)

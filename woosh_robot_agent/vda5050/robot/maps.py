@@ -121,6 +121,7 @@ class RobotMaps:
         self._link.background.start(self._refresh(), self)
 
     async def _refresh(self) -> None:
+        """Read maps and marks; try again until the robot answers or the link is lost."""
         while True:
             try:
                 await self._link.wait_ready()

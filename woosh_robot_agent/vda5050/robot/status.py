@@ -18,7 +18,6 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot import readiness
-from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.robot.standstill import MIN_SPEED
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.vda5050.messages.factsheet import (
@@ -45,8 +44,8 @@ _LEVELS = {StatusCode.kWarn: ErrorLevel.WARNING, StatusCode.kFault: ErrorLevel.F
 _HINT = "resolve the cause at the robot; the error ends when the robot does not report it any more"
 _SAFETY_SCANNERS = 110203
 """First six digits of the status codes of safety scanners, which have twelve digits."""
-_FUNCTION = 10**6
-"""Divisor that leaves the first digits of a status code."""
+_LAST_SIX_DIGITS = 10**6
+"""Divisor that removes the last six digits of a status code."""
 
 
 def code_errors(codes: AbnormalCodes) -> tuple[VehicleError, ...]:
@@ -67,7 +66,8 @@ def code_errors(codes: AbnormalCodes) -> tuple[VehicleError, ...]:
 def field_violated(codes: AbnormalCodes) -> bool:
     """Return True if a safety scanner has tripped."""
     return any(
-        code.code // _FUNCTION == _SAFETY_SCANNERS and code.level in _LEVELS for code in codes.scs
+        code.code // _LAST_SIX_DIGITS == _SAFETY_SCANNERS and code.level in _LEVELS
+        for code in codes.scs
     )
 
 
@@ -156,7 +156,7 @@ def map_id(info: RobotInfo) -> str:
 def _battery(report: BatteryReport) -> Battery:
     return Battery(
         charge=float(min(report.power, 100)),
-        charging=is_charging(report),
+        charging=readiness.is_charging(report),
         health=float(report.health) if 0 < report.health <= 100 else None,
     )
 

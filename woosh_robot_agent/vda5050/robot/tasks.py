@@ -132,7 +132,7 @@ class TaskRunner:
 
     Args:
         on_end: called when the task has ended, with the reason of a failure; empty after a success.
-        on_paused: called when the robot has paused or resumed the task.
+        on_pause_changed: called when the robot has paused or resumed the task.
 
     Attributes:
         id: id of the current task; 0 without a task.
@@ -142,11 +142,11 @@ class TaskRunner:
     """
 
     def __init__(
-        self, link: RobotLink, on_end: Callable[[str], None], on_paused: Callable[[], None]
+        self, link: RobotLink, on_end: Callable[[str], None], on_pause_changed: Callable[[], None]
     ) -> None:
         self._link = link
         self._on_end = on_end
-        self._on_paused = on_paused
+        self._on_pause_changed = on_pause_changed
         self.id = 0
         self._last_id = 0
         """Highest id so far, so that no id is used twice."""
@@ -256,7 +256,7 @@ class TaskRunner:
             return
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
         if self._controller.update(paused):
-            self._on_paused()
+            self._on_pause_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
         """Find out the state of the current task after a reconnect."""
@@ -336,10 +336,12 @@ class ActionTasks:
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
-        self._task = TaskRunner(link, self._ended, self._paused)
+        self._task = TaskRunner(link, self._ended, self._pause_changed)
         self._end: asyncio.Future[str] | None = None
-        """Done when the task has ended, with the reason of a failure, or empty; None if no action
-        waits for it, e.g. for a task that goes on charging."""
+        """Done when the task has ended, with the reason of a failure; empty after a success.
+
+        None if no action waits for the task, e.g. for one that goes on charging.
+        """
         self._report: Callable[[ActionStatus], None] = lambda status: None
 
     @property
@@ -399,7 +401,7 @@ class ActionTasks:
             self._end.set_result(reason)
         self._link.changed()
 
-    def _paused(self) -> None:
+    def _pause_changed(self) -> None:
         if self._end is not None:
             self._report(ActionStatus.PAUSED if self._task.paused else ActionStatus.RUNNING)
         self._link.changed()
