@@ -10,7 +10,7 @@ from dataclasses import replace
 from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.execution import Execution
-from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes, Scope, objection
+from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes, Scope, find_objection
 from woosh_robot_agent.vda5050.messages.geometry import Point, curve_defect, curve_points
 from woosh_robot_agent.vda5050.messages.order import MAX_NODES, Action, Edge, Node, Order
 from woosh_robot_agent.vda5050.messages.reading import (
@@ -72,9 +72,7 @@ class OrderCheck:
         self._check_mode(status)
         if status is not None and status.position is not None and not status.position.initialised:
             raise self._error(
-                ErrorType.NOT_AVAILABLE,
-                _NO_POSITION(),
-                "place it on the map with initPosition",
+                ErrorType.NOT_AVAILABLE, _NO_POSITION(), "place it on the map with initPosition"
             )
         if self._order.unsupported:
             raise self._unsupported(self._order.unsupported, _ORDER())
@@ -167,15 +165,15 @@ class OrderCheck:
 
     def _check_actions(self, actions: Iterable[Action], scope: Scope, **place: str) -> None:
         for action in actions:
-            if wrong := objection(self._types, action, scope):
+            if objection := find_objection(self._types, action, scope):
                 raise self._error(
                     ErrorType.ORDER_ACTION,
-                    wrong.reason,
+                    objection.reason,
                     "see the factsheet for the actions of the vehicle",
                     **place,
                     actionId=action.id,
                     actionType=action.type,
-                    **wrong.references,
+                    **objection.references,
                 )
 
     def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:

@@ -358,7 +358,7 @@ def _explained(error: Exception) -> str:
     return f"{error}; {hint}" if hint else str(error)
 
 
-PASSWORD_VARIABLE = "VDA5050_PASSWORD"
+_PASSWORD_VARIABLE = "VDA5050_PASSWORD"
 """Environment variable with the password."""
 
 
@@ -377,7 +377,7 @@ def add_broker_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="file with the password, in its first line; without it, the environment variable "
-        f"{PASSWORD_VARIABLE} is used. A password in the URL can be seen by all users of this "
+        f"{_PASSWORD_VARIABLE} is used. A password in the URL can be seen by all users of this "
         "machine",
     )
     group.add_argument(
@@ -427,7 +427,7 @@ def broker_config(
 
 def _password(path: Path | None, environment: Mapping[str, str]) -> str | None:
     if path is None:
-        return environment.get(PASSWORD_VARIABLE)
+        return environment.get(_PASSWORD_VARIABLE)
     try:
         lines = path.read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

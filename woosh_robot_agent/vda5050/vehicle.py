@@ -26,7 +26,7 @@ from woosh_robot_agent.vda5050.messages.versions import Identity, Topic
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.link import RobotLink
-from woosh_robot_agent.vda5050.robot.status import factsheet
+from woosh_robot_agent.vda5050.robot.status import factsheet, serial_number
 from woosh_robot_agent.vda5050.session import Session, VehicleConfig
 from woosh_robot_agent.vda5050.store import Record
 
@@ -91,8 +91,7 @@ class Vehicle:
             return
         config = self._config
         self._robot_identity = RobotIdentity.of(info)
-        number = config.serial_number or str(info.genral.serial_number or info.robot_id)
-        identity = Identity(config.manufacturer, number)
+        identity = Identity(config.manufacturer, config.serial_number or serial_number(info))
         handlers: dict[Topic, Callable[[Identity, bytes], bool]] = {
             Topic.ORDER: self._intake.take_order,
             Topic.INSTANT_ACTIONS: self._intake.take_instant_actions,
@@ -129,9 +128,10 @@ class Vehicle:
         execution.speed.restore(record.speed_is_limited)
         execution.order.restore(record.order)
         execution.set_pause_wanted(PAUSE in record.order.holds)
-        for action_id in execution.instant.restore(
+        unfinished = execution.instant.restore(
             record.instant_actions, record.known_ids, record.order.holds
-        ):
+        )
+        for action_id in unfinished:  # the robot may still execute the action
             execution.order.interrupt(action_id)
         if execution.order.driving:
             execution.drive.restore(record.task_id, info)

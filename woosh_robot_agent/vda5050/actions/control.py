@@ -26,6 +26,7 @@ from woosh_robot_agent.vda5050.messages.factsheet import ParameterType
 from woosh_robot_agent.vda5050.messages.state import NO_STATE, ActionFailedError, ErrorType
 from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE, STOP_PAUSE
 from woosh_robot_agent.vda5050.orders.legs import Control
+from woosh_robot_agent.vda5050.robot.status import serial_number
 
 _NOT_PAUSED = Sentence(
     "vda.notPaused",
@@ -150,7 +151,7 @@ async def log_report(run: Run) -> str:
         "statusCodes": await _answer_or_reason(run, StatusCodes()),
     }
     name = f"{_FILE_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
-    path = folder / str(info.genral.serial_number or info.robot_id) / name
+    path = folder / serial_number(info) / name
     try:
         await asyncio.to_thread(_store, path, json.dumps(content, indent=1, ensure_ascii=False))
     except OSError as error:

@@ -45,7 +45,7 @@ _MAX_VALUE = 200
 
 
 @functools.cache
-def validator(version: str, topic: str) -> Validator:
+def _validator(version: str, topic: str) -> Validator:
     """Return the validator of a message.
 
     Args:
@@ -60,7 +60,7 @@ def validator(version: str, topic: str) -> Validator:
 
 def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
     """Return the path of an invalid field of a message and the reason; None for a valid message."""
-    errors = itertools.islice(validator(version, topic).iter_errors(message), _MAX_ERRORS)
+    errors = itertools.islice(_validator(version, topic).iter_errors(message), _MAX_ERRORS)
     error = best_match(errors)
     if error is None:
         return None
@@ -249,9 +249,9 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
     except (ValueError, RecursionError) as error:
         raise _rejection(topic, None, _UNREADABLE(error=said_by(error))) from None
     if found := defect(version.number, topic.value, message):
-        field_path, reason = found
-        wrong = _MALFORMED(place=field_path or _TOP_LEVEL(), reason=reason)
-        raise _rejection(topic, message, wrong)
+        field_path, detail = found
+        reason = _MALFORMED(place=field_path or _TOP_LEVEL(), reason=detail)
+        raise _rejection(topic, message, reason)
     if message["version"].split(".")[0] != version.number.split(".")[0]:
         reason = _VERSION(version=message["version"], own=version.number)
         raise _rejection(topic, message, reason)

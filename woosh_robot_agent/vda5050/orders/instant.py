@@ -12,7 +12,7 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionTypes,
     Objection,
     Scope,
-    objection,
+    find_objection,
 )
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import (
@@ -121,21 +121,18 @@ class InstantActions:
                 description=action.description,
                 instant=True,
             )
-            wrong = objection(self._types, action, Scope.INSTANT)
+            objection = find_objection(self._types, action, Scope.INSTANT)
             if len(self.ids_in_state(ended=False)) > _MAX_STATES:
-                wrong = Objection(_TOO_MANY(most=_MAX_STATES))
-            if wrong is not None:
-                self._refuse(action, wrong, "see the factsheet for the actions of the vehicle")
-                self.changed(action.id, ActionStatus.FAILED, wrong.reason)
+                objection = Objection(_TOO_MANY(most=_MAX_STATES))
+            if objection is not None:
+                self._refuse(action, objection, "see the factsheet for the actions of the vehicle")
+                self.changed(action.id, ActionStatus.FAILED, objection.reason)
             else:
                 self._start(action, self._types[action.type])
         self._forget_oldest()
 
     def restore(
-        self,
-        states: Sequence[ActionState],
-        known_ids: Sequence[str],
-        holds: Sequence[str],
+        self, states: Sequence[ActionState], known_ids: Sequence[str], holds: Sequence[str]
     ) -> list[str]:
         """Restore the states after a restart. Actions that ran fail, except `cancelOrder`.
 
@@ -215,15 +212,15 @@ class InstantActions:
             return _AGAIN(action=action.type)
         return ""
 
-    def _refuse(self, action: Action, wrong: Objection, hint: str) -> None:
+    def _refuse(self, action: Action, objection: Objection, hint: str) -> None:
         self._add_error(
             warning(
                 ErrorType.INSTANT_ACTION,
-                wrong.reason,
+                objection.reason,
                 hint,
                 actionId=action.id,
                 actionType=action.type,
-                **wrong.references,
+                **objection.references,
             )
         )
 

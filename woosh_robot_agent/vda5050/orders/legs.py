@@ -48,9 +48,9 @@ def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
     length = 1
     for (before, node), (edge, following) in pairwise(base):
         poses += _pose_count(edge)
-        if poses > _MAX_POSES or must_stop_at(node) or need_standstill(edge.actions):
+        if poses > _MAX_POSES or _must_stop_at(node) or need_standstill(edge.actions):
             break
-        if needs_own_task(before, node, edge, following):
+        if _needs_own_task(before, node, edge, following):
             break
         length += 1
     chosen = base[:length]
@@ -62,7 +62,7 @@ def _pose_count(edge: Edge) -> int:
     return 1 if edge.trajectory is None else len(curve_points(edge.trajectory))
 
 
-def must_stop_at(node: Node) -> bool:
+def _must_stop_at(node: Node) -> bool:
     """Return True if the vehicle must stop on a node: for an action, a heading or a mark."""
     place = node.position
     turns = place is not None and place.theta is not None and abs(place.deviation_theta) < math.pi
@@ -74,7 +74,7 @@ def need_standstill(actions: Sequence[Action]) -> bool:
     return any(action.blocking.forbids_driving for action in actions)
 
 
-def needs_own_task(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
+def _needs_own_task(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
     """Return True if the edge after a node needs a task of its own.
 
     One task of the robot drives to a mark, along trajectories, or through nodes of one map.

@@ -111,14 +111,8 @@ class OrderMachine:
     @property
     def busy(self) -> bool:
         """True if the vehicle executes an order, or waits for an update of it."""
-        route = self._route
-        return bool(
-            route.nodes
-            or route.edges
-            or route.leg
-            or self._actions.running
-            or self._actions.triggered
-        )
+        route, actions = self._route, self._actions
+        return bool(route.nodes or route.edges or route.leg or actions.running or actions.triggered)
 
     @property
     def driving(self) -> bool:
@@ -440,9 +434,7 @@ class OrderMachine:
             is_there = route.stands_on(last) or route.was_not_moved()
             if not is_there and self.error is None:
                 self.error = self._fatal_error(
-                    ErrorType.INTERRUPTED,
-                    _MOVED(node=last.id),
-                    ("nodeId", last.id),
+                    ErrorType.INTERRUPTED, _MOVED(node=last.id), ("nodeId", last.id)
                 )
         route.must_check_place = False
         return True

@@ -38,7 +38,7 @@ A robot sends five reports per second."""
 _UNSEEN_DETOUR = math.sqrt(2.0)
 """Estimated length of a way that was driven without a link, as a multiple of the distance between
 its ends: that of a way round one right-angled corner."""
-TOLERANCE = 0.25
+_TOLERANCE = 0.25
 """Lowest deviation from a node that is permitted, in metres; a smaller value of the order is raised
 to it."""
 _ANGLE = 0.1
@@ -262,7 +262,7 @@ class Route:
         radius = place.deviation_xy
         if place.ellipse is not None:
             radius = max(place.ellipse.a, place.ellipse.b)
-        return _distance(here, place) > max(radius, TOLERANCE) + _MAX_STEP
+        return _distance(here, place) > max(radius, _TOLERANCE) + _MAX_STEP
 
     # The leg, and the place of the vehicle
 
@@ -282,7 +282,7 @@ class Route:
 
     def was_not_moved(self) -> bool:
         """Return True if the vehicle is still at the place to which it drove."""
-        return _distance(self._driven_to, self.position) <= TOLERANCE
+        return _distance(self._driven_to, self.position) <= _TOLERANCE
 
     def is_on_map_of(self, node: Node) -> bool:
         """Return True if the vehicle is on the map of a node, or if one of the maps is unknown."""
@@ -331,8 +331,8 @@ def _is_within(node: NodePosition, before: Position, now: Position) -> bool:
     """Return True if a straight way leads through the permitted deviation from a node."""
     if node.ellipse is None:
         nearest = nearest_on_line(node.point, before.point, now.point)
-        return math.dist(node.point, nearest) <= max(node.deviation_xy, TOLERANCE)
-    a, b = max(node.ellipse.a, TOLERANCE), max(node.ellipse.b, TOLERANCE)
+        return math.dist(node.point, nearest) <= max(node.deviation_xy, _TOLERANCE)
+    a, b = max(node.ellipse.a, _TOLERANCE), max(node.ellipse.b, _TOLERANCE)
     cos, sin = math.cos(node.ellipse.theta), math.sin(node.ellipse.theta)
 
     def scaled(place: Position) -> Point:

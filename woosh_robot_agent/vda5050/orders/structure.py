@@ -50,10 +50,7 @@ def check_structure(order: Order) -> None:
     if not order.nodes:
         raise _malformed(order, _NO_NODE())
     if len(order.edges) != len(order.nodes) - 1:
-        raise _malformed(
-            order,
-            _EDGES(nodes=len(order.nodes), edges=len(order.edges)),
-        )
+        raise _malformed(order, _EDGES(nodes=len(order.nodes), edges=len(order.edges)))
     if not order.nodes[0].released:
         raise _malformed(order, _FIRST_NODE(), nodeId=order.nodes[0].id)
     path: list[Node | Edge] = [order.nodes[0]]

@@ -82,7 +82,7 @@ def robot_status(info: RobotInfo) -> RobotStatus:
     """Return the state of a robot."""
     return RobotStatus(
         driving=drives(info),
-        mode=operating_mode(info),
+        mode=_operating_mode(info),
         battery=_battery(info.battery),
         emergency_stop=bool(info.device_state.hardware & DeviceState.kEmgBtn),
         field_violation=field_violated(info.abnormal_codes),
@@ -101,7 +101,7 @@ def drives(info: RobotInfo) -> bool:
     return not (abs(motion.linear) <= MIN_SPEED and abs(motion.angular) <= MIN_SPEED)
 
 
-def operating_mode(info: RobotInfo) -> OperatingMode:
+def _operating_mode(info: RobotInfo) -> OperatingMode:
     """Return the operating mode of the robot."""
     if info.mode.ctrl == robot.kMaintain:
         return OperatingMode.SERVICE
@@ -173,12 +173,18 @@ def _blocked(info: RobotInfo) -> bool:
     proc = info.task_proc
     has_task = proc.state in (task.kExecuting, task.kPaused)
     is_impeded = bool(info.operation_state.nav & OperationState.kImpede)
+    # a TR-200 reports an obstacle as a warning of the action of its task
     return is_impeded or (has_task and proc.action.state == action.kRosWarning)
 
 
 def _rounded(value: float) -> float:
     """Round a 32-bit float to six decimals, because further decimals are noise."""
     return round(value, 6)
+
+
+def serial_number(info: RobotInfo) -> str:
+    """Return the serial number of a robot, or its id if it reports no serial number."""
+    return str(info.genral.serial_number or info.robot_id)  # spelled so in the robot's messages
 
 
 _MM = 0.001
@@ -205,7 +211,7 @@ OPTIONAL_PARAMETERS: Mapping[str, str] = {
 
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
     """Return the factsheet of a robot."""
-    general: General = info.genral  # spelled so in the messages of the robot
+    general: General = info.genral
     size = general.model_data
     version = general.version
     versions = (("robot system", version.system), ("robot application", version.rc))

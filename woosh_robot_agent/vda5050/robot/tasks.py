@@ -114,7 +114,7 @@ _END_REASONS = {
     task.kFailed: Sentence("vda.taskFailed", "the task failed")(),
 }
 """Reasons why a task was not completed, by its final state; empty for a completed task."""
-UNKNOWN_TASK = Sentence("vda.unknownTask", "the robot does not know the task")()
+_UNKNOWN_TASK = Sentence("vda.unknownTask", "the robot does not know the task")()
 """Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
 UNSENT = Sentence("vda.unsent", "there is no link to the robot")()
 """Reason if the start of a task was not sent."""
@@ -286,7 +286,7 @@ class TaskRunner:
                 deadline = math.inf
             else:
                 if clock() > deadline:
-                    self._end(task_id, UNKNOWN_TASK)
+                    self._end(task_id, _UNKNOWN_TASK)
                     return
                 # a task that has just begun may be in neither answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
@@ -391,7 +391,7 @@ class ActionTasks:
         finally:
             self._end = None
         if end.done() and end.result():
-            is_unknown = end.result() == UNKNOWN_TASK
+            is_unknown = end.result() == _UNKNOWN_TASK
             raise ActionFailedError(
                 end.result(), ErrorType.INTERRUPTED if is_unknown else ErrorType.ACTION
             )
