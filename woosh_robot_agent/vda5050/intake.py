@@ -135,13 +135,13 @@ class OrderCheck:
                 parameter="nodePosition",
             )
         place = status.position if status is not None else None
-        maps = {place.map_id} if place is not None else set()
-        maps |= {each.id for each in (status.maps or ())} if status is not None else set()
-        if node.position.map_id not in maps:
+        known = {place.map_id} if place is not None else set()
+        known |= {each.id for each in (status.maps or ())} if status is not None else set()
+        if node.position.map_id not in known:
             raise self._error(
                 ErrorType.UNKNOWN_MAP,
                 _NO_MAP(map=node.position.map_id),
-                f"use one of its maps: {', '.join(sorted(maps)) or 'it has no position on any'}",
+                f"use one of its maps: {', '.join(sorted(known)) or 'it has no position on any'}",
                 nodeId=node.id,
                 mapId=node.position.map_id,
             )

@@ -255,11 +255,11 @@ class MqttConnection:
 
 
 class _Client(aiomqtt.Client):
-    """The client of aiomqtt, without three errors when a connection ends.
+    """The client of aiomqtt, without three errors of its release 2.5.1.
 
-    aiomqtt 2.5.1 watches a socket that was closed meanwhile, stores the reason of a lost connection
-    where nobody reads it, and keeps a connection open that was cancelled while it began. asyncio
-    would log tracebacks.
+    It watches a socket that was closed meanwhile, and stores the reason of a lost connection where
+    nobody reads it: asyncio logs tracebacks of both. It keeps a connection open that was cancelled
+    while it began.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

@@ -7,6 +7,7 @@ import json
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
@@ -263,7 +264,7 @@ class Session:
         reports = self._reports
         reports.open(self._identity, config.interface, self._header_ids)
         handlers = {
-            reports.topic(topic): self._ignoring_retained(topic, handler)
+            reports.topic(topic): partial(self._handle, topic, handler)
             for topic, handler in self._handlers.items()
             if topic in config.version.received
         }
@@ -298,22 +299,18 @@ class Session:
                 )
             await asyncio.sleep(_RETRY)
 
-    def _ignoring_retained(
-        self, topic: Topic, handler: Callable[[bytes], None]
-    ) -> Callable[[bytes, bool], None]:
-        """Return a handler that ignores retained messages, which may be of any age."""
-
-        def handle(payload: bytes, retained: bool) -> None:
-            if retained:
-                self._log.warn(
-                    f"retained {topic.value}",
-                    f"a retained message on {topic.value} was ignored; remove it from the broker, "
-                    "and send such messages without the retain flag",
-                )
-            else:
-                handler(payload)
-
-        return handle
+    def _handle(
+        self, topic: Topic, handler: Callable[[bytes], None], payload: bytes, retained: bool
+    ) -> None:
+        """Pass a message to its handler; ignore a retained one, which may be of any age."""
+        if retained:
+            self._log.warn(
+                f"retained {topic.value}",
+                f"a retained message on {topic.value} was ignored; remove it from the broker, "
+                "and send such messages without the retain flag",
+            )
+        else:
+            handler(payload)
 
     def _connected(self) -> None:
         self._detector.connected()

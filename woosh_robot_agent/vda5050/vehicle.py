@@ -237,7 +237,7 @@ class Vehicle:
         if self._reported.info is not None:
             robot = replace(robot, maps=self._execution.maps.listed(self._reported.info))
         if not self._link.ready:
-            robot = replace(robot, velocity=None)
+            robot = replace(robot, velocity=None)  # the last one may not hold any more
         errors = (
             execution.order_error,
             self._intake.message_error,

@@ -30,19 +30,17 @@ from woosh_robot_agent.vda5050.orders.actions import OrderActions
 from woosh_robot_agent.vda5050.orders.legs import Leg
 
 _SAME_PLACE = 0.01
-"""Distance of two nodes that are at the same place, in metres."""
+"""Distance below which two nodes are at the same place, in metres."""
 _MAX_STEP = 1.0
-"""Maximum distance between two reports of a vehicle that drives, in metres. A larger distance is a
-jump: the position was corrected, or the vehicle was moved.
-A robot sends five reports per second."""
+"""Maximum distance between two of the five reports per second of a vehicle that drives, in metres.
+A larger distance is a jump: the position was corrected, or the vehicle was moved."""
 _UNSEEN_DETOUR = math.sqrt(2.0)
-"""Estimated length of a way that was driven without a link, as a multiple of the distance between
-its ends: that of a way round one right-angled corner."""
+"""Estimated length of a way that was driven without a link, per metre between its ends. A way round
+one right-angled corner is at most so long."""
 _TOLERANCE = 0.25
-"""Lowest deviation from a node that is permitted, in metres; a smaller value of the order is raised
-to it."""
-_ANGLE = 0.1
-"""Lowest deviation from the heading of a node that is permitted, in radians."""
+"""Lowest permitted deviation from a node, in metres; replaces a smaller one of the order."""
+_ANGLE_TOLERANCE = 0.1
+"""Lowest permitted deviation from the heading of a node, in radians."""
 
 
 class Route:
@@ -79,7 +77,7 @@ class Route:
         self._reached_at: Position | NodePosition | None = None
         """Position of the vehicle when it reached the last node; None if unknown."""
         self._estimated_way = 0.0
-        """Like `driven`, but estimated for times without a link, and known after a restart."""
+        """Estimate of `driven` that allows for detours without a link; known after a restart."""
         self._is_unconfirmed = False
         """True from a loss of the link on a leg until the robot confirms that it drives the leg."""
         self._position_at_loss: Position | NodePosition | None = None
@@ -324,7 +322,7 @@ def is_reached(node: NodePosition, before: Position | None, now: Position) -> bo
     if node.theta is None:
         return True
     error = math.remainder(node.theta - now.theta, math.tau)
-    return abs(error) <= max(abs(node.deviation_theta), _ANGLE)
+    return abs(error) <= max(abs(node.deviation_theta), _ANGLE_TOLERANCE)
 
 
 def _is_within(node: NodePosition, before: Position, now: Position) -> bool:

@@ -23,9 +23,9 @@ _EFFECT_WITHIN = 1.5
 class Controller:
     """Pauses, resumes and cancels one task or action. Used in the event loop of the link.
 
-    A pause or a cancellation is repeated until the robot reports its effect, because it only stops
-    the robot. A pause is sent again if the robot goes on. A resumption is sent once, when there is
-    a link. After a cancellation, there are no other commands.
+    A pause or a cancellation is repeated until the robot reports its effect: it does no harm,
+    because it only stops the robot. A pause is sent again if the robot goes on. A resumption is
+    sent once, when there is a link. After a cancellation, there are no other commands.
 
     Args:
         name: name of the task or the action, for the log.

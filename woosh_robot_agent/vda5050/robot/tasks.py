@@ -293,7 +293,7 @@ class TaskRunner:
             await asyncio.sleep(_ASK_EVERY)
 
     async def _ask_current(self, task_id: int) -> bool:
-        """Ask which task the robot executes; return True if it is this task."""
+        """Ask for the current task of the robot, and take the report; return True if it is this."""
 
         def take_answer(answer: Answer) -> None:
             if isinstance(answer.body, TaskProc):
@@ -305,7 +305,11 @@ class TaskRunner:
         return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
 
     async def _ask_history(self, task_id: int) -> bool:
-        """Ask for the last tasks of the robot; return True if this task has ended."""
+        """Ask for the last tasks of the robot, and end this task if it is among them.
+
+        Returns:
+            True if the task has ended.
+        """
 
         def end_of(answer: Answer) -> TaskProc | None:
             reports = answer.body.tes if isinstance(answer.body, TaskHistory) else ()
