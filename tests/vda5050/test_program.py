@@ -84,17 +84,11 @@ def test_a_wrong_file_is_refused_with_its_reason(tmp_path: Path, text: str, reas
     assert "robots.yaml" in str(caught.value)
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="No such file"):
-        read_robots(tmp_path / "none.yaml", LinkConfig())
-
-
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
         (["--broker", "mqtt://host"], "either --ip or --robots"),
         (["--broker", "mqtt://host", "--ip", "a", "--robots", "f"], "either --ip or --robots"),
-        (["--broker", "host", "--ip", "a"], "begins with mqtt"),
         (["--broker", "http://me:secret@host", "--ip", "a"], "'http://...@host'"),
         (
             ["--broker", "mqtt://host", "--ip", "a", "--serial-number", "a/b"],
