@@ -5,27 +5,8 @@ from __future__ import annotations
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import Site
-from tests.vda5050.master import START, action, edge, error_types, node, references, result_of
+from tests.vda5050.master import START, action, error_types, node, references, result_of
 from tests.vda5050.test_orders_instant import SCOPES
-
-
-@aio
-async def test_orders_with_wrong_actions_are_rejected(site: Site) -> None:
-    wrong, a, b = action("step", "1", distance=100.0), node("a", 0, *START), node("b", 2, 7.0, -7.0)
-    async with site.online() as master:
-        master.order([a | {"actions": [wrong]}])
-        state = await master.error("orderError")
-        assert (state["orderId"], state["actionStates"]) == ("", [])
-        (error,) = state["errors"]
-        assert error["errorLevel"] == "WARNING"
-        assert "within -10 to 10" in error["errorDescription"]
-        names = {"actionId": "1", "actionType": "step", "actionParameter": "distance"}
-        assert references(error).items() >= (names | {"nodeId": "a"}).items()
-
-        master.order([a, b], [edge(a, b, actions=[action("pick", "p")])], order_id="edge")
-        state = await master.wait_state(lambda state: "only as node action" in str(state["errors"]))
-        assert references(state["errors"][0])["edgeId"] == "a-b"
-    assert commands(site.chassis) == []
 
 
 @aio

@@ -48,14 +48,6 @@ def order(**changes: Any) -> bytes:
     return json.dumps(HEADER | STAND | changes).encode()
 
 
-def message(topic: str, number: int) -> aiomqtt.Message:
-    return aiomqtt.Message(topic, b"{}", 0, False, number, None)
-
-
-def nested(depth: int) -> bytes:
-    return order().replace(b'"bad"', b"[" * depth + b"]" * depth)
-
-
 RUBBISH = {
     "no JSON": b"{",
     "no text": b"\xff\xfe\x00",
@@ -63,7 +55,7 @@ RUBBISH = {
     "UTF-16 without its mark": order().decode().encode("utf-16-be"),
     "UTF-32": order().decode().encode("utf-32"),
     "deep": b"[" * 1_000_000,
-    "nested": nested(300),
+    "nested": order().replace(b'"bad"', b"[" * 300 + b"]" * 300),
     "null": b"null",
     "list": b"[1, 2]",
     "wrong types": order(nodes=7),
@@ -262,11 +254,12 @@ async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
 
 
 def test_a_flood_on_one_topic_leaves_room_for_another() -> None:
+    an_order = aiomqtt.Message("order", b"{}", 0, False, 0, None)
     inbox = ReceiveQueue()
-    for number in range(2 * MAX_RECEIVED):
-        inbox.put_nowait(message("order", number))
-    inbox.put_nowait(message("instantActions", 0))
+    for _ in range(2 * MAX_RECEIVED):
+        inbox.put_nowait(an_order)
+    inbox.put_nowait(aiomqtt.Message("instantActions", b"{}", 0, False, 0, None))
     taken = [inbox.get_nowait().topic.value for _ in range(inbox.qsize())]
     assert taken == [*["order"] * MAX_RECEIVED, "instantActions"]
-    inbox.put_nowait(message("order", 0))
+    inbox.put_nowait(an_order)
     assert inbox.qsize() == 1
