@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import time
 import uuid
 from collections.abc import Callable, Sequence
-from datetime import datetime, timezone
 from itertools import pairwise
 from typing import Any
 
 import gmqtt
 
 from tests.tools.waiting import eventually
+from woosh_robot_agent.vda5050.messages.versions import timestamp
 
 Message = dict[str, Any]
 START = (4.23276472, -6.6727581)
 """Where a simulated robot stands at first; the hall is free to the east of it."""
+
+
+def header(version: str = "2.1.0", serial: str = "30001", header_id: int = 0) -> Message:
+    """The fields with which each message begins."""
+    return {
+        "headerId": header_id,
+        "timestamp": timestamp(time.time()),
+        "version": version,
+        "manufacturer": "Woosh",
+        "serialNumber": serial,
+    }
 
 
 class Master:
@@ -28,7 +41,7 @@ class Master:
         self._prefix = f"uagv/v{version.split('.')[0]}/Woosh/{serial}/"
         self._client = gmqtt.Client(f"master-{uuid.uuid4()}")
         self._client.on_message = self._received
-        self._header_id = 0
+        self._header_ids = itertools.count()
         self.received: dict[str, list[Message]] = {}
 
     async def __aenter__(self) -> Master:
@@ -91,15 +104,7 @@ class Master:
 
     def send(self, topic: str, content: Message) -> None:
         """Send a message with a header."""
-        now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
-        head = {
-            "headerId": self._header_id,
-            "timestamp": now.replace("+00:00", "Z"),
-            "version": self._version,
-            "manufacturer": "Woosh",
-            "serialNumber": self._serial,
-        }
-        self._header_id += 1
+        head = header(self._version, self._serial, next(self._header_ids))
         self.send_raw(topic, json.dumps(head | content).encode())
 
     def send_raw(self, topic: str, payload: bytes) -> None:

@@ -18,38 +18,26 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 
 
 @aio
-async def test_an_order_charges_and_an_instant_action_ends_it(site: Site) -> None:
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with site.online(limits=AT_ONCE) as master:
-        charge = action("startCharging", "charge")
-        master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
-        charging = await master.status("charge", "FINISHED")
-        assert charging["batteryState"]["charging"]
-        master.instant(action("startCharging", "again"))  # idempotent
-        await master.status("again", "FINISHED")
-        master.instant(action("stopCharging", "stop"))
-        ended = await master.status("stop", "FINISHED")
-        assert not ended["batteryState"]["charging"]
-        assert ended["errors"] == []
-    assert commands(site.chassis) == ["drive", "charge C1", "cancel"]
-    assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
-
-
-@aio
 async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
     site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with site.online() as master:
+    async with site.online(limits=AT_ONCE) as master:
         charge = action("startCharging", "charge")
         nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
         master.order([*nodes, node("c", 4, *START)])
         waiting = await master.error("robotBusyError")
+        assert waiting["batteryState"]["charging"]
         assert status_of(waiting, "charge") == "FINISHED"
         assert error_types(waiting) == ["robotBusyError"]
         assert "stopCharging" in waiting["errors"][0]["errorHint"]
+        master.instant(action("startCharging", "again"))  # idempotent
+        await master.status("again", "FINISHED")
         master.instant(action("stopCharging", "stop"))
+        stopped = await master.status("stop", "FINISHED")
+        assert not stopped["batteryState"]["charging"]
         ended = await master.reached("c")
         assert ended["errors"] == []
     assert commands(site.chassis) == ["drive", "charge C1", "cancel", "drive"]
+    assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio

@@ -21,6 +21,7 @@ from tests.vda5050.master import (
     Message,
     action,
     error_types,
+    header,
     node,
     status_of,
 )
@@ -29,13 +30,6 @@ from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import MAX_RECEIVED, ReceiveQueue
 
-HEADER = {
-    "headerId": 1,
-    "timestamp": "2024-01-01T00:00:00.000Z",
-    "version": "2.1.0",
-    "manufacturer": "Woosh",
-    "serialNumber": "30001",
-}
 STAND: dict[str, Any] = {
     "orderId": "bad",
     "orderUpdateId": 0,
@@ -45,7 +39,7 @@ STAND: dict[str, Any] = {
 
 
 def order(**changes: Any) -> bytes:
-    return json.dumps(HEADER | STAND | changes).encode()
+    return json.dumps(header() | STAND | changes).encode()
 
 
 RUBBISH = {

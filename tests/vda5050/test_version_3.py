@@ -20,6 +20,7 @@ from tests.vda5050.master import (
     Message,
     action,
     error_types,
+    header,
     node,
     plain_edges,
     references,
@@ -53,7 +54,7 @@ from woosh_robot_agent.vda5050.messages.writing import (
 from woosh_robot_agent.vda5050.orders.reach import is_reached
 from woosh_robot_agent.vda5050.robot.status import OPTIONAL_PARAMETERS
 
-VEHICLE = Identity("Woosh", "1")
+VEHICLE = Identity("Woosh", "30001")
 BOTH = pytest.mark.parametrize("version", list(VERSIONS.values()), ids=list(VERSIONS))
 
 
@@ -63,15 +64,8 @@ def _edges(nodes: list[Message]) -> list[Message]:
     return [{key: edge[key] for key in edge if key not in names} for edge in plain_edges(nodes)]
 
 
-def _full(version: Version, content: dict[str, Any]) -> dict[str, Any]:
-    header = {
-        "headerId": 0,
-        "timestamp": "2024-01-01T00:00:00.000Z",
-        "version": version.number,
-        "manufacturer": VEHICLE.manufacturer,
-        "serialNumber": VEHICLE.serial_number,
-    }
-    return header | content
+def _full(version: Version, content: Message) -> Message:
+    return header(version.number) | content
 
 
 def _order(*, order: dict[str, Any] | None = None, edge: dict[str, Any] | None = None) -> Message:
@@ -80,6 +74,12 @@ def _order(*, order: dict[str, Any] | None = None, edge: dict[str, Any] | None =
     edges = [each | (edge or {}) for each in _edges(nodes)]
     content = {"orderId": "order", "orderUpdateId": 0, "nodes": nodes, "edges": edges}
     return _full(V3, content | (order or {}))
+
+
+def _one_node(deviation: object) -> Message:
+    """An order of a node with a permitted deviation."""
+    nodes = [node("a", 0, 0.0, 0.0, allowedDeviationXY=deviation)]
+    return _order(order={"nodes": nodes, "edges": []})
 
 
 def _read(message: Message) -> Order:
@@ -244,15 +244,14 @@ def test_actions_that_must_be_retriable_are_refused() -> None:
 
 
 def test_a_deviation_of_version_2_is_malformed() -> None:
-    nodes = [node("a", 0, 0.0, 0.0, allowedDeviationXY=0.5)]
     with pytest.raises(RejectedError, match=r"nodes\.0\.nodePosition\.allowedDeviationXY"):
-        _read(_order(order={"nodes": nodes, "edges": []}))
+        _read(_one_node(0.5))
 
 
 @pytest.mark.parametrize(("theta", "fits"), [(-1.5707963, True), (1.571, False), (-3.0, False)])
 def test_an_ellipse_turns_by_a_quarter_turn_at_most(theta: float, fits: bool) -> None:
-    nodes = [node("a", 0, 0.0, 0.0, allowedDeviationXY={"a": 2.0, "b": 1.0, "theta": theta})]
-    found = defect(V3.number, "order", _order(order={"nodes": nodes, "edges": []}))
+    order = _one_node({"a": 2.0, "b": 1.0, "theta": theta})
+    found = defect(V3.number, "order", order)
     assert (found is None) == fits
     assert fits or "allowedDeviationXY.theta" in str(found)
 
@@ -276,9 +275,8 @@ def test_the_kinematics_are_required_by_the_name_of_the_text_and_that_of_the_sch
 
 
 def test_the_deviation_is_an_ellipse() -> None:
-    deviation = {"a": 2.0, "b": 0.5, "theta": math.pi / 2}
-    nodes = [node("a", 0, 0.0, 0.0, allowedDeviationXY=deviation)]
-    place = _read(_order(order={"nodes": nodes, "edges": []})).nodes[0].position
+    order = _one_node({"a": 2.0, "b": 0.5, "theta": math.pi / 2})
+    place = _read(order).nodes[0].position
     assert place is not None
     assert place.ellipse == Ellipse(2.0, 0.5, math.pi / 2)
 
