@@ -1,4 +1,4 @@
-"""Charging, loads and the robot's own actions, on the wire and at the chassis."""
+"""Charging, loads, the robot's own actions, and wrong ones, on the wire and at the chassis."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from tests.tools.waiting import aio, eventually
 from tests.vda5050.chassis_events import commands, received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
+from tests.vda5050.test_orders_instant import SCOPES
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -176,3 +177,34 @@ async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
         master.instant(action("logReport", "full", reason="a test"))
         state = await master.status("full", "FAILED")
         assert "cannot be stored" in result_of(state, "full")
+
+
+@aio
+async def test_wrong_instant_actions_fail(site: Site) -> None:
+    async with site.online() as master:
+        master.instant(action("finePositioning", "no"), action("step", "far", distance=100.0))
+        state = await master.status("far", "FAILED")
+        assert error_types(state) == ["instantActionError"] * 2
+        assert "no action finePositioning" in result_of(state, "no")
+        assert "within -10 to 10" in result_of(state, "far")
+        names = {"actionId": "far", "actionType": "step", "actionParameter": "distance"}
+        assert references(state["errors"][1]) == names
+        master.order([node("a", 0, *START)])
+        state = await master.accepted()
+        assert state["errors"] == state["actionStates"] == []
+    assert commands(site.chassis) == []
+
+
+@aio
+async def test_the_factsheet_lists_exactly_the_supported_actions(site: Site) -> None:
+    async with site.online() as master:
+        listed = master.last("factsheet")["protocolFeatures"]["agvActions"]
+        scopes = {name: sorted(scope.value for scope in of) for name, of in SCOPES.items()}
+        assert {each["actionType"]: each["actionScopes"] for each in listed} == scopes
+        (step,) = (each for each in listed if each["actionType"] == "step")
+        parameters = {each["key"]: each["isOptional"] for each in step["actionParameters"]}
+        assert parameters == {"distance": False, "speed": True, "lateral": True}
+        count = len(master.received["factsheet"])
+        master.instant(action("factsheetRequest", "f"))
+        await master.status("f", "FINISHED")
+        await eventually(lambda: len(master.received["factsheet"]) > count)
