@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import set_speed
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import TIMEOUT, aio, eventually
 from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import EXEC, Site, left_by_a_kill, task_to
-from tests.vda5050.connector_process import ConnectorProcess
 from tests.vda5050.master import START, Master, action, node, nodes_left
+from tests.vda5050.programs import running_connector
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.vda5050 import store
@@ -49,19 +49,19 @@ async def killed_while_driving(site: Site, master: Master, folder: Path) -> Path
 @aio
 async def test_the_order_goes_on_after_kill_9(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
-        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
+        with running_connector(site.chassis, site.broker.url, tmp_path):
             await site.drive(master, NODES, then=HARDLY)
-            connector.kill()
         await eventually(lambda: master.last("connection")["connectionState"] == "CONNECTIONBROKEN")
         master.received.clear()
-        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
+        with running_connector(site.chassis, site.broker.url, tmp_path) as connector:
             state = await master.accepted("order")
             assert nodes_left(state) == "bc"
             assert site.chassis.counts[EXEC] == 1
             set_speed(site.chassis, FAST)
             ended = await master.reached("c")
             assert ended["errors"] == ended["nodeStates"] == []
-            assert connector.stop() == 0
+            connector.terminate()
+            assert connector.wait(TIMEOUT) == 0
         assert site.chassis.counts[EXEC] == 2
     for topic in ("state", "connection"):
         ids = [message["headerId"] for message in site.recorder.sent(topic)]
@@ -266,9 +266,11 @@ async def test_a_second_connector_on_the_same_machine_stays_offline(
     site: Site, tmp_path: Path
 ) -> None:
     async with site.online(state_folder=tmp_path) as master:
-        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as second:
-            await eventually(lambda: any("another connector uses" in each for each in second.lines))
-            assert second.stop() == 0
+        with running_connector(site.chassis, site.broker.url, tmp_path) as second:
+            log = tmp_path / "connector.log"
+            await eventually(lambda: "another connector uses" in log.read_text())
+            second.terminate()
+            assert second.wait(TIMEOUT) == 0
         assert master.state["errors"] == []
         assert len(site.recorder.sent("connection")) == 1
 

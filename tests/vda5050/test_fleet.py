@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, AsyncExitStack, ExitStack, contextmanager
+from contextlib import AbstractContextManager, AsyncExitStack, ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import Site, scene_with_start
 from tests.vda5050.master import START, Master, node
+from tests.vda5050.programs import ROOT, running
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -28,7 +29,6 @@ from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.program import Connector, VehicleNameFilter
 from woosh_robot_agent.vda5050.session import VehicleConfig
 
-ROOT = Path(__file__).resolve().parents[2]
 SERIALS = ("30001", "30002", "30003")
 
 
@@ -44,21 +44,7 @@ def robots() -> Iterator[list[SimulatorThread]]:
         ]
 
 
-@contextmanager
-def running(*command: object, log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a Python program in a block; its output goes to a file."""
-    with log.open("wb") as output:
-        process = subprocess.Popen(
-            [sys.executable, *map(str, command)], cwd=ROOT, stdout=output, stderr=output
-        )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-
-
-def running_connector(
+def running_fleet(
     robots: list[SimulatorThread], broker: Mosquitto, folder: Path, *options: str
 ) -> AbstractContextManager[subprocess.Popen[bytes]]:
     """Run the connector in a block, for the robots that the parameter file of an agent lists."""
@@ -81,7 +67,7 @@ async def test_a_file_lists_the_robots_of_the_program(
         masters = [
             await stack.enter_async_context(Master(broker.port, serial)) for serial in SERIALS
         ]
-        with running_connector(robots, broker, tmp_path) as program:
+        with running_fleet(robots, broker, tmp_path) as program:
             for master in masters:
                 await master.online()
             masters[1].order([])
@@ -162,7 +148,7 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
             )
             robots.append(stack.enter_context(SimulatorThread(config)))
         async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
-            stack.enter_context(running_connector(robots, broker, tmp_path))
+            stack.enter_context(running_fleet(robots, broker, tmp_path))
             program = stack.enter_context(
                 running(script, "--broker", f"127.0.0.1:{broker.port}", log=tmp_path / "master")
             )
@@ -192,7 +178,7 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
 async def test_the_page_shows_the_order_and_its_errors(
     robots: list[SimulatorThread], broker: Mosquitto, tmp_path: Path
 ) -> None:
-    with running_connector(robots, broker, tmp_path, "--dashboard", "0"):
+    with running_fleet(robots, broker, tmp_path, "--dashboard", "0"):
         async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
             await one.online()
             await two.online()

@@ -12,7 +12,6 @@ import pytest
 
 from tests.tools.waiting import aio
 from tests.vda5050.conftest import Site
-from tests.vda5050.connector_process import ConnectorProcess
 from tests.vda5050.fields import schema_fields
 from tests.vda5050.master import (
     START,
@@ -25,6 +24,7 @@ from tests.vda5050.master import (
     plain_edges,
     references,
 )
+from tests.vda5050.programs import running_connector
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
 from woosh_robot_agent.vda5050.messages.geometry import path_ahead
 from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order
@@ -400,12 +400,9 @@ async def test_instant_actions_stay_in_the_state_after_a_new_order(site: Site) -
 @aio
 async def test_the_option_chooses_the_version(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port, version="3.0.0") as master:
-        with ConnectorProcess(
-            site.chassis, site.broker.url, tmp_path, "--version", "3.0"
-        ) as program:
+        with running_connector(site.chassis, site.broker.url, tmp_path, "--version", "3.0"):
             await master.online()
             assert master.state["version"] == "3.0.0"
-            assert program.stop() == 0
 
 
 def test_the_schemas_are_those_of_the_topics() -> None:
