@@ -273,6 +273,7 @@ class Reports:
     def _message(
         self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
     ) -> Publication:
+        """Return a message with its header; without `header_id`, with the next id of the topic."""
         if header_id is None:
             header_id = self._header_ids.next(topic.value)
         head = {

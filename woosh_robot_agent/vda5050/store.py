@@ -227,7 +227,7 @@ class Store:
     def _can_wait(self, record: Record) -> bool:
         """Return True if a record differs from the saved one only in progress; see `save`."""
         saved = self._record
-        order_without_progress = replace(
+        order_with_saved_progress = replace(
             record.order,
             last_node=saved.order.last_node,
             nodes=saved.order.nodes,
@@ -235,14 +235,14 @@ class Store:
             on_edge=saved.order.on_edge,
             leg_length=saved.order.leg_length,
         )
-        without_progress = replace(
+        with_saved_progress = replace(
             record,
-            order=order_without_progress,
+            order=order_with_saved_progress,
             instant_actions=saved.instant_actions,
             known_ids=saved.known_ids,
             header_ids=saved.header_ids,
         )
-        return self.error is None and without_progress == saved
+        return self.error is None and with_saved_progress == saved
 
     def _save(self, record: Record) -> None:
         if record == self._record and self.error is None:

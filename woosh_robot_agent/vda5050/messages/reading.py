@@ -181,9 +181,9 @@ def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -
     """
     trajectory = edge.get("trajectory")
     number = int(edge["sequenceId"])
-    # in version 3, an edge does not name its nodes
-    ends = nodes.get(number - 1, ""), nodes.get(number + 1, "")
-    if not version.is_3:
+    if version.is_3:  # an edge does not name its nodes
+        ends = nodes.get(number - 1, ""), nodes.get(number + 1, "")
+    else:
         ends = edge["startNodeId"], edge["endNodeId"]
     return Edge(
         id=edge["edgeId"],

@@ -113,7 +113,7 @@ class Controller:
             self._wake.clear()
             if self._link.ready and self._may_send():
                 self._is_pause_pending = control is Control.PAUSE
-                if control is Control.RESUME:
+                if control is Control.RESUME:  # sent once
                     self._wanted, self.stays_paused = None, False
                     self._resumed_at = asyncio.get_running_loop().time()
                 self._link.background.start(self._send(control))

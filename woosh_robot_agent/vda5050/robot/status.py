@@ -8,12 +8,7 @@ from typing import Any
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery as BatteryReport
-from woosh_robot_agent.pb.robot.robot_pb2 import (
-    DeviceState,
-    General,
-    OperationState,
-    RobotInfo,
-)
+from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, OperationState, RobotInfo
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -211,7 +206,7 @@ OPTIONAL_PARAMETERS: Mapping[str, str] = {
 
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
     """Return the factsheet of a robot."""
-    general: General = info.genral
+    general = info.genral  # spelled so in the robot's messages
     size = general.model_data
     version = general.version
     versions = (("robot system", version.system), ("robot application", version.rc))

@@ -254,6 +254,7 @@ class TaskRunner:
             text = report.msg if reason else ""
             self._end(self.id, WITH_TEXT(reason=reason, text=text) if text else reason)
             return
+        # before an obstacle, the state of the task is kPaused, too
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
         if self._controller.update(paused):
             self._on_pause_changed()
