@@ -83,7 +83,7 @@ class Vehicle:
         await self._link.background.close()
         if self._session is not None:
             await self._session.close(_CLOSE_TIMEOUT)
-        await self._link.chassis.close()  # the last state must not say that the link is lost
+        await self._link.chassis.close()  # at the end: no state must say that the link is lost
 
     def _identified(self, info: RobotInfo) -> None:
         """Connect to the broker after the first report of the robot, which has its identity."""
