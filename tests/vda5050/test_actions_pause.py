@@ -224,24 +224,30 @@ async def test_a_blocking_instant_action_begins_when_the_robot_stands(site: Site
     assert speeds == [0.0]
 
 
+async def killed_while_refused(site: Site, master: Master, folder: Path, kind: str) -> Path:
+    """Kill a vehicle whose robot refuses to stop for an instant action; return its state folder."""
+    async with site.vehicle(state_folder=folder):
+        await site.drive(master)
+        site.chassis.refuse(ORDER, "not now")
+        master.instant(action(kind, "id"))
+        await eventually(lambda: site.chassis.counts[ORDER])
+        left = left_by_a_kill(folder)
+    site.chassis.clear_faults()
+    master.received.clear()
+    return left
+
+
 @aio
 async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
     site: Site, tmp_path: Path
 ) -> None:
     async with Master(site.broker.port) as master, site.other_client() as gate:
-        async with site.vehicle(state_folder=tmp_path / "state"):
-            await site.drive(master)
-            site.chassis.refuse(ORDER, "not now")
-            master.instant(action("cancelOrder", "c"))
-            await eventually(lambda: site.chassis.counts[ORDER])
-            left = left_by_a_kill(tmp_path / "state")
-        site.chassis.clear_faults()
+        left = await killed_while_refused(site, master, tmp_path / "state", "cancelOrder")
         set_speed(site.chassis, 20.0)
         assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
         await site.idle()
-        master.received.clear()
         async with site.vehicle(state_folder=left):
-            ended = await master.status("c", "FINISHED")
+            ended = await master.status("id", "FINISHED")
             assert (ended["nodeStates"], ended["errors"]) == ([], [])
 
 
@@ -310,15 +316,8 @@ async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> 
 @aio
 async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
-        async with site.vehicle(state_folder=tmp_path / "state"):
-            await site.drive(master)
-            site.chassis.refuse(ORDER, "not now")
-            master.instant(action("startPause", "p"))
-            await eventually(lambda: site.chassis.counts[ORDER])
-            left = left_by_a_kill(tmp_path / "state")
-        site.chassis.clear_faults()
+        left = await killed_while_refused(site, master, tmp_path / "state", "startPause")
         sent = len(commands(site.chassis))
-        master.received.clear()
         async with site.vehicle(state_folder=left):
             await eventually(lambda: commands(site.chassis)[sent:] == ["pause"])
             paused = await master.wait_state(lambda state: state["paused"])
