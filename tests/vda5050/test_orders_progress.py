@@ -40,10 +40,13 @@ def test_nodes_between_two_reports_are_passed_too() -> None:
     assert robot.last == "c"
 
 
-def test_a_node_that_the_vehicle_bypasses_is_not_passed() -> None:
-    robot = given(path("abc", b=place(1.0, y=0.5)))
+@pytest.mark.parametrize(("deviation", "passed"), [(0.0, "a"), (0.6, "b")])
+def test_a_node_beside_the_way_is_passed_within_its_permitted_deviation(
+    deviation: float, passed: str
+) -> None:
+    robot = given(path("abc", b=place(1.0, y=0.5, deviation_xy=deviation)))
     robot.move(0.5, 1.0, 1.5)
-    assert robot.last == "a"
+    assert robot.last == passed
     robot.arrive()
     assert robot.last == "c"
 
@@ -154,12 +157,6 @@ def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
     assert robot.last == "a"
     robot.machine.moved(at(*then), confirmed=True)
     assert robot.last == passed
-
-
-def test_a_permitted_deviation_lets_a_node_be_passed_at_a_distance() -> None:
-    robot = given(path("abc", b=place(1.0, y=0.5, deviation_xy=0.6)))
-    robot.move(1.5)
-    assert robot.last == "b"
 
 
 def test_the_end_of_a_leg_is_reached_when_the_drive_ends() -> None:
