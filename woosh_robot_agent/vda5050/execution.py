@@ -57,7 +57,7 @@ _OTHER_MOTION = (
     Sentence("vda.driven", "something else drives the robot")(),
     "wait for its end, or cancel the order",
 )
-"""Cause and hint if something else drives the robot, in no task of `_OTHER_TASKS`."""
+"""Cause and hint if something else drives the robot, but no task in `_OTHER_TASKS`."""
 _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
     task.kCharge: (
         Sentence(

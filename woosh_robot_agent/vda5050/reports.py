@@ -156,10 +156,10 @@ class Reports:
         self._header_ids = HeaderIds()
         self._mqtt: MqttConnection | None = None
         """The connection to the broker; None before it is made, and once it is closed."""
-        self._will_id = -1
-        """Header id of the last will of the last connection; -1 before the first."""
         self._will = b""
-        """The last will of the last attempt to connect."""
+        """The last will of the last attempt to connect; empty before the first."""
+        self._will_id = -1
+        """Header id of `_will`; -1 before the first attempt."""
         self._own_connections: deque[bytes] = deque(maxlen=_MAX_OWN_CONNECTIONS)
         """The last `connection` messages, and the last will that was current for each of them."""
         self._state_id: int | None = None
