@@ -9,6 +9,7 @@ import shutil
 import socket
 import subprocess
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -35,58 +36,44 @@ def free_port() -> int:
 
 
 class Mosquitto:
-    """A mosquitto on a port of its own. It can be stopped and started again."""
+    """A mosquitto on a port of its own, in a block. It can be stopped and started again."""
 
-    def __init__(self, folder: Path, options: str = "", *, anonymous: bool = True) -> None:
+    def __init__(self, folder: Path) -> None:
         self.port = free_port()
         self._folder = folder
-        self._options = f"allow_anonymous {str(anonymous).lower()}\nuser root\n{options}\n"
-        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Mosquitto:
+        self.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
 
     @property
     def url(self) -> str:
         return f"mqtt://127.0.0.1:{self.port}"
 
-    @property
-    def _log(self) -> Path:
-        return self._folder / f"mosquitto-{self.port}.log"
-
-    def refusals(self) -> int:
-        """Number of clients whose login was refused."""
-        return self._log.read_text().count("not authorised")
-
     def settings(self) -> str:
-        return f"listener {self.port} 127.0.0.1\n{self._options}"
+        return f"listener {self.port} 127.0.0.1\nallow_anonymous true\nuser root\n"
 
     def start(self) -> None:
         config = self._folder / f"mosquitto-{self.port}.conf"
         config.write_text(self.settings())
         path = mosquitto_path()
         assert path, "mosquitto is not installed; scripts/test installs it"
-        with self._log.open("ab") as log:
-            self._process = subprocess.Popen(
-                [path, "-v", "-c", str(config)], stderr=log, stdout=log
-            )
-        self._wait_listening()
+        with config.with_suffix(".log").open("ab") as log:
+            self._process = subprocess.Popen([path, "-v", "-c", config], stderr=log, stdout=log)
+        for _ in range(int(_TIMEOUT / 0.02)):
+            with contextlib.suppress(OSError):
+                socket.create_connection(("127.0.0.1", self.port), 1.0).close()
+                return
+            assert self._process.poll() is None, "mosquitto has ended; see its log"
+            time.sleep(0.02)
+        raise AssertionError("mosquitto does not listen")
 
     def stop(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process = None
-
-    def _wait_listening(self) -> None:
-        attempt = threading.Event()
-        for _ in range(int(_TIMEOUT / 0.02)):
-            try:
-                socket.create_connection(("127.0.0.1", self.port), 1.0).close()
-            except OSError:
-                assert self._process is not None
-                assert self._process.poll() is None, "mosquitto has ended; see its log"
-                attempt.wait(0.02)
-            else:
-                return
-        raise AssertionError("mosquitto does not listen")
+        self._process.kill()
+        self._process.wait()
 
 
 class Recorder:
@@ -97,15 +84,12 @@ class Recorder:
         self._subscribed = threading.Event()
         self._ended = threading.Event()
         self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
-        self._client.on_connect = self._connected
+        self._client.on_connect = lambda client, *_: client.subscribe("#", 1)
         self._client.on_subscribe = lambda *_: self._subscribed.set()
         self._client.on_message = self._received
         self._client.connect("127.0.0.1", port)
         self._client.loop_start()
         assert self._subscribed.wait(_TIMEOUT)
-
-    def _connected(self, client: paho.Client, *_: Any) -> None:
-        client.subscribe("#", 1)
 
     def _received(self, client: paho.Client, data: Any, message: paho.MQTTMessage) -> None:
         if message.topic == _END:
@@ -120,7 +104,7 @@ class Recorder:
             self._client.publish(_END, b"", 1)
             self._ended.wait(_TIMEOUT)
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Stop when everything published so far has been recorded, if the broker still runs."""
         self.catch_up()
         self._client.disconnect()
@@ -138,9 +122,5 @@ class Recorder:
             _, major, _, _, topic = name.split("/")
             if topic in ("order", "instantActions"):
                 continue
-            message = json.loads(payload)
-            assert defect(VERSIONS[major], topic, message) is None, (
-                name,
-                message,
-                defect(VERSIONS[major], topic, message),
-            )
+            found = defect(VERSIONS[major], topic, json.loads(payload))
+            assert found is None, (name, payload, found)

@@ -48,7 +48,6 @@ class Authority:
         return certificate, key
 
     def run(self, *arguments: object) -> None:
-        """Run openssl."""
         path = openssl_path()
         assert path
         subprocess.run([path, *map(str, arguments)], check=True, capture_output=True)

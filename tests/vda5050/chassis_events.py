@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from tests.vda5050.broker import Recorder
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
@@ -20,6 +21,11 @@ _CONTROLS = {
 }
 _ORDERS = {order_pb2.kPause: "pause", order_pb2.kContinue: "continue", order_pb2.kCancel: "cancel"}
 _TASKS = {task.kPick: "drive", task.kCharge: "charge", task.kCarry: "carry"}
+
+
+def received(chassis: SimulatorThread, kind: type[Any]) -> list[Any]:
+    """Messages of a type that the chassis has received."""
+    return [each.message for each in chassis.received if isinstance(each.message, kind)]
 
 
 def commands(chassis: SimulatorThread) -> list[str]:

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager
+import shutil
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import quick_config, set_speed
+from tests.tools.waiting import eventually
 from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
-from tests.vda5050.master import Master
+from tests.vda5050.master import START, Master, Message, node
 from woosh_robot_agent import simulator
-from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link import ChassisClient, LinkConfig
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.util import task_pb2
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import V2_1
@@ -27,6 +33,19 @@ from woosh_robot_agent.vda5050.vehicle import Vehicle
 AT_ONCE = Limits(min_state_interval=0.0)
 """Every change is published."""
 EXEC = "woosh.robot.ExecTask"
+ORDER = "woosh.robot.ActionOrder"
+LEG = [node("a", 0, *START), node("b", 2, 8.0, -7.5, theta=0.0)]
+"""Nodes of an order of one leg."""
+
+
+def task_to(x: float, y: float) -> ExecTask:
+    return ExecTask(task_id=77, type=task_pb2.kPick, pose=Pose2D(x=x, y=y, theta=0.0))
+
+
+def left_by_a_kill(folder: Path) -> Path:
+    """Return a copy of a state folder, as a connector that is killed at this moment leaves it."""
+    copy = folder.with_name(f"{folder.name}+")
+    return Path(shutil.copytree(folder, copy, ignore=shutil.ignore_patterns("*.lock")))
 
 
 def scene_with_start(folder: Path, pose: str) -> Path:
@@ -48,25 +67,17 @@ def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[Mosquitto]:
-    """A broker on a port of its own."""
     if mosquitto_path() is None:
         pytest.skip("mosquitto is not installed")
-    mosquitto = Mosquitto(tmp_path)
-    mosquitto.start()
-    try:
+    with Mosquitto(tmp_path) as mosquitto:
         yield mosquitto
-    finally:
-        mosquitto.stop()
 
 
 @pytest.fixture
 def recorder(broker: Mosquitto) -> Iterator[Recorder]:
     """All messages at the broker. At the end they are checked with the published schemas."""
-    recorder = Recorder(broker.port)
-    try:
+    with closing(Recorder(broker.port)) as recorder:
         yield recorder
-    finally:
-        recorder.stop()
     recorder.check()
 
 
@@ -78,13 +89,7 @@ def chassis() -> Iterator[SimulatorThread]:
 
 
 class Site:
-    """A simulated chassis, a broker, and vehicles that connect them.
-
-    Attributes:
-        chassis: the chassis.
-        broker: the broker.
-        recorder: all messages at the broker.
-    """
+    """A simulated chassis, a broker that records all messages, and vehicles that connect them."""
 
     def __init__(self, chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> None:
         self.chassis = chassis
@@ -93,7 +98,10 @@ class Site:
 
     @asynccontextmanager
     async def vehicle(
-        self, request_timeout: float = LinkConfig.request_timeout, **options: Any
+        self,
+        broker: BrokerConfig | None = None,
+        request_timeout: float = LinkConfig.request_timeout,
+        **options: Any,
     ) -> AsyncIterator[None]:
         """Start a vehicle; the options are fields of `VehicleConfig`."""
         link = LinkConfig(
@@ -102,8 +110,8 @@ class Site:
             backoff_max=1.0,
             request_timeout=request_timeout,
         )
-        broker = replace(BrokerConfig.from_url(self.broker.url), backoff_max=1.0)
-        vehicle = Vehicle(VehicleConfig(link, **options), broker)
+        default = replace(BrokerConfig.from_url(self.broker.url), backoff_max=1.0)
+        vehicle = Vehicle(VehicleConfig(link, **options), broker or default)
         vehicle.start()
         try:
             yield
@@ -119,8 +127,38 @@ class Site:
             await master.online()
             yield master
 
+    async def drive(
+        self, master: Master, nodes: Sequence[Message] = LEG, *, then: float = 0.1
+    ) -> None:
+        """Send an order, wait until the robot drives, and let it drive on at another speed."""
+        await master.online()
+        set_speed(self.chassis, 1.0)
+        master.order(nodes)
+        await eventually(lambda: self.chassis.state.pose.x > START[0] + 0.2)
+        set_speed(self.chassis, then)
+        await master.accepted()
+
+    async def idle(self) -> None:
+        """Wait until the robot has no task."""
+        running = (task_pb2.kInit, task_pb2.kReady, task_pb2.kExecuting, task_pb2.kActionWait)
+        await eventually(lambda: self.chassis.state.info.task_proc.state not in running)
+
+    @asynccontextmanager
+    async def without_link(self, master: Master) -> AsyncIterator[None]:
+        """Cut the link in a block, which begins when the state tells that the link is lost."""
+        off = self.chassis.inject("off")
+        await master.error("robotConnectionError")
+        yield
+        off.clear()
+
+    @asynccontextmanager
+    async def other_client(self) -> AsyncIterator[MotionGate]:
+        """Another client of the robot, such as an agent or the vendor's app."""
+        config = LinkConfig(ip="127.0.0.1", port=self.chassis.port)
+        async with ChassisClient(config=config) as client:
+            yield MotionGate(client)
+
 
 @pytest.fixture
 def site(chassis: SimulatorThread, broker: Mosquitto, recorder: Recorder) -> Site:
-    """A simulated chassis and a broker."""
     return Site(chassis, broker, recorder)

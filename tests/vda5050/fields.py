@@ -12,7 +12,6 @@ HEADER = ("headerId", "timestamp", "version", "manufacturer", "serialNumber")
 
 
 def topics(version: str) -> list[str]:
-    """Topics of a version."""
     return sorted(path.stem for path in (SCHEMAS / version).glob("*.schema"))
 
 

@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import time
 import uuid
 from collections.abc import Callable, Sequence
-from datetime import datetime, timezone
 from itertools import pairwise
 from typing import Any
 
 import gmqtt
 
 from tests.tools.waiting import eventually
+from woosh_robot_agent.vda5050.messages.versions import timestamp
 
 Message = dict[str, Any]
 START = (4.23276472, -6.6727581)
 """Where a simulated robot stands at first; the hall is free to the east of it."""
 
 
+def header(version: str = "2.1.0", serial: str = "30001", header_id: int = 0) -> Message:
+    """The fields with which each message begins."""
+    return {
+        "headerId": header_id,
+        "timestamp": timestamp(time.time()),
+        "version": version,
+        "manufacturer": "Woosh",
+        "serialNumber": serial,
+    }
+
+
 class Master:
     """Sends orders to one vehicle, and stores what it reports."""
 
-    def __init__(
-        self, port: int, serial: str = "30001", version: str = "2.1.0", manufacturer: str = "Woosh"
-    ) -> None:
+    def __init__(self, port: int, serial: str = "30001", version: str = "2.1.0") -> None:
         self._port = port
-        self._identity = {"manufacturer": manufacturer, "serialNumber": serial}
+        self._serial = serial
         self._version = version
-        self._prefix = f"uagv/v{version.split('.')[0]}/{manufacturer}/{serial}/"
+        self._prefix = f"uagv/v{version.split('.')[0]}/Woosh/{serial}/"
         self._client = gmqtt.Client(f"master-{uuid.uuid4()}")
         self._client.on_message = self._received
-        self._header_id = 0
+        self._header_ids = itertools.count()
         self.received: dict[str, list[Message]] = {}
 
     async def __aenter__(self) -> Master:
@@ -93,18 +104,10 @@ class Master:
 
     def send(self, topic: str, content: Message) -> None:
         """Send a message with a header."""
-        now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
-        head = {
-            "headerId": self._header_id,
-            "timestamp": now.replace("+00:00", "Z"),
-            "version": self._version,
-            **self._identity,
-        }
-        self._header_id += 1
+        head = header(self._version, self._serial, next(self._header_ids))
         self.send_raw(topic, json.dumps(head | content).encode())
 
     def send_raw(self, topic: str, payload: bytes) -> None:
-        """Send any payload."""
         self._client.publish(f"{self._prefix}{topic}", payload, qos=0)
 
     def order(
@@ -124,6 +127,15 @@ class Master:
         }
         self.send("order", content)
 
+    async def order_until_accepted(self, nodes: Sequence[Message]) -> None:
+        """Send an order until it is accepted, once the vehicle knows the marks at its nodes."""
+
+        def is_accepted() -> bool:
+            self.order(nodes)
+            return bool(self.state["orderId"])
+
+        await eventually(is_accepted)
+
     def instant(self, *actions: Message) -> None:
         """Send instant actions; in version 3 their blocking type is always NONE."""
         fixed = {"blockingType": "NONE"} if self._version.startswith("3") else {}
@@ -141,7 +153,6 @@ def node(
     map_id: str = "wooshmap",
     **position: Any,
 ) -> Message:
-    """A node at a position."""
     return {
         "nodeId": name,
         "sequenceId": sequence,
@@ -169,7 +180,6 @@ def plain_edges(nodes: Sequence[Message]) -> list[Message]:
 
 
 def action(kind: str, name: str = "", *, blocking: str = "HARD", **parameters: Any) -> Message:
-    """An action with its parameters."""
     return {
         "actionId": name or str(uuid.uuid4()),
         "actionType": kind,
@@ -178,20 +188,27 @@ def action(kind: str, name: str = "", *, blocking: str = "HARD", **parameters: A
     }
 
 
+def action_state(state: Message, action_id: str) -> Message:
+    """The part of a state about an action; empty if it is not there."""
+    states: list[Message] = state["actionStates"]
+    return next((each for each in states if each["actionId"] == action_id), {})
+
+
 def status_of(state: Message, action_id: str) -> str:
-    """Status of an action in a state; empty if it is not there."""
-    found = [each for each in state["actionStates"] if each["actionId"] == action_id]
-    return str(found[0]["actionStatus"]) if found else ""
+    return str(action_state(state, action_id).get("actionStatus", ""))
+
+
+def result_of(state: Message, action_id: str) -> str:
+    return str(action_state(state, action_id).get("resultDescription", ""))
 
 
 def error_types(state: Message) -> list[str]:
     return [each["errorType"] for each in state["errors"]]
 
 
-def result_of(state: Message, action_id: str) -> str:
-    """Result of an action in a state."""
-    found = [each for each in state["actionStates"] if each["actionId"] == action_id]
-    return str(found[0].get("resultDescription", "")) if found else ""
+def nodes_left(state: Message) -> str:
+    """Ids of the nodes still to be reached, without separators."""
+    return "".join(each["nodeId"] for each in state["nodeStates"])
 
 
 def references(error: Message) -> dict[str, str]:

@@ -32,7 +32,6 @@ _REPORT_EVERY = 0.5
 
 
 def at(x: float, y: float = 0.0, theta: float = 0.0, map_id: str = MAP) -> Position:
-    """A position of the vehicle."""
     return Position(x, y, theta, map_id, initialised=True)
 
 
@@ -54,7 +53,7 @@ def path(
     edges: Mapping[str, Mapping[str, Any]] | None = None,
     update: int = 0,
     order_id: str = "order",
-    **positions: NodePosition,
+    **positions: NodePosition | None,
 ) -> Order:
     """An order whose nodes are letters.
 
@@ -66,8 +65,6 @@ def path(
         first: sequence id of the first node.
         actions: actions by the id of the node, or of the edge (`ab`).
         edges: fields of edges, by their id.
-        update: update id.
-        order_id: order id.
         positions: positions of nodes, by their id.
     """
     done = actions or {}

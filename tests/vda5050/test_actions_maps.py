@@ -12,7 +12,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.chassis_events import statuses
+from tests.vda5050.chassis_events import received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
@@ -76,19 +76,10 @@ def maps(state: Message) -> dict[str, tuple[str, str]]:
 
 
 @aio
-async def test_the_position_belongs_to_the_new_map_although_the_robot_stands(site: Site) -> None:
-    site.chassis.intercept(
+async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
+    site.chassis.intercept(  # no push of a pose on the new map, because the robot stands
         lambda out: [] if out.type == full_name(PoseSpeed) and not out.request else [out]
     )
-    async with site.online() as master:
-        await master.wait_state(maps)
-        master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
-        state = await master.status("e", "FINISHED")
-        assert state["agvPosition"]["mapId"] == "scenex"
-
-
-@aio
-async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
     async with site.online() as master:
         state = await master.wait_state(maps)
         assert maps(state) == {
@@ -123,7 +114,7 @@ async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
         assert set(maps(state)) == {"scenex"}
         master.instant(action("deleteMap", "d3", mapId="wooshmap", mapVersion="147"))
         await master.status("d3", "FAILED")
-    deleted = [each.message for each in site.chassis.received if isinstance(each.message, Delete)]
+    deleted = received(site.chassis, Delete)
     assert [(each.scene_name, each.map_name) for each in deleted] == [
         ("scenex", "scenex2"),
         ("wooshmap", ""),

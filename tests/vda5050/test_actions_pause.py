@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, statuses
-from tests.vda5050.conftest import AT_ONCE, Site
+from tests.vda5050.conftest import AT_ONCE, ORDER, Site, left_by_a_kill
 from tests.vda5050.master import (
     START,
     Master,
@@ -16,12 +18,11 @@ from tests.vda5050.master import (
     action,
     error_types,
     node,
+    nodes_left,
     references,
     result_of,
     status_of,
 )
-from tests.vda5050.test_faults_chassis import ORDER, drive
-from tests.vda5050.test_faults_restart import idle, left_by_a_kill, other_client
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -140,10 +141,13 @@ async def test_cancel_order_stops_the_drive_and_ends_the_actions(site: Site) -> 
     assert statuses(site.recorder, "c") == ["RUNNING", "FINISHED"]
 
 
-async def at_full_speed(master: Master, chassis: SimulatorThread) -> None:
-    """Let the robot drive an order in real time; it brakes for a fifth of a second."""
+async def at_full_speed(master: Master, chassis: SimulatorThread, *, by_step: bool = False) -> None:
+    """Let the robot drive in real time, so that it brakes for a fifth of a second."""
     set_speed(chassis, 1.0)
-    master.order([node("a", 0, *START), node("b", 2, 9.0, -8.0)])
+    if by_step:
+        master.instant(action("step", "step", distance=2.0, speed=0.5))
+    else:
+        master.order([node("a", 0, *START), node("b", 2, 9.0, -8.0)])
     await eventually(lambda: chassis.state.velocity.speed > 0.3)
     await master.wait_state(lambda state: state["driving"])
 
@@ -155,24 +159,13 @@ def at_the_end(master: Master, action_id: str) -> Message:
 
 
 @aio
-async def test_a_pause_is_finished_when_the_robot_stands(site: Site) -> None:
+@pytest.mark.parametrize("by_step", [False, True], ids=["of an order", "of a step"])
+async def test_a_pause_is_finished_when_the_robot_stands(site: Site, by_step: bool) -> None:
     async with site.online(limits=AT_ONCE) as master:
-        await at_full_speed(master, site.chassis)
+        await at_full_speed(master, site.chassis, by_step=by_step)
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")
         assert site.chassis.state.velocity.speed == 0.0
-    state = at_the_end(master, "p")
-    assert (state["paused"], state["driving"]) == (True, False)
-
-
-@aio
-async def test_a_pause_of_a_step_is_finished_when_the_robot_stands(site: Site) -> None:
-    async with site.online(limits=AT_ONCE) as master:
-        set_speed(site.chassis, 1.0)
-        master.instant(action("step", "step", distance=2.0, speed=0.5))
-        await eventually(lambda: site.chassis.state.velocity.speed > 0.3)
-        master.instant(action("startPause", "p"))
-        await master.status("p", "FINISHED")
     state = at_the_end(master, "p")
     assert (state["paused"], state["driving"]) == (True, False)
 
@@ -190,14 +183,10 @@ async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_sa
     assert state["nodeStates"] == state["edgeStates"] == []
     assert not state["driving"]
     assert status_of(state, "too") == "FINISHED"
-    before = [
-        each
-        for each in master.received["state"]
-        if each["orderId"] and each["headerId"] < state["headerId"]
-    ]
+    states = master.received["state"]
+    before = [each for each in states[: states.index(state)] if each["orderId"]]
     assert status_of(before[-1], "c") == "RUNNING"
-    for each in before:
-        assert [left["nodeId"] for left in each["nodeStates"]] == ["b"]
+    assert {nodes_left(each) for each in before} == {"b"}
 
 
 @aio
@@ -235,44 +224,31 @@ async def test_a_blocking_instant_action_begins_when_the_robot_stands(site: Site
     assert speeds == [0.0]
 
 
+async def killed_while_refused(site: Site, master: Master, folder: Path, kind: str) -> Path:
+    """Kill a vehicle whose robot refuses to stop for an instant action; return its state folder."""
+    async with site.vehicle(state_folder=folder):
+        await site.drive(master)
+        site.chassis.refuse(ORDER, "not now")
+        master.instant(action(kind, "id"))
+        await eventually(lambda: site.chassis.counts[ORDER])
+        left = left_by_a_kill(folder)
+    site.chassis.clear_faults()
+    master.received.clear()
+    return left
+
+
 @aio
 async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
     site: Site, tmp_path: Path
 ) -> None:
-    async with Master(site.broker.port) as master, other_client(site.chassis) as gate:
-        async with site.vehicle(state_folder=tmp_path / "state"):
-            await drive(master, site.chassis)
-            site.chassis.refuse(ORDER, "not now")
-            master.instant(action("cancelOrder", "c"))
-            await eventually(lambda: site.chassis.counts[ORDER])
-            left = left_by_a_kill(tmp_path / "state")
-        site.chassis.clear_faults()
+    async with Master(site.broker.port) as master, site.other_client() as gate:
+        left = await killed_while_refused(site, master, tmp_path / "state", "cancelOrder")
         set_speed(site.chassis, 20.0)
         assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
-        await idle(site.chassis)
-        master.received.clear()
+        await site.idle()
         async with site.vehicle(state_folder=left):
-            ended = await master.status("c", "FINISHED")
+            ended = await master.status("id", "FINISHED")
             assert (ended["nodeStates"], ended["errors"]) == ([], [])
-
-
-@aio
-async def test_a_pause_survives_a_restart(site: Site, tmp_path: Path) -> None:
-    async with Master(site.broker.port) as master:
-        async with site.vehicle(state_folder=tmp_path):
-            await master.online()
-            master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
-            await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-            master.instant(action("startPause", "p"))
-            await master.status("p", "FINISHED")
-        master.received.clear()
-        async with site.vehicle(state_folder=tmp_path):
-            await master.online()
-            await master.wait_state(lambda state: state["paused"])
-            master.instant(action("stopPause", "s"))
-            await master.status("s", "FINISHED")
-            await master.reached("b")
-    assert commands(site.chassis) == ["drive", "pause", "continue"]
 
 
 @aio
@@ -281,7 +257,7 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
 ) -> None:
     timing = Timing(repeat_after=0.5, pause_within=0.2)
     async with site.online(timing=timing) as master:
-        await drive(master, site.chassis)
+        await site.drive(master)
         site.chassis.refuse(ORDER, "not now")
         master.instant(action("startPause", "p"))
         failed = await master.status("p", "FAILED")
@@ -292,7 +268,7 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
         await eventually(lambda: site.chassis.counts[ORDER] >= 2)
         site.chassis.clear_faults()
         paused = await master.wait_state(lambda state: state["paused"] and not state["driving"])
-        assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
+        assert nodes_left(paused) == "b"
         master.instant(action("stopPause", "s"))
         set_speed(site.chassis, 20.0)
         await master.reached("b")
@@ -328,8 +304,8 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
 
 @aio
 async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> None:
-    async with site.online() as master, other_client(site.chassis) as gate:
-        await drive(master, site.chassis)
+    async with site.online() as master, site.other_client() as gate:
+        await site.drive(master)
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")
         assert (await gate.request(ActionOrder(order=action_pb2.kContinue))).ok
@@ -340,19 +316,12 @@ async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> 
 @aio
 async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
-        async with site.vehicle(state_folder=tmp_path / "state"):
-            await drive(master, site.chassis)
-            site.chassis.refuse(ORDER, "not now")
-            master.instant(action("startPause", "p"))
-            await eventually(lambda: site.chassis.counts[ORDER])
-            left = left_by_a_kill(tmp_path / "state")
-        site.chassis.clear_faults()
+        left = await killed_while_refused(site, master, tmp_path / "state", "startPause")
         sent = len(commands(site.chassis))
-        master.received.clear()
         async with site.vehicle(state_folder=left):
             await eventually(lambda: commands(site.chassis)[sent:] == ["pause"])
             paused = await master.wait_state(lambda state: state["paused"])
-            assert [each["nodeId"] for each in paused["nodeStates"]] == ["b"]
+            assert nodes_left(paused) == "b"
 
 
 @aio
@@ -362,7 +331,7 @@ async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action
     lift = action("liftTo", "lift", blocking="HARD", height=0.3, speed=0.001)
     async with Master(site.broker.port) as master:
         async with site.vehicle(state_folder=tmp_path / "state"):
-            await drive(master, site.chassis)
+            await site.drive(master)
             master.instant(lift)
             await master.status("lift", "RUNNING")
             left = left_by_a_kill(tmp_path / "state")
@@ -370,7 +339,7 @@ async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action
         async with site.vehicle(state_folder=left):
             state = await master.error("interruptedError")
             assert status_of(state, "lift") == "FAILED"
-            assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
+            assert nodes_left(state) == "b"
             set_speed(site.chassis, 20.0)
             master.instant(action("cancelOrder", "c"))
             ended = await master.status("c", "FINISHED")
@@ -385,12 +354,10 @@ async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(site: Si
         set_speed(site.chassis, 1.0)
         master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-        off = site.chassis.inject("off")
-        await master.error("robotConnectionError")
-        master.instant(action("startPause", "p"))
-        state = await master.status("p", "RUNNING")
-        assert not state["paused"]
-        off.clear()
+        async with site.without_link(master):
+            master.instant(action("startPause", "p"))
+            state = await master.status("p", "RUNNING")
+            assert not state["paused"]
         await master.wait_state(lambda state: state["paused"])
     assert commands(site.chassis) == ["step_control execute", "step_control pause"]
 

@@ -1,4 +1,4 @@
-"""Charging, loads and the robot's own actions, on the wire and at the chassis."""
+"""Charging, loads, the robot's own actions, and wrong ones, on the wire and at the chassis."""
 
 from __future__ import annotations
 
@@ -9,49 +9,36 @@ from pathlib import Path
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.chassis_events import commands, statuses
+from tests.vda5050.chassis_events import commands, received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
-from woosh_robot_agent.link.protos import full_name
+from tests.vda5050.test_orders_instant import SCOPES
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
 
 
 @aio
-async def test_an_order_charges_and_an_instant_action_ends_it(site: Site) -> None:
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with site.online(limits=AT_ONCE) as master:
-        charge = action("startCharging", "charge")
-        master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
-        charging = await master.status("charge", "FINISHED")
-        assert charging["batteryState"]["charging"]
-        master.instant(action("startCharging", "again"))  # idempotent
-        await master.status("again", "FINISHED")
-        master.instant(action("stopCharging", "stop"))
-        ended = await master.status("stop", "FINISHED")
-        assert not ended["batteryState"]["charging"]
-        assert ended["errors"] == []
-    assert commands(site.chassis) == ["drive", "charge C1", "cancel"]
-    assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
-
-
-@aio
 async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
     site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    async with site.online() as master:
+    async with site.online(limits=AT_ONCE) as master:
         charge = action("startCharging", "charge")
         nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
         master.order([*nodes, node("c", 4, *START)])
         waiting = await master.error("robotBusyError")
+        assert waiting["batteryState"]["charging"]
         assert status_of(waiting, "charge") == "FINISHED"
         assert error_types(waiting) == ["robotBusyError"]
         assert "stopCharging" in waiting["errors"][0]["errorHint"]
+        master.instant(action("startCharging", "again"))  # idempotent
+        await master.status("again", "FINISHED")
         master.instant(action("stopCharging", "stop"))
+        stopped = await master.status("stop", "FINISHED")
+        assert not stopped["batteryState"]["charging"]
         ended = await master.reached("c")
         assert ended["errors"] == []
     assert commands(site.chassis) == ["drive", "charge C1", "cancel", "drive"]
+    assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
 
 
 @aio
@@ -101,7 +88,7 @@ async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(site: Site) -> Non
         await master.status("drop", "FINISHED")
         assert site.chassis.state.jack == 0.0
     assert commands(site.chassis) == ["drive", "carry U5", "drive", "carry U5"]
-    tasks = [each.message for each in site.chassis.received if isinstance(each.message, ExecTask)]
+    tasks = received(site.chassis, ExecTask)
     assert [each.direction for each in tasks] == [0, task.kFeeding, 0, task.kCutting]
 
 
@@ -155,18 +142,6 @@ async def test_an_action_survives_a_lost_link_and_is_not_repeated(site: Site) ->
 
 
 @aio
-async def test_an_action_whose_end_is_unknown_fails(site: Site) -> None:
-    site.chassis.refuse("woosh.ros.Feedbacks", "unknown request")
-    async with site.online() as master:
-        master.instant(action("step", "step", distance=0.6, speed=0.02))
-        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-        site.chassis.drop()
-        state = await master.status("step", "FAILED")
-        assert "does not tell how it ended" in result_of(state, "step")
-    assert site.chassis.counts[full_name(CallAction)] == 1
-
-
-@aio
 async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unknown(
     site: Site,
 ) -> None:
@@ -178,12 +153,13 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
         site.chassis.drop()
         state = await master.error("interruptedError")
         assert status_of(state, "step") == "FAILED"
+        assert "does not tell how it ended" in result_of(state, "step")
         (error,) = [each for each in state["errors"] if each["errorType"] == "interruptedError"]
         assert error["errorLevel"] == "FATAL"
         assert "does not tell how it ended" in error["errorDescription"]
         master.instant(action("cancelOrder", "cancel"))
         await master.status("cancel", "FINISHED")
-    assert site.chassis.counts[full_name(ExecTask)] == 0
+    assert commands(site.chassis) == ["step_control execute"]
 
 
 @aio
@@ -201,3 +177,34 @@ async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
         master.instant(action("logReport", "full", reason="a test"))
         state = await master.status("full", "FAILED")
         assert "cannot be stored" in result_of(state, "full")
+
+
+@aio
+async def test_wrong_instant_actions_fail(site: Site) -> None:
+    async with site.online() as master:
+        master.instant(action("finePositioning", "no"), action("step", "far", distance=100.0))
+        state = await master.status("far", "FAILED")
+        assert error_types(state) == ["instantActionError"] * 2
+        assert "no action finePositioning" in result_of(state, "no")
+        assert "within -10 to 10" in result_of(state, "far")
+        names = {"actionId": "far", "actionType": "step", "actionParameter": "distance"}
+        assert references(state["errors"][1]) == names
+        master.order([node("a", 0, *START)])
+        state = await master.accepted()
+        assert state["errors"] == state["actionStates"] == []
+    assert commands(site.chassis) == []
+
+
+@aio
+async def test_the_factsheet_lists_exactly_the_supported_actions(site: Site) -> None:
+    async with site.online() as master:
+        listed = master.last("factsheet")["protocolFeatures"]["agvActions"]
+        scopes = {name: sorted(scope.value for scope in of) for name, of in SCOPES.items()}
+        assert {each["actionType"]: each["actionScopes"] for each in listed} == scopes
+        (step,) = (each for each in listed if each["actionType"] == "step")
+        parameters = {each["key"]: each["isOptional"] for each in step["actionParameters"]}
+        assert parameters == {"distance": False, "speed": True, "lateral": True}
+        count = len(master.received["factsheet"])
+        master.instant(action("factsheetRequest", "f"))
+        await master.status("f", "FINISHED")
+        await eventually(lambda: len(master.received["factsheet"]) > count)

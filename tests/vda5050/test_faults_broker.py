@@ -13,8 +13,8 @@ import pytest
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from tests.vda5050.conftest import EXEC, Site
-from tests.vda5050.connector_process import ConnectorProcess
-from tests.vda5050.master import START, Master, action, error_types, node
+from tests.vda5050.master import START, Master, action, error_types, node, nodes_left
+from tests.vda5050.programs import running_connector
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import (
@@ -36,12 +36,7 @@ async def test_what_is_released_is_finished_without_the_broker(site: Site) -> No
     ]
     async with site.vehicle():
         async with Master(site.broker.port) as master:
-            await master.online()
-            set_speed(site.chassis, 1.0)
-            master.order(nodes)
-            await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
-            set_speed(site.chassis, 0.1)
-            await master.accepted("order")
+            await site.drive(master, nodes)
             before = master.state["headerId"]
         site.broker.stop()
         set_speed(site.chassis, 20.0)
@@ -50,7 +45,7 @@ async def test_what_is_released_is_finished_without_the_broker(site: Site) -> No
         async with Master(site.broker.port) as master:
             await master.online()
             state = await master.reached("b")
-            assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
+            assert nodes_left(state) == "c"
             assert state["errors"] == []
             assert state["headerId"] > before
             assert master.last("factsheet")
@@ -66,9 +61,8 @@ async def test_the_last_will_follows_the_message_that_the_vehicle_is_online(
     site: Site, tmp_path: Path
 ) -> None:
     async with Master(site.broker.port) as master:
-        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
+        with running_connector(site.chassis, site.broker.url, tmp_path):
             await master.online()
-            connector.kill()
         await eventually(lambda: len(site.recorder.sent("connection")) == 2)
     online, broken = site.recorder.sent("connection")
     assert (online["connectionState"], broken["connectionState"]) == ("ONLINE", "CONNECTIONBROKEN")

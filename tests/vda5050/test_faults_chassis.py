@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from tests.quick_chassis import quick_config, set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.conftest import EXEC, Site, scene_with_start
+from tests.vda5050.conftest import EXEC, ORDER, Site, scene_with_start
 from tests.vda5050.master import (
     START,
     Master,
+    Message,
     action,
     edge,
     error_types,
     node,
+    nodes_left,
     references,
     status_of,
 )
@@ -24,33 +27,44 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.robot.link import Timing
 
-ORDER = "woosh.robot.ActionOrder"
 SPEAK = "woosh.robot.Speak"
 SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
 """Id, and serial number, of the robot that replaces the other one."""
+Restart = Callable[..., SimulatorThread]
 
 
-async def drive(master: Master, chassis: SimulatorThread) -> None:
-    """Send an order of one leg, and wait until the robot drives; it arrives at a higher speed."""
-    await master.online()
-    set_speed(chassis, 1.0)
-    master.order([node("a", 0, *START), node("b", 2, 8.0, -7.5, theta=0.0)])
-    await eventually(lambda: chassis.state.pose.x > START[0] + 0.2)
-    set_speed(chassis, 0.1)
-    await master.accepted("order")
+@pytest.fixture
+def restart(chassis: SimulatorThread) -> Iterator[Restart]:
+    """Function that stops the chassis, and starts another one at its address."""
+    with ExitStack() as stack:
+
+        def start(**options: object) -> SimulatorThread:
+            port = chassis.port
+            chassis.stop()
+            return stack.enter_context(
+                SimulatorThread(quick_config(port=port, tcp_port=0, **options))
+            )
+
+        yield start
+
+
+def is_connected(state: Message) -> bool:
+    return "robotConnectionError" not in error_types(state)
 
 
 @aio
-async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(site: Site) -> None:
+@pytest.mark.parametrize("arrives", [False, True], ids=["it drives", "it has arrived"])
+async def test_an_order_goes_on_after_a_lost_link(site: Site, arrives: bool) -> None:
     async with site.online() as master:
-        await drive(master, site.chassis)
-        off = site.chassis.inject("off")
-        state = await master.error("robotConnectionError")
-        assert "velocity" not in state
-        assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
-        off.clear()
-        await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
+        await site.drive(master)
+        async with site.without_link(master):
+            assert "velocity" not in master.state
+            assert nodes_left(master.state) == "b"
+            if arrives:
+                set_speed(site.chassis, 20.0)
+                await eventually(lambda: abs(site.chassis.state.pose.x - 8.0) < 0.05)
+        await master.wait_state(is_connected)
         set_speed(site.chassis, 20.0)
         ended = await master.reached("b")
         assert ended["errors"] == []
@@ -58,28 +72,12 @@ async def test_without_a_link_the_state_says_so_and_the_order_goes_on_later(site
 
 
 @aio
-async def test_an_arrival_without_a_link_is_noticed_later(site: Site) -> None:
-    async with site.online() as master:
-        await drive(master, site.chassis)
-        off = site.chassis.inject("off")
-        await master.error("robotConnectionError")
-        set_speed(site.chassis, 20.0)
-        await eventually(lambda: abs(site.chassis.state.pose.x - 8.0) < 0.05)
-        off.clear()
-        ended = await master.reached("b")
-        assert "drivingError" not in error_types(ended)
-    assert site.chassis.counts[EXEC] == 1
-
-
-@aio
 async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Site) -> None:
     async with site.online() as master:
-        off = site.chassis.inject("off")
-        await master.error("robotConnectionError")
-        words = action("speak", "words", text="ready")
-        master.order([node("a", 0, *START, actions=[words]), node("b", 2, 6.0, -7.0)])
-        await master.status("words", "WAITING")
-        off.clear()
+        async with site.without_link(master):
+            words = action("speak", "words", text="ready")
+            master.order([node("a", 0, *START, actions=[words]), node("b", 2, 6.0, -7.0)])
+            await master.status("words", "WAITING")
         ended = await master.reached("b")
         assert status_of(ended, "words") == "FINISHED"
     assert site.chassis.state.spoken == ("ready",)
@@ -92,11 +90,9 @@ async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(sit
         first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
         master.order([first, second | {"released": False}])
         await master.accepted("order")
-        off = site.chassis.inject("off")
-        await master.error("robotConnectionError")
-        site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
-        off.clear()
-        await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
+        async with site.without_link(master):
+            site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
+        await master.wait_state(is_connected)
         master.order([first, second], update=1)
         await master.error("interruptedError")
     assert site.chassis.counts[EXEC] == 0
@@ -105,7 +101,7 @@ async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(sit
 @aio
 @pytest.mark.parametrize("x", [6.0, 7.0], ids=["on a node", "between two nodes"])
 async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
-    site: Site, tmp_path: Path, x: float
+    site: Site, restart: Restart, tmp_path: Path, x: float
 ) -> None:
     y = START[1]
     words = {name: action("speak", name, blocking="NONE", text=name) for name in "bc"}
@@ -116,26 +112,20 @@ async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
         node("d", 6, 8.0, y),
     ]
     async with site.online() as master:
-        set_speed(site.chassis, 1.0)
-        master.order(order)
-        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
-        set_speed(site.chassis, 0.1)
-        port = site.chassis.port
+        await site.drive(master, order)
         assert site.chassis.state.pose.x < 4.9
-        site.chassis.stop()
-        scene = scene_with_start(tmp_path / "scene", f"{x}, {y}, 0.0")
-        with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
-            state = await master.error("drivingError")
-            assert state["agvPosition"]["x"] == pytest.approx(x)
-            assert state["lastNodeId"] == "a"
-            assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c", "d"]
-            assert status_of(state, "b") == status_of(state, "c") == "WAITING"
-            assert restarted.state.spoken == ()
+        restarted = restart(scenes=(scene_with_start(tmp_path / "scene", f"{x}, {y}, 0.0"),))
+        state = await master.error("drivingError")
+        assert state["agvPosition"]["x"] == pytest.approx(x)
+        assert state["lastNodeId"] == "a"
+        assert nodes_left(state) == "bcd"
+        assert status_of(state, "b") == status_of(state, "c") == "WAITING"
+        assert restarted.state.spoken == ()
 
 
 @aio
 async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(
-    site: Site, tmp_path: Path
+    site: Site, restart: Restart, tmp_path: Path
 ) -> None:
     words = action("speak", "words", blocking="SOFT", text="ready")
     async with site.online() as master:
@@ -145,12 +135,10 @@ async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_
         lift = action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001)
         master.instant(lift)
         await master.status("lift", "RUNNING")
-        port = site.chassis.port
-        site.chassis.stop()
         scene = scene_with_start(tmp_path / "scene", f"6.0, {START[1]}, 0.0")
-        with SimulatorThread(quick_config(port=port, tcp_port=0, scenes=(scene,))) as restarted:
-            await master.error("interruptedError")
-            assert restarted.counts[EXEC] == 0
+        restarted = restart(scenes=(scene,))
+        await master.error("interruptedError")
+        assert restarted.counts[EXEC] == 0
 
 
 @aio
@@ -160,18 +148,15 @@ async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_kn
     y = START[1]
     order = [node("a", 0, *START), node("b", 2, 5.2, y), node("c", 4, 6.0, y), node("d", 6, 9.0, y)]
     async with site.online() as master:
-        set_speed(site.chassis, 1.0)
-        master.order(order)
-        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
-        off = site.chassis.inject("off")
-        await master.error("robotConnectionError")
-        await eventually(lambda: site.chassis.state.pose.x > 5.9)
-        set_speed(site.chassis, 0.01)
-        assert master.state["lastNodeId"] == "a"
-        off.clear()
+        await site.drive(master, order)
+        async with site.without_link(master):
+            set_speed(site.chassis, 1.0)
+            await eventually(lambda: site.chassis.state.pose.x > 5.9)
+            set_speed(site.chassis, 0.01)
+            assert master.state["lastNodeId"] == "a"
         state = await master.wait_state(lambda state: state["lastNodeId"] != "a")
         assert state["lastNodeId"] == "c"
-        assert [each["nodeId"] for each in state["nodeStates"]] == ["d"]
+        assert nodes_left(state) == "d"
 
 
 @aio
@@ -179,7 +164,7 @@ async def test_a_start_without_an_answer_is_found_out_and_not_repeated(site: Sit
     site.chassis.mute(EXEC)
     timing = Timing(minimum_timeouts={})
     async with site.online(request_timeout=1.0, timing=timing) as master:
-        await drive(master, site.chassis)
+        await site.drive(master)
         await eventually(lambda: site.chassis.counts["woosh.robot.TaskProc"])
         set_speed(site.chassis, 20.0)
         ended = await master.reached("b")
@@ -190,7 +175,7 @@ async def test_a_start_without_an_answer_is_found_out_and_not_repeated(site: Sit
 @aio
 async def test_a_cancel_is_repeated_until_the_robot_obeys(site: Site) -> None:
     async with site.online() as master:
-        await drive(master, site.chassis)
+        await site.drive(master)
         site.chassis.refuse(ORDER, "Request failed")
         master.instant(action("cancelOrder", "cancel"))
         await eventually(lambda: site.chassis.counts[ORDER] >= 2)
@@ -206,12 +191,10 @@ async def test_a_cancel_is_repeated_until_the_robot_obeys(site: Site) -> None:
 @aio
 async def test_a_cancel_without_a_link_is_carried_out_later(site: Site) -> None:
     async with site.online() as master:
-        await drive(master, site.chassis)
-        off = site.chassis.inject("off")
-        await master.error("robotConnectionError")
-        master.instant(action("cancelOrder", "cancel"))
-        await master.status("cancel", "RUNNING")
-        off.clear()
+        await site.drive(master)
+        async with site.without_link(master):
+            master.instant(action("cancelOrder", "cancel"))
+            await master.status("cancel", "RUNNING")
         await eventually(lambda: site.chassis.counts[ORDER])
         set_speed(site.chassis, 20.0)
         state = await master.status("cancel", "FINISHED")
@@ -238,36 +221,17 @@ async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(site
         assert state["errors"] == []
 
 
-@pytest.fixture
-def swap(chassis: SimulatorThread) -> Iterator[Callable[[], SimulatorThread]]:
-    """Function that puts another robot at the address of the first one."""
-    started: list[SimulatorThread] = []
-
-    def swap() -> SimulatorThread:
-        port = chassis.port
-        chassis.stop()
-        started.append(SimulatorThread(quick_config(port=port, tcp_port=0, speed=20, robot_id=NEW)))
-        started[0].start()
-        return started[0]
-
-    yield swap
-    for each in started:
-        each.stop()
-
-
 @aio
-async def test_another_robot_at_the_address_is_refused(
-    site: Site, swap: Callable[[], SimulatorThread]
-) -> None:
+async def test_another_robot_at_the_address_is_refused(site: Site, restart: Restart) -> None:
     async with site.online() as master:
-        await drive(master, site.chassis)
-        replacement = swap()
+        await site.drive(master)
+        replacement = restart(robot_id=NEW)
         state = await master.wait_state(lambda state: f"robot {NEW}" in str(state["errors"]))
         (error,) = state["errors"]
         assert error["errorType"] == "robotConnectionError"
         assert "robot 30001" in error["errorDescription"]
         assert "restart" in error["errorDescription"]
-        assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
+        assert nodes_left(state) == "b"
         master.instant(action("cancelOrder", "cancel"), action("speak", "words", text="hello"))
         await master.status("words", "WAITING")
     assert replacement.counts[EXEC] == replacement.counts[ORDER] == 0
@@ -277,12 +241,12 @@ async def test_another_robot_at_the_address_is_refused(
 
 @aio
 async def test_the_order_of_another_robot_is_dropped_after_a_restart(
-    site: Site, swap: Callable[[], SimulatorThread], tmp_path: object
+    site: Site, restart: Restart, tmp_path: Path
 ) -> None:
     async with Master(site.broker.port, serial="forklift") as master:
         async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
-            await drive(master, site.chassis)
-        replacement = swap()
+            await site.drive(master)
+        replacement = restart(robot_id=NEW)
         async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
             state = await master.error("interruptedError")
             assert (state["orderId"], state["nodeStates"]) == ("", [])
@@ -298,12 +262,7 @@ async def test_marks_that_the_robot_did_not_send_are_requested_again(site: Site)
         site.chassis.accept(SCENE_DATA)
         nodes = [node("a", 0, *START)]
         nodes.append({"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []})
-
-        def accepted() -> bool:
-            master.order(nodes)
-            return bool(master.state["orderId"])
-
-        await eventually(accepted)
+        await master.order_until_accepted(nodes)
         # the marks are those of another scene now, in which the robot knows no K10
         master.instant(action("enableMap", "map", mapId="scenex", mapVersion="12"))
         await master.status("map", "FINISHED")

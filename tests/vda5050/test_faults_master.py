@@ -21,6 +21,7 @@ from tests.vda5050.master import (
     Message,
     action,
     error_types,
+    header,
     node,
     status_of,
 )
@@ -29,13 +30,6 @@ from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import MAX_RECEIVED, ReceiveQueue
 
-HEADER = {
-    "headerId": 1,
-    "timestamp": "2024-01-01T00:00:00.000Z",
-    "version": "2.1.0",
-    "manufacturer": "Woosh",
-    "serialNumber": "30001",
-}
 STAND: dict[str, Any] = {
     "orderId": "bad",
     "orderUpdateId": 0,
@@ -45,15 +39,7 @@ STAND: dict[str, Any] = {
 
 
 def order(**changes: Any) -> bytes:
-    return json.dumps(HEADER | STAND | changes).encode()
-
-
-def message(topic: str, number: int) -> aiomqtt.Message:
-    return aiomqtt.Message(topic, b"{}", 0, False, number, None)
-
-
-def nested(depth: int) -> bytes:
-    return order().replace(b'"bad"', b"[" * depth + b"]" * depth)
+    return json.dumps(header() | STAND | changes).encode()
 
 
 RUBBISH = {
@@ -63,7 +49,7 @@ RUBBISH = {
     "UTF-16 without its mark": order().decode().encode("utf-16-be"),
     "UTF-32": order().decode().encode("utf-32"),
     "deep": b"[" * 1_000_000,
-    "nested": nested(300),
+    "nested": order().replace(b'"bad"', b"[" * 300 + b"]" * 300),
     "null": b"null",
     "list": b"[1, 2]",
     "wrong types": order(nodes=7),
@@ -262,11 +248,12 @@ async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
 
 
 def test_a_flood_on_one_topic_leaves_room_for_another() -> None:
+    an_order = aiomqtt.Message("order", b"{}", 0, False, 0, None)
     inbox = ReceiveQueue()
-    for number in range(2 * MAX_RECEIVED):
-        inbox.put_nowait(message("order", number))
-    inbox.put_nowait(message("instantActions", 0))
+    for _ in range(2 * MAX_RECEIVED):
+        inbox.put_nowait(an_order)
+    inbox.put_nowait(aiomqtt.Message("instantActions", b"{}", 0, False, 0, None))
     taken = [inbox.get_nowait().topic.value for _ in range(inbox.qsize())]
     assert taken == [*["order"] * MAX_RECEIVED, "instantActions"]
-    inbox.put_nowait(message("order", 0))
+    inbox.put_nowait(an_order)
     assert inbox.qsize() == 1

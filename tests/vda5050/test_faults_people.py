@@ -7,10 +7,8 @@ from contextlib import asynccontextmanager
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.conftest import EXEC, Site
-from tests.vda5050.master import START, Master, action, error_types, node
-from tests.vda5050.test_faults_chassis import ORDER, drive
-from tests.vda5050.test_faults_restart import idle, other_client, task_to
+from tests.vda5050.conftest import EXEC, ORDER, Site, task_to
+from tests.vda5050.master import START, Master, action, error_types, node, nodes_left
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.simulator.world.geometry import Pose
@@ -19,7 +17,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 @aio
 async def test_a_manual_mode_clears_the_order(site: Site) -> None:
     async with site.online() as master:
-        await drive(master, site.chassis)
+        await site.drive(master)
         site.chassis.set_key_switch(True)
         set_speed(site.chassis, 2.0)
         state = await master.wait_state(
@@ -29,7 +27,7 @@ async def test_a_manual_mode_clears_the_order(site: Site) -> None:
         assert state["orderId"] == "order"
         site.chassis.set_key_switch(False)
         await master.wait_state(lambda state: state["operatingMode"] == "AUTOMATIC")
-        await idle(site.chassis)
+        await site.idle()
         assert site.chassis.state.pose.x < 7.9
         assert site.chassis.counts[EXEC] == 1
 
@@ -47,10 +45,10 @@ async def test_an_order_in_a_manual_mode_is_rejected(site: Site) -> None:
 @aio
 async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(site: Site) -> None:
     async with site.online() as master:
-        await drive(master, site.chassis)
+        await site.drive(master)
         site.chassis.set_emergency_stop(True)
         state = await master.wait_state(lambda state: state["safetyState"]["eStop"] == "MANUAL")
-        assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
+        assert nodes_left(state) == "b"
         site.chassis.set_emergency_stop(False)
         await master.wait_state(lambda state: state["safetyState"]["eStop"] == "NONE")
         assert site.chassis.counts[EXEC] == 1
@@ -59,19 +57,19 @@ async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(site: 
 @aio
 async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(site: Site) -> None:
     async with site.online() as master:
-        await drive(master, site.chassis)
-        async with other_client(site.chassis) as gate:
+        await site.drive(master)
+        async with site.other_client() as gate:
             assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
         set_speed(site.chassis, 20.0)
         state = await master.error("drivingError")
-        assert [each["nodeId"] for each in state["nodeStates"]] == ["b"]
+        assert nodes_left(state) == "b"
         assert site.chassis.counts[EXEC] == 1
 
 
 @asynccontextmanager
 async def waiting_for(task: ExecTask, site: Site) -> AsyncIterator[Master]:
     """A master control whose order waits, because another client has started a task."""
-    async with site.online() as master, other_client(site.chassis) as gate:
+    async with site.online() as master, site.other_client() as gate:
         set_speed(site.chassis, 0.1)
         assert (await gate.request(task)).ok
         await master.wait_state(lambda state: state["driving"])  # so the task is reported
@@ -98,19 +96,19 @@ async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: 
         assert state["nodeStates"] == []
         assert site.chassis.counts[ORDER] == 0
         set_speed(site.chassis, 20.0)
-        await idle(site.chassis)
+        await site.idle()
         assert site.chassis.state.info.task_proc.state == task_pb2.kCompleted
 
 
 @aio
 async def test_an_order_does_not_go_on_where_somebody_has_left_the_robot(site: Site) -> None:
-    async with site.online() as master, other_client(site.chassis) as gate:
+    async with site.online() as master, site.other_client() as gate:
         first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
         master.order([first, second | {"released": False}])
         await master.accepted("order")
         assert (await gate.request(task_to(5.5, -6.8))).ok
         await eventually(lambda: abs(site.chassis.state.pose.x - 5.5) < 0.1)
-        await idle(site.chassis)
+        await site.idle()
         master.order([first, second], update=1)
         await master.error("interruptedError")
     assert site.chassis.counts[EXEC] == 1

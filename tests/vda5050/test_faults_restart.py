@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-import shutil
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,30 +11,24 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import set_speed
-from tests.tools.waiting import aio, eventually
-from tests.vda5050.conftest import EXEC, Site
-from tests.vda5050.connector_process import ConnectorProcess
-from tests.vda5050.master import START, Master, action, node
-from woosh_robot_agent.link import ChassisClient, LinkConfig
-from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
-from woosh_robot_agent.pb.util import action_pb2, task_pb2
-from woosh_robot_agent.pb.util.common_pb2 import Pose2D
-from woosh_robot_agent.simulator import SimulatorThread
+from tests.tools.waiting import TIMEOUT, aio, eventually
+from tests.vda5050.chassis_events import commands
+from tests.vda5050.conftest import EXEC, Site, left_by_a_kill, task_to
+from tests.vda5050.master import START, Master, action, node, nodes_left
+from tests.vda5050.programs import running_connector
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.vda5050 import store
 
 FILE = "uagv-Woosh-30001.json"
 FAST, NORMAL, HARDLY = 20.0, 1.0, 0.02
 """Speeds of the simulated time."""
-
-
-def nodes() -> list[dict[str, Any]]:
-    """Two legs: the robot turns to a heading at b."""
-    return [
-        node("a", 0, *START),
-        node("b", 2, 6.5, -7.0, theta=0.5),
-        node("c", 4, 8.0, -7.5, theta=0.0),
-    ]
+NODES = [
+    node("a", 0, *START),
+    node("b", 2, 6.5, -7.0, theta=0.5),
+    node("c", 4, 8.0, -7.5, theta=0.0),
+]
+"""Two legs: the robot turns to a heading at b."""
 
 
 def saved(folder: Path) -> dict[str, Any]:
@@ -46,40 +37,10 @@ def saved(folder: Path) -> dict[str, Any]:
     return content
 
 
-@asynccontextmanager
-async def other_client(chassis: SimulatorThread) -> AsyncIterator[MotionGate]:
-    """Another client of the robot, such as an agent or the vendor's app."""
-    async with ChassisClient(config=LinkConfig(ip="127.0.0.1", port=chassis.port)) as client:
-        yield MotionGate(client)
-
-
-def task_to(x: float, y: float) -> ExecTask:
-    return ExecTask(task_id=77, type=task_pb2.kPick, pose=Pose2D(x=x, y=y, theta=0.0))
-
-
-async def idle(chassis: SimulatorThread) -> None:
-    """Wait until the robot has no task."""
-    running = (task_pb2.kInit, task_pb2.kReady, task_pb2.kExecuting, task_pb2.kActionWait)
-    await eventually(lambda: chassis.state.info.task_proc.state not in running)
-
-
-def left_by_a_kill(folder: Path) -> Path:
-    """Return a copy of a state folder, as a connector that is killed at this moment leaves it."""
-    return Path(
-        shutil.copytree(
-            folder, folder.with_name(f"{folder.name}+"), ignore=shutil.ignore_patterns("*.lock")
-        )
-    )
-
-
 async def killed_while_driving(site: Site, master: Master, folder: Path) -> Path:
     """Send an order, kill the connector on the way to the first node, return its folder."""
-    set_speed(site.chassis, NORMAL)
     async with site.vehicle(state_folder=folder):
-        await master.online()
-        master.order(nodes())
-        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
-        set_speed(site.chassis, HARDLY)
+        await site.drive(master, NODES, then=HARDLY)
         left = left_by_a_kill(folder)
     master.received.clear()
     return left
@@ -88,23 +49,19 @@ async def killed_while_driving(site: Site, master: Master, folder: Path) -> Path
 @aio
 async def test_the_order_goes_on_after_kill_9(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
-        set_speed(site.chassis, NORMAL)
-        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
-            await master.online()
-            master.order(nodes())
-            await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
-            set_speed(site.chassis, HARDLY)
-            connector.kill()
+        with running_connector(site.chassis, site.broker.url, tmp_path):
+            await site.drive(master, NODES, then=HARDLY)
         await eventually(lambda: master.last("connection")["connectionState"] == "CONNECTIONBROKEN")
         master.received.clear()
-        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as connector:
+        with running_connector(site.chassis, site.broker.url, tmp_path) as connector:
             state = await master.accepted("order")
-            assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c"]
+            assert nodes_left(state) == "bc"
             assert site.chassis.counts[EXEC] == 1
             set_speed(site.chassis, FAST)
             ended = await master.reached("c")
             assert ended["errors"] == ended["nodeStates"] == []
-            assert connector.stop() == 0
+            connector.terminate()
+            assert connector.wait(TIMEOUT) == 0
         assert site.chassis.counts[EXEC] == 2
     for topic in ("state", "connection"):
         ids = [message["headerId"] for message in site.recorder.sent(topic)]
@@ -112,7 +69,7 @@ async def test_the_order_goes_on_after_kill_9(site: Site, tmp_path: Path) -> Non
 
 
 @aio
-async def test_a_second_kill_while_it_restores_loses_nothing(
+async def test_a_pause_survives_a_kill_and_a_second_one_while_it_is_restored(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[dict[str, Any]] = []
@@ -123,11 +80,8 @@ async def test_a_second_kill_while_it_restores_loses_nothing(
         replace_file(path, content)
 
     async with Master(site.broker.port) as master:
-        set_speed(site.chassis, NORMAL)
         async with site.vehicle(state_folder=tmp_path / "state"):
-            await master.online()
-            master.order(nodes())
-            await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.2)
+            await site.drive(master, NODES, then=NORMAL)
             master.instant(action("startPause", "pause"))
             await master.status("pause", "FINISHED")
             left = left_by_a_kill(tmp_path / "state")
@@ -136,8 +90,14 @@ async def test_a_second_kill_while_it_restores_loses_nothing(
         monkeypatch.setattr(store, "replace_file", replace_and_note)
         async with site.vehicle(state_folder=left):
             await master.wait_state(lambda state: state["orderId"] == "order" and state["paused"])
-    assert written
-    for record in written:
+            written_until_then = tuple(written)
+            master.instant(action("stopPause", "stop"))
+            await master.status("stop", "FINISHED")
+            set_speed(site.chassis, FAST)
+            await master.reached("c")
+    assert commands(site.chassis) == ["drive", "pause", "continue", "drive"]
+    assert written_until_then
+    for record in written_until_then:
         assert record["task_id"] == before["task_id"] != 0
         assert [each["id"] for each in record["instant_actions"]] == ["pause"]
 
@@ -149,7 +109,7 @@ async def test_the_order_goes_on_when_the_robot_has_arrived_meanwhile(
     async with Master(site.broker.port) as master:
         left = await killed_while_driving(site, master, tmp_path / "state")
         set_speed(site.chassis, FAST)
-        await idle(site.chassis)
+        await site.idle()
         async with site.vehicle(state_folder=left):
             ended = await master.reached("c")
             assert ended["errors"] == []
@@ -163,34 +123,34 @@ async def test_a_task_that_was_cancelled_meanwhile_is_not_repeated(
     async with Master(site.broker.port) as master:
         left = await killed_while_driving(site, master, tmp_path / "state")
         set_speed(site.chassis, NORMAL)
-        async with other_client(site.chassis) as gate:
+        async with site.other_client() as gate:
             assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
         set_speed(site.chassis, FAST)
-        await idle(site.chassis)
+        await site.idle()
         async with site.vehicle(state_folder=left):
             state = await master.error("drivingError")
-            assert [each["nodeId"] for each in state["nodeStates"]] == ["b", "c"]
+            assert nodes_left(state) == "bc"
             assert site.chassis.counts[EXEC] == 1
 
 
 @aio
 async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
-        first, second, third = nodes()
+        first, second, third = NODES
         async with site.vehicle(state_folder=tmp_path):
             await master.online()
             master.order([first, second, third | {"released": False}])
             await master.reached("b")
-        async with other_client(site.chassis) as gate:
+        async with site.other_client() as gate:
             assert (await gate.request(task_to(5.0, -6.7))).ok
             await eventually(lambda: abs(site.chassis.state.pose.x - 5.0) < 0.1)
-            await idle(site.chassis)
+            await site.idle()
         async with site.vehicle(state_folder=tmp_path):
             await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
             master.order([second, third], update=1)
             state = await master.error("interruptedError")
             assert state["orderUpdateId"] == 1
-            assert [each["nodeId"] for each in state["nodeStates"]] == ["c"]
+            assert nodes_left(state) == "c"
             assert site.chassis.counts[EXEC] == 2
 
 
@@ -202,7 +162,7 @@ async def test_a_task_whose_start_was_not_answered_is_found_again(
     async with Master(site.broker.port) as master:
         async with site.vehicle(state_folder=tmp_path / "state"):
             await master.online()
-            master.order(nodes()[:2])
+            master.order(NODES[:2])
             await eventually(lambda: site.chassis.counts[EXEC])
             left = left_by_a_kill(tmp_path / "state")
         async with site.vehicle(state_folder=left):
@@ -230,7 +190,7 @@ async def test_a_task_that_was_never_sent_is_not_driven(
             patched.setattr(store, "replace_file", replace_and_copy)
             async with site.vehicle(state_folder=folder):
                 await master.online()
-                master.order(nodes()[:2])
+                master.order(NODES[:2])
                 await eventually(left.exists)
         site.chassis.clear_faults()
         async with site.vehicle(state_folder=left):
@@ -251,7 +211,7 @@ async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
                 master.received.clear()
                 await eventually(lambda: master.state)
                 if not kills:
-                    master.order(nodes())
+                    master.order(NODES)
                     await master.accepted("order")
                 assert master.state["errors"] == []
                 further = site.chassis.state.odometer + chance.uniform(0.0, 0.3)
@@ -270,12 +230,12 @@ async def test_a_finished_order_is_not_driven_again(site: Site, tmp_path: Path) 
     async with Master(site.broker.port) as master:
         async with site.vehicle(state_folder=tmp_path):
             await master.online()
-            master.order(nodes()[:2])
+            master.order(NODES[:2])
             await master.reached("b")
         async with site.vehicle(state_folder=tmp_path):
             await master.online()
             count = len(master.received["state"])
-            master.order(nodes()[:2])
+            master.order(NODES[:2])
             master.instant({"actionId": "1", "actionType": "stateRequest", "blockingType": "NONE"})
             await eventually(lambda: len(master.received["state"]) > count)
             assert (master.state["orderId"], master.state["lastNodeId"]) == ("order", "b")
@@ -306,9 +266,11 @@ async def test_a_second_connector_on_the_same_machine_stays_offline(
     site: Site, tmp_path: Path
 ) -> None:
     async with site.online(state_folder=tmp_path) as master:
-        with ConnectorProcess(site.chassis, site.broker.url, tmp_path) as second:
-            await eventually(lambda: any("another connector uses" in each for each in second.lines))
-            assert second.stop() == 0
+        with running_connector(site.chassis, site.broker.url, tmp_path) as second:
+            log = tmp_path / "connector.log"
+            await eventually(lambda: "another connector uses" in log.read_text())
+            second.terminate()
+            assert second.wait(TIMEOUT) == 0
         assert master.state["errors"] == []
         assert len(site.recorder.sent("connection")) == 1
 

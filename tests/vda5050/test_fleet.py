@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import AsyncExitStack, ExitStack, contextmanager
+from contextlib import AbstractContextManager, AsyncExitStack, ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import Site, scene_with_start
 from tests.vda5050.master import START, Master, node
+from tests.vda5050.programs import ROOT, running
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -28,7 +29,6 @@ from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.program import Connector, VehicleNameFilter
 from woosh_robot_agent.vda5050.session import VehicleConfig
 
-ROOT = Path(__file__).resolve().parents[2]
 SERIALS = ("30001", "30002", "30003")
 
 
@@ -44,42 +44,30 @@ def robots() -> Iterator[list[SimulatorThread]]:
         ]
 
 
-def robots_file(path: Path, robots: list[SimulatorThread]) -> Path:
-    """Write the parameter file of an agent for the robots."""
+def running_fleet(
+    robots: list[SimulatorThread], broker: Mosquitto, folder: Path, *options: str
+) -> AbstractContextManager[subprocess.Popen[bytes]]:
+    """Run the connector in a block, for the robots that the parameter file of an agent lists."""
     names = [f"r{number}" for number, _ in enumerate(robots, 1)]
     sections: dict[str, Any] = {"/**": {"robots": [f"/{name}" for name in names]}}
     for name, robot in zip(names, robots, strict=True):
         sections[f"/{name}/agent"] = {"ip": "127.0.0.1", "port": robot.port, "publish_tf": True}
+    file = folder / "robots.yaml"
     # JSON is valid YAML
-    path.write_text(json.dumps({name: {"ros__parameters": of} for name, of in sections.items()}))
-    return path
-
-
-@contextmanager
-def running(*command: object, log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a Python program in a block; its output goes to a file."""
-    with log.open("wb") as output:
-        process = subprocess.Popen(
-            [sys.executable, *map(str, command)], cwd=ROOT, stdout=output, stderr=output
-        )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+    file.write_text(json.dumps({name: {"ros__parameters": of} for name, of in sections.items()}))
+    arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
+    return running(*arguments, *options, log=folder / "connector.log")
 
 
 @aio
 async def test_a_file_lists_the_robots_of_the_program(
     robots: list[SimulatorThread], broker: Mosquitto, recorder: Recorder, tmp_path: Path
 ) -> None:
-    file = robots_file(tmp_path / "robots.yaml", robots)
-    arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
     async with AsyncExitStack() as stack:  # before the program: the first state is not retained
         masters = [
             await stack.enter_async_context(Master(broker.port, serial)) for serial in SERIALS
         ]
-        with running(*arguments, log=tmp_path / "log") as program:
+        with running_fleet(robots, broker, tmp_path) as program:
             for master in masters:
                 await master.online()
             masters[1].order([])
@@ -91,7 +79,7 @@ async def test_a_file_lists_the_robots_of_the_program(
         (each["serialNumber"], each["connectionState"]) for each in recorder.sent("connection")
     ]
     assert sorted(states[-3:]) == [(serial, "OFFLINE") for serial in SERIALS]
-    log = (tmp_path / "log").read_text()
+    log = (tmp_path / "connector.log").read_text()
     assert "WARNING: r2: an order was rejected: the order has no node" in log
 
 
@@ -131,22 +119,16 @@ async def test_a_lost_robot_affects_only_its_own_vehicle(
 
 
 @aio
-async def test_the_state_may_go_out_while_driving(site: Site) -> None:
+async def test_the_state_may_go_out_while_driving_and_without_maps(site: Site) -> None:
     set_speed(site.chassis, 2.0)
-    async with site.online(limits=Limits(driving_state_interval=0.2)) as master:
+    limits = Limits(driving_state_interval=0.2, maps_in_state=False)
+    async with site.online(limits=limits) as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, -7.5)])
         await master.reached("b")
     states = site.recorder.sent("state")
     places = {state["agvPosition"]["x"] for state in states if state["driving"]}
     assert len([x for x in places if START[0] + 0.5 < x < 8.5]) >= 3, places
-
-
-@aio
-async def test_the_maps_may_be_left_out_of_the_state(site: Site) -> None:
-    async with site.online(limits=Limits(maps_in_state=False)) as master:
-        master.order([node("a", 0, *START), node("b", 2, 5.5, -6.5)])
-        await master.reached("b")
-    assert all("maps" not in state for state in site.recorder.sent("state"))
+    assert all("maps" not in state for state in states)
 
 
 @aio
@@ -165,10 +147,8 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
                 port=0, tcp_port=0, speed=20, robot_id=int(serial), scenes=(scene,)
             )
             robots.append(stack.enter_context(SimulatorThread(config)))
-        file = robots_file(tmp_path / "robots.yaml", robots)
-        arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
         async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
-            stack.enter_context(running(*arguments, log=tmp_path / "connector"))
+            stack.enter_context(running_fleet(robots, broker, tmp_path))
             program = stack.enter_context(
                 running(script, "--broker", f"127.0.0.1:{broker.port}", log=tmp_path / "master")
             )
@@ -198,13 +178,11 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
 async def test_the_page_shows_the_order_and_its_errors(
     robots: list[SimulatorThread], broker: Mosquitto, tmp_path: Path
 ) -> None:
-    file = robots_file(tmp_path / "robots.yaml", robots)
-    arguments = ("-m", "woosh_robot_agent.vda5050", "--robots", file, "--broker", broker.url)
-    with running(*arguments, "--dashboard", "0", log=tmp_path / "log"):
+    with running_fleet(robots, broker, tmp_path, "--dashboard", "0"):
         async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
             await one.online()
             await two.online()
-            url = re.search(r"dashboard ready at (\S+)", (tmp_path / "log").read_text())
+            url = re.search(r"dashboard ready at (\S+)", (tmp_path / "connector.log").read_text())
             assert url is not None
             async with page(url[1]) as viewer:
                 assert not (await viewer.command("stop"))[0]  # it only shows

@@ -23,11 +23,8 @@ def test_a_rational_curve_of_degree_two_is_an_arc() -> None:
     assert points[0] == pytest.approx((1, 0))
     assert points[-1] == pytest.approx((0, 1))
     assert [math.hypot(*point) for point in points] == pytest.approx([1.0] * len(points))
-
-
-def test_the_points_are_close_together() -> None:
-    points = curve_points(QUARTER)
     assert max(math.dist(before, after) for before, after in pairwise(points)) < 0.3
+    assert curve_defect(QUARTER) == ""
 
 
 def test_degree_one_is_a_polyline_of_its_control_points() -> None:
@@ -69,7 +66,3 @@ def test_a_very_long_curve_has_few_points() -> None:
 )
 def test_a_defect_is_told(bad: Trajectory, reason: str) -> None:
     assert reason in curve_defect(bad)
-
-
-def test_a_curve_has_no_defect() -> None:
-    assert curve_defect(QUARTER) == ""

@@ -8,7 +8,7 @@ from tests.vda5050.master import Message
 from tests.vda5050.master import action as message
 from tests.vda5050.orders import Robot, path, references
 from woosh_robot_agent.vda5050.actions.runner import action_types
-from woosh_robot_agent.vda5050.messages.factsheet import Scope, objection
+from woosh_robot_agent.vda5050.messages.factsheet import Scope, find_objection
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType, RejectedError
 from woosh_robot_agent.vda5050.messages.versions import V2_1, V3_0
@@ -134,7 +134,7 @@ def test_a_wrong_action_has_a_reason(
     scope: Scope, wrong: Message, reason: str, parameter: str
 ) -> None:
     given = {each["key"]: each["value"] for each in wrong["actionParameters"]}
-    found = objection(
+    found = find_objection(
         TYPES, Action("1", wrong["actionType"], BlockingType(wrong["blockingType"]), given), scope
     )
     assert found is not None
@@ -158,7 +158,7 @@ SCOPES: dict[str, set[Scope]] = {
 @pytest.mark.parametrize("name", [*SCOPES, "clearInstantActions"])
 def test_each_scope_is_checked(name: str) -> None:
     for scope in Scope:
-        found = objection(TYPES, Action("id", name), scope)
+        found = find_objection(TYPES, Action("id", name), scope)
         is_wrong_place = found is not None and (
             "not possible as" in found.reason or "has no action" in found.reason
         )

@@ -3,36 +3,26 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 
 from tests.vda5050.orders import Robot, action, at, given, path, place, references
-from woosh_robot_agent.vda5050.messages.order import BlockingType, ControlPoint, Order, Trajectory
+from woosh_robot_agent.vda5050.messages.order import (
+    BlockingType,
+    ControlPoint,
+    NodePosition,
+    Order,
+    Trajectory,
+)
 from woosh_robot_agent.vda5050.messages.state import ErrorLevel, ErrorType
-from woosh_robot_agent.vda5050.orders.legs import (
-    Control,
-    Drive,
-    EndAction,
-    Perform,
-)
+from woosh_robot_agent.vda5050.orders.legs import Control, Drive, EndAction, Perform
 
-NONE, SINGLE, SOFT, HARD = (
-    BlockingType.NONE,
-    BlockingType.SINGLE,
-    BlockingType.SOFT,
-    BlockingType.HARD,
-)
+NONE, SINGLE, SOFT, HARD = BlockingType
 
 
 def line(start: float, end: float) -> Trajectory:
     """A straight trajectory along the line of the nodes."""
     return Trajectory(1, (0.0, 0.0, 1.0, 1.0), (ControlPoint(start, 0.0), ControlPoint(end, 0.0)))
-
-
-def test_one_leg_covers_the_nodes_that_need_no_stop() -> None:
-    robot = given(path("abcd", "e"))
-    assert robot.legs == ["bcd"]
 
 
 def test_nodes_and_edges_are_removed_as_they_are_passed() -> None:
@@ -50,10 +40,13 @@ def test_nodes_between_two_reports_are_passed_too() -> None:
     assert robot.last == "c"
 
 
-def test_a_node_that_the_vehicle_bypasses_is_not_passed() -> None:
-    robot = given(path("abc", b=place(1.0, y=0.5)))
+@pytest.mark.parametrize(("deviation", "passed"), [(0.0, "a"), (0.6, "b")])
+def test_a_node_beside_the_way_is_passed_within_its_permitted_deviation(
+    deviation: float, passed: str
+) -> None:
+    robot = given(path("abc", b=place(1.0, y=0.5, deviation_xy=deviation)))
     robot.move(0.5, 1.0, 1.5)
-    assert robot.last == "a"
+    assert robot.last == passed
     robot.arrive()
     assert robot.last == "c"
 
@@ -69,30 +62,31 @@ def test_a_node_after_one_that_was_missed_is_passed_too() -> None:
     assert robot.last == "d"
 
 
-@pytest.mark.parametrize(
-    ("nodes", "way", "passed"),
-    [
-        # there and back: c lies on the way to b
-        ({"b": place(3.0), "c": place(2.0)}, [(1.0, 0.0), (2.0, 0.0), (2.6, 0.0)], "a"),
-        ({"b": place(3.0), "c": place(2.0)}, [(1.0, 0.0), (2.0, 0.0), (2.8, 0.0)], "b"),
-        (
-            {"b": place(3.0, y=0.6), "c": place(2.0)},
-            [(1.0, 0.0), (2.0, 0.0), (2.9, 0.0), (2.5, 0.0), (2.0, 0.0)],
-            "c",
-        ),
-        # a loop: d lies beside the start
-        ({"b": place(3.0), "c": place(3.0, y=3.0), "d": place(0.0, y=0.2)}, [(0.5, 0.0)], "a"),
-        # c permits a deviation that includes the way to b, on which the vehicle weaves
-        (
-            {"b": place(2.0), "c": place(4.0, deviation_xy=3.0)},
-            [(0.5, 0.5), (1.0, -0.3), (1.2, 0.3), (1.5, 0.0)],
-            "a",
-        ),
-    ],
-    ids=["on the way there", "there", "on the way back", "beside the start", "a wide deviation"],
-)
+THERE_AND_BACK = {"b": place(3.0), "c": place(2.0)}
+WAYS: dict[str, tuple[dict[str, NodePosition], list[tuple[float, float]], str]] = {
+    "on the way there": (THERE_AND_BACK, [(1.0, 0.0), (2.0, 0.0), (2.6, 0.0)], "a"),
+    "there": (THERE_AND_BACK, [(1.0, 0.0), (2.0, 0.0), (2.8, 0.0)], "b"),
+    "on the way back from a node that was missed": (
+        THERE_AND_BACK | {"b": place(3.0, y=0.6)},
+        [(1.0, 0.0), (2.0, 0.0), (2.9, 0.0), (2.5, 0.0), (2.0, 0.0)],
+        "c",
+    ),
+    "a loop that ends beside its start": (
+        {"b": place(3.0), "c": place(3.0, y=3.0), "d": place(0.0, y=0.2)},
+        [(0.5, 0.0)],
+        "a",
+    ),
+    "a wide deviation that includes the way to another node": (
+        {"b": place(2.0), "c": place(4.0, deviation_xy=3.0)},
+        [(0.5, 0.5), (1.0, -0.3), (1.2, 0.3), (1.5, 0.0)],
+        "a",
+    ),
+}
+
+
+@pytest.mark.parametrize(("nodes", "way", "passed"), WAYS.values(), ids=WAYS)
 def test_a_later_node_is_passed_only_after_the_way_to_it(
-    nodes: dict[str, Any], way: list[tuple[float, float]], passed: str
+    nodes: dict[str, NodePosition], way: list[tuple[float, float]], passed: str
 ) -> None:
     robot = given(path("abcde", **nodes))
     for x, y in way:
@@ -136,24 +130,25 @@ def test_actions_of_a_node_that_the_robot_has_left_far_behind_without_a_link_fai
     assert robot.actions == {"lift": "FAILED", "light": "INITIALIZING"}
 
 
+CORNER = {"b": place(2.0), "c": place(4.0), "d": place(4.0, y=2.0), "e": place(4.0, y=4.0)}
+FAR_AND_BACK = {"b": place(4.0), "c": place(3.0)}
+
+
 @pytest.mark.parametrize(
     ("nodes", "back", "then", "passed"),
     [
-        # round a corner
-        (
-            {"b": place(2.0), "c": place(4.0), "d": place(4.0, y=2.0), "e": place(4.0, y=4.0)},
-            (4.0, 1.9),
-            (4.0, 2.1),
-            "d",
+        pytest.param(CORNER, (4.0, 1.9), (4.0, 2.1), "d", id="round a corner"),
+        pytest.param(FAR_AND_BACK, (2.8, 0.0), (2.9, 0.0), "a", id="on the way there"),
+        pytest.param(
+            FAR_AND_BACK | {"d": place(0.0)}, (3.2, 0.0), (3.1, 0.0), "c", id="on the way back"
         ),
-        # there and back: c lies on the way to b
-        ({"b": place(4.0), "c": place(3.0)}, (2.8, 0.0), (2.9, 0.0), "a"),
-        ({"b": place(4.0), "c": place(3.0), "d": place(0.0)}, (3.2, 0.0), (3.1, 0.0), "c"),
     ],
-    ids=["round a corner", "on the way there", "on the way back"],
 )
 def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
-    nodes: dict[str, Any], back: tuple[float, float], then: tuple[float, float], passed: str
+    nodes: dict[str, NodePosition],
+    back: tuple[float, float],
+    then: tuple[float, float],
+    passed: str,
 ) -> None:
     robot = given(path("abcdef", **nodes))
     robot.move(0.5)
@@ -162,12 +157,6 @@ def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
     assert robot.last == "a"
     robot.machine.moved(at(*then), confirmed=True)
     assert robot.last == passed
-
-
-def test_a_permitted_deviation_lets_a_node_be_passed_at_a_distance() -> None:
-    robot = given(path("abc", b=place(1.0, y=0.5, deviation_xy=0.6)))
-    robot.move(1.5)
-    assert robot.last == "b"
 
 
 def test_the_end_of_a_leg_is_reached_when_the_drive_ends() -> None:
@@ -180,37 +169,24 @@ def test_the_end_of_a_leg_is_reached_when_the_drive_ends() -> None:
     assert not robot.machine.busy
 
 
-@pytest.mark.parametrize(
-    ("order", "legs"),
-    [
-        (path("abc", b=place(1.0, theta=1.0)), "b"),
-        (path("abc", b=place(1.0, theta=1.0, deviation_theta=math.pi)), "bc"),
-        (path("abc", actions={"b": [action("1", HARD)]}), "b"),
-        (path("abc", actions={"b": [action("1", SOFT)]}), "b"),
-        (path("abc", actions={"b": [action("1", NONE)]}), "bc"),
-        (path("abc", actions={"bc": [action("1", SOFT)]}), "b"),
-        (path("abc", edges={"ab": {"trajectory": line(0, 1)}}), "b"),
-        (path("abc", edges={"bc": {"trajectory": line(1, 2)}}), "b"),
-        (
-            path("abc", edges={"ab": {"trajectory": line(0, 1)}, "bc": {"trajectory": line(1, 2)}}),
-            "bc",
-        ),
-    ],
-    ids=[
-        "a heading",
-        "any heading",
-        "a hard action",
-        "a soft action",
-        "an action while driving",
-        "a soft action on the edge",
-        "the end of a trajectory",
-        "the begin of a trajectory",
-        "two trajectories",
-    ],
-)
+AB, BC = {"ab": {"trajectory": line(0, 1)}}, {"bc": {"trajectory": line(1, 2)}}
+LEGS = {
+    "the end of the base": (path("abcd", "e"), "bcd"),
+    "a heading": (path("abc", b=place(1.0, theta=1.0)), "b"),
+    "any heading": (path("abc", b=place(1.0, theta=1.0, deviation_theta=math.pi)), "bc"),
+    "a hard action": (path("abc", actions={"b": [action("1", HARD)]}), "b"),
+    "a soft action": (path("abc", actions={"b": [action("1", SOFT)]}), "b"),
+    "an action while driving": (path("abc", actions={"b": [action("1", NONE)]}), "bc"),
+    "a soft action on the edge": (path("abc", actions={"bc": [action("1", SOFT)]}), "b"),
+    "the end of a trajectory": (path("abc", edges=AB), "b"),
+    "the begin of a trajectory": (path("abc", edges=BC), "b"),
+    "two trajectories": (path("abc", edges=AB | BC), "bc"),
+}
+
+
+@pytest.mark.parametrize(("order", "legs"), LEGS.values(), ids=LEGS)
 def test_where_a_leg_ends(order: Order, legs: str) -> None:
-    robot = given(order)
-    assert robot.legs == [legs]
+    assert given(order).legs == [legs]
 
 
 def test_a_long_order_is_driven_in_parts() -> None:
@@ -230,10 +206,11 @@ def test_the_next_leg_begins_when_the_blocking_action_has_ended() -> None:
     assert robot.actions == {"pick": "FINISHED"}
 
 
-def test_actions_of_the_first_node_start_before_the_drive() -> None:
-    robot = given(path("ab", actions={"a": [action("pick")]}))
-    assert robot.legs == []
-    robot.finish("pick")
+@pytest.mark.parametrize("place_of_action", ["a", "ab"], ids=["the first node", "the edge"])
+def test_a_blocking_action_ends_before_the_vehicle_drives(place_of_action: str) -> None:
+    robot = given(path("ab", actions={place_of_action: [action("lift", SOFT)]}))
+    assert (robot.legs, robot.actions) == ([], {"lift": "INITIALIZING"})
+    robot.finish("lift")
     assert robot.legs == ["b"]
 
 
@@ -268,13 +245,6 @@ def test_an_action_of_an_edge_that_could_not_start_fails_at_its_end() -> None:
     robot = given(path("abc", actions=actions))
     robot.move(1.0)
     assert robot.actions == {"long": "INITIALIZING", "alone": "FAILED"}
-
-
-def test_a_blocking_action_of_an_edge_ends_before_the_vehicle_drives() -> None:
-    robot = given(path("ab", actions={"ab": [action("lift", SOFT)]}))
-    assert (robot.legs, robot.actions) == ([], {"lift": "INITIALIZING"})
-    robot.finish("lift")
-    assert robot.legs == ["b"]
 
 
 def test_the_vehicle_stops_at_the_end_of_the_base() -> None:

@@ -40,10 +40,6 @@ def test_a_node_without_position_is_at_the_mark_of_its_name() -> None:
     assert (node.mark, node.position) == ("b", replace(MARK, theta=None))
 
 
-def test_a_node_with_a_position_is_driven_to_by_it() -> None:
-    assert with_b(place(1.0)).nodes[1].mark == ""
-
-
 @pytest.mark.parametrize(
     ("position", "mark"),
     [
@@ -61,8 +57,9 @@ def test_where_the_vehicle_works_it_drives_to_the_mark_at_the_same_place(
     assert with_b(position, [action("pick")]).nodes[1].mark == mark
 
 
-def test_an_action_while_driving_needs_no_mark() -> None:
-    assert with_b(place(1.0), [action("speak", BlockingType.NONE)]).nodes[1].mark == ""
+@pytest.mark.parametrize("actions", [[], [action("speak", BlockingType.NONE)]])
+def test_where_the_vehicle_does_not_work_it_drives_to_the_position(actions: list[Action]) -> None:
+    assert with_b(place(1.0), actions).nodes[1].mark == ""
 
 
 def test_the_robot_drives_to_a_mark_by_a_task_of_its_own() -> None:

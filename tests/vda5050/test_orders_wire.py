@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
+from tests.vda5050.chassis_events import received
 from tests.vda5050.conftest import Site
 from tests.vda5050.master import (
     START,
@@ -19,10 +19,10 @@ from tests.vda5050.master import (
     action,
     edge,
     node,
+    nodes_left,
     references,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
-from woosh_robot_agent.simulator import SimulatorThread
 
 X, Y = START
 STEP = 0.8
@@ -46,13 +46,39 @@ def line(names: str, *, released: int, first: int = 0) -> list[Message]:
     ]
 
 
-def ids(states: Iterable[Message], key: str) -> str:
-    return "".join(each[key] for each in states)
+@aio
+async def test_an_order_of_two_nodes_is_driven(site: Site) -> None:
+    async with site.online() as master:
+        assert master.state["orderId"] == ""
+        assert master.state["operatingMode"] == "AUTOMATIC"
+        assert "distanceSinceLastNode" not in master.state
+        assert master.state["agvPosition"]["x"] == pytest.approx(START[0])
+
+        master.order([node("a", 0, *START), node("b", 2, 7.0, -7.0, theta=0.5)])
+        accepted = await master.accepted("order")
+        assert accepted["lastNodeId"] == "a"
+        await master.reached("b")
+        ended = await master.wait_state(lambda state: not state["driving"])
+
+        assert ended["nodeStates"] == ended["edgeStates"] == ended["errors"] == []
+        assert ended["lastNodeSequenceId"] == 2
+    pose = site.chassis.state.pose
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, -7.0, 0.5), abs=0.05)
 
 
-def requests(chassis: SimulatorThread, kind: type[Any]) -> list[Any]:
-    """Messages of a type that the chassis has received."""
-    return [each.message for each in chassis.received if isinstance(each.message, kind)]
+@aio
+async def test_the_connection_is_reported_and_the_factsheet_kept(site: Site) -> None:
+    async with Master(site.broker.port) as master:
+        async with site.vehicle():
+            await master.online()
+        await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
+    await eventually(lambda: len(site.recorder.sent("connection")) == 2)
+    first, last = site.recorder.sent("connection")
+    assert (first["connectionState"], last["connectionState"]) == ("ONLINE", "OFFLINE")
+    assert (first["headerId"], last["headerId"]) == (0, 1)  # the one of the last will is free again
+    async with Master(site.broker.port) as late:
+        await eventually(lambda: late.last("factsheet"))
+        assert late.last("connection")["connectionState"] == "OFFLINE"
 
 
 @aio
@@ -64,7 +90,7 @@ async def test_the_example_of_the_standard_is_extended_while_it_is_driven(site: 
         master.order(line("fdgbh", released=3), order_id="1234")
         first = await seen(master, lambda state: state["orderId"] == "1234")
         assert first["lastNodeId"] == "f"
-        assert ids(first["nodeStates"], "nodeId") == "dgbh"
+        assert nodes_left(first) == "dgbh"
         assert [each["released"] for each in first["nodeStates"]] == [True, True, False, False]
         assert [each["released"] for each in first["edgeStates"]] == [True, True, False, False]
         set_speed(site.chassis, usual)
@@ -72,13 +98,13 @@ async def test_the_example_of_the_standard_is_extended_while_it_is_driven(site: 
 
         master.order(line("gbhi", released=3, first=2), order_id="1234", update=1)
         second = await seen(master, lambda state: state["orderUpdateId"] == 1)
-        left = ids(second["nodeStates"], "nodeId")
+        left = nodes_left(second)
         assert "dgbhi".endswith(second["lastNodeId"] + left), "every node is either passed or left"
         assert left.endswith("i"), "the horizon is not driven to"
         ended = await master.wait_state(
             lambda state: state["lastNodeId"] == "h" and not state["driving"]
         )
-        assert ids(ended["nodeStates"], "nodeId") == "i"
+        assert nodes_left(ended) == "i"
         assert ended["lastNodeSequenceId"] == 8
         assert ended["newBaseRequest"]
         assert ended["errors"] == []
@@ -87,7 +113,7 @@ async def test_the_example_of_the_standard_is_extended_while_it_is_driven(site: 
         # the robot may pass two nodes between two reports
         assert passed == [name for name in "fdgbh" if name in passed]
     assert site.chassis.state.pose.x == pytest.approx(X + 4 * STEP, abs=0.05)
-    assert len(requests(site.chassis, ExecTask)) == 2
+    assert len(received(site.chassis, ExecTask)) == 2
 
 
 def order_with(end: Message | None = None, **fields: Any) -> Message:
@@ -151,6 +177,16 @@ REJECTED: dict[str, tuple[Message, str, dict[str, str]]] = {
         "orderError",
         {"nodeId": "b", "actionId": "1", "actionType": "fly"},
     ),
+    "an action with a wrong parameter": (
+        order_with(node("b", 2, X, Y, actions=[action("step", "1", distance=100.0)])),
+        "orderError",
+        {"nodeId": "b", "actionType": "step", "actionParameter": "distance"},
+    ),
+    "an action of another place": (
+        order_with(actions=[action("pick", "1")]),
+        "orderError",
+        {"edgeId": "a-b", "actionId": "1", "actionType": "pick"},
+    ),
     "too slow": (order_with(maxSpeed=0.0), "orderError", {"parameter": "maxSpeed"}),
     "a trajectory that ends elsewhere": (
         order_with(trajectory=curve(START, (X, Y + 1.0))),
@@ -170,25 +206,22 @@ async def test_what_the_vehicle_cannot_do_is_rejected_with_references(site: Site
         assert not supported & {"order.edges.corridor", "order.zoneSetId"}
 
         for number, (what, (content, kind, expected)) in enumerate(REJECTED.items()):
-            name = f"bad-{number}"
+            name = f"bad {number}."
             master.send("order", {"orderId": name, "orderUpdateId": 0} | content)
-
-            def told(state: Message, name: str = name) -> bool:
-                found = [references(error) for error in state["errors"]]
-                return any(each.get("orderId") == name for each in found)
-
-            state = await master.wait_state(told, what)
+            state = await master.wait_state(
+                lambda state, name=name: name in str(state["errors"]), what
+            )
             (error,) = state["errors"]
             assert (error["errorType"], error["errorLevel"]) == (kind, "WARNING"), what
+            expected = {"orderId": name, "orderUpdateId": "0"} | expected
             assert references(error).items() >= expected.items(), what
-            assert references(error)["orderUpdateId"] == "0"
-            assert state["orderId"] == ""
+            assert (state["orderId"], state["actionStates"]) == ("", [])
 
         master.send("order", {"orderId": "good", "orderUpdateId": 0} | order_with())
         accepted = await master.accepted("good")
         assert accepted["errors"] == []
         await master.reached("b")
-    assert len(requests(site.chassis, ExecTask)) == 1
+    assert len(received(site.chassis, ExecTask)) == 1
 
 
 @aio
@@ -205,18 +238,10 @@ async def test_a_robot_that_does_not_know_its_position_takes_no_order(site: Site
 @aio
 async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(site: Site) -> None:
     async with site.online() as master:
-        await asyncio.to_thread(site.chassis.wait_received, "woosh.map.SceneData")
         mark = {"nodeId": "K10", "sequenceId": 2, "released": True, "actions": []}
-
-        async def sent() -> bool:
-            master.order([node("a", 0, *START), mark])
-            await eventually(lambda: master.state["orderId"] or master.state["errors"])
-            return bool(master.state["orderId"])
-
-        while not await sent():  # until the marks have arrived
-            pass
+        await master.order_until_accepted([node("a", 0, *START), mark])
         await master.reached("K10")
-    (task,) = requests(site.chassis, ExecTask)
+    (task,) = received(site.chassis, ExecTask)
     assert task.mark_no == "K10"
     pose = site.chassis.state.pose
     assert (pose.x, pose.y) == pytest.approx((8.0, -4.0), abs=0.05)
@@ -230,7 +255,7 @@ async def test_speed_limits_are_sent_on_entering_an_edge(site: Site) -> None:
             nodes, [edge(nodes[0], nodes[1], maxSpeed=0.3), edge(nodes[1], nodes[2], maxSpeed=1.2)]
         )
         await master.reached("c")
-    modes = [each.nav_mode for each in requests(site.chassis, ChangeNavMode)]
+    modes = [each.nav_mode for each in received(site.chassis, ChangeNavMode)]
     assert [mode.max_speed for mode in modes] == pytest.approx([0.3, 1.2])
 
 
@@ -250,4 +275,4 @@ async def test_a_refused_speed_limit_ends_the_drive(site: Site) -> None:
         assert references(error)["orderId"] == "order"
         state = await master.wait_state(lambda state: not state["driving"])
         assert state["nodeStates"]
-    assert len(requests(site.chassis, ChangeNavMode)) == 1
+    assert len(received(site.chassis, ChangeNavMode)) == 1

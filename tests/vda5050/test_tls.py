@@ -14,14 +14,11 @@ from pathlib import Path
 import pytest
 
 from tests.tools.waiting import aio, eventually
-from tests.vda5050.broker import Mosquitto, Recorder, free_port, mosquitto_path
+from tests.vda5050.broker import Mosquitto, free_port, mosquitto_path
 from tests.vda5050.certificates import Authority, openssl_path
+from tests.vda5050.conftest import Site
 from tests.vda5050.master import Master
-from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
-from woosh_robot_agent.vda5050.program import Connector
-from woosh_robot_agent.vda5050.session import VehicleConfig
 
 SERIAL = "30001"
 """Serial number of the simulated robot, and its user name."""
@@ -90,53 +87,38 @@ class SecureMosquitto(Mosquitto):
 def broker(tmp_path: Path) -> Iterator[SecureMosquitto]:
     if mosquitto_path() is None or openssl_path() is None:
         pytest.skip("mosquitto or openssl is not installed")
-    mosquitto = SecureMosquitto(tmp_path)
-    mosquitto.start()
-    try:
+    with SecureMosquitto(tmp_path) as mosquitto:
         yield mosquitto
-    finally:
-        mosquitto.stop()
 
 
-def options(*arguments: object, **environment: str) -> BrokerConfig:
+def options(url: str, *arguments: object, **environment: str) -> BrokerConfig:
     """The broker as the command line of the connector gives it."""
     parser = argparse.ArgumentParser()
     add_broker_options(parser)
-    return broker_config(parser.parse_args([str(each) for each in arguments]), environment)
+    return broker_config(parser.parse_args(["--broker", url, *map(str, arguments)]), environment)
 
 
-class Running:
-    """A vehicle of a simulated chassis at a broker, in a block."""
-
-    def __init__(self, chassis: SimulatorThread, config: BrokerConfig, serial: str = "") -> None:
-        link = LinkConfig(ip="127.0.0.1", port=chassis.port)
-        vehicle = VehicleConfig(link, serial_number=serial)
-        self._connector = Connector({"": vehicle}, config)
-
-    async def __aenter__(self) -> None:
-        self._connector.start()
-
-    async def __aexit__(self, *error: object) -> None:
-        await self._connector.close()
+Login = Callable[[SecureMosquitto, Path], BrokerConfig]
+UNTRUSTED = ("certificate verify failed", "certificate of the broker's authority")
 
 
 def password_from_file(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
     file = folder / "password"
     file.write_text(PASSWORD + "\n")
     url = f"mqtt://127.0.0.1:{broker.password_port}"
-    return options("--broker", url, "--username", SERIAL, "--password-file", file)
+    return options(url, "--username", SERIAL, "--password-file", file)
 
 
 def tls_and_password_from_environment(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
     url = f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"
     ca = broker.authority.certificate
-    return options("--broker", url, "--ca-file", ca, VDA5050_PASSWORD=PASSWORD)
+    return options(url, "--ca-file", ca, VDA5050_PASSWORD=PASSWORD)
 
 
 def client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
     certificate, key = broker.authority.issue(SERIAL)
     return options(
-        *("--broker", f"mqtts://127.0.0.1:{broker.certificate_port}"),
+        f"mqtts://127.0.0.1:{broker.certificate_port}",
         *("--ca-file", broker.authority.certificate),
         *("--cert-file", certificate, "--key-file", key),
     )
@@ -146,27 +128,20 @@ def client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
     "login", [password_from_file, tls_and_password_from_environment, client_certificate]
 )
 @aio
-async def test_a_login(
-    broker: SecureMosquitto,
-    chassis: SimulatorThread,
-    recorder: Recorder,
-    tmp_path: Path,
-    login: Callable[[SecureMosquitto, Path], BrokerConfig],
-) -> None:
-    async with Master(broker.port) as master, Running(chassis, login(broker, tmp_path)):
+async def test_a_login(site: Site, tmp_path: Path, login: Login) -> None:
+    config = login(site.broker, tmp_path)
+    async with Master(site.broker.port) as master, site.vehicle(config):
         await master.online()
 
 
 @aio
 async def test_a_wrong_password_is_said_once_and_the_right_one_is_never_shown(
-    broker: SecureMosquitto, chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
-    config = options(
-        *("--broker", f"mqtt://127.0.0.1:{broker.password_port}", "--username", SERIAL),
-        VDA5050_PASSWORD="wrong secret",
-    )
+    url = f"mqtt://{SERIAL}@127.0.0.1:{site.broker.password_port}"
+    config = options(url, VDA5050_PASSWORD="wrong secret")
     with caplog.at_level(logging.INFO):
-        async with Running(chassis, config):
+        async with site.vehicle(config):
             await eventually(lambda: refusals(caplog))
             await asyncio.sleep(1.5)  # time for further attempts
     (refusal,) = refusals(caplog)
@@ -183,73 +158,67 @@ def refusals(caplog: pytest.LogCaptureFixture) -> list[str]:
     ]
 
 
+def certificate_of_another_authority(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
+    url = f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"
+    ca = Authority(folder / "stranger").certificate
+    return options(url, "--ca-file", ca, VDA5050_PASSWORD=PASSWORD)
+
+
+def certificate_that_the_system_does_not_trust(
+    broker: SecureMosquitto, folder: Path
+) -> BrokerConfig:
+    url = f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"
+    return options(url, VDA5050_PASSWORD=PASSWORD)
+
+
+def certificate_of_another_name(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
+    url = f"mqtts://{SERIAL}@localhost:{broker.tls_port}"
+    ca = broker.authority.certificate
+    return options(url, "--ca-file", ca, VDA5050_PASSWORD=PASSWORD)
+
+
+def no_client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
+    url = f"mqtts://127.0.0.1:{broker.certificate_port}"
+    return options(url, "--ca-file", broker.authority.certificate)
+
+
+@pytest.mark.parametrize(
+    ("login", "reasons"),
+    [
+        (certificate_of_another_authority, UNTRUSTED),
+        (certificate_that_the_system_does_not_trust, UNTRUSTED),
+        (certificate_of_another_name, UNTRUSTED),
+        (no_client_certificate, ()),
+    ],
+)
 @aio
-async def test_a_broker_with_a_certificate_of_somebody_else_is_not_trusted(
-    broker: SecureMosquitto,
-    chassis: SimulatorThread,
-    recorder: Recorder,
+async def test_without_the_right_certificates_there_is_no_connection(
+    site: Site,
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
+    login: Login,
+    reasons: tuple[str, ...],
 ) -> None:
-    stranger = Authority(tmp_path / "stranger")
-    url = f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"
-    trusted = options("--broker", url, "--ca-file", stranger.certificate, VDA5050_PASSWORD=PASSWORD)
-    system = options("--broker", url, VDA5050_PASSWORD=PASSWORD)
-    for config in (trusted, system):
-        caplog.clear()
-        async with Running(chassis, config):
-            await eventually(lambda: refusals(caplog))
-        assert "certificate verify failed" in refusals(caplog)[0]
-        assert "certificate of the broker's authority" in refusals(caplog)[0]
-    assert recorder.messages == []
-
-
-@aio
-async def test_a_broker_with_another_name_than_its_certificate_is_not_trusted(
-    broker: SecureMosquitto, chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
-) -> None:
-    config = options(
-        *("--broker", f"mqtts://{SERIAL}@localhost:{broker.tls_port}"),
-        *("--ca-file", broker.authority.certificate),
-        VDA5050_PASSWORD=PASSWORD,
-    )
-    async with Running(chassis, config):
+    async with site.vehicle(login(site.broker, tmp_path)):
         await eventually(lambda: refusals(caplog))
-    assert "certificate verify failed" in refusals(caplog)[0]
-
-
-@aio
-async def test_without_a_client_certificate_the_broker_refuses(
-    broker: SecureMosquitto,
-    chassis: SimulatorThread,
-    recorder: Recorder,
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    config = options(
-        *("--broker", f"mqtts://127.0.0.1:{broker.certificate_port}"),
-        *("--ca-file", broker.authority.certificate),
-    )
-    async with Running(chassis, config):
-        await eventually(lambda: refusals(caplog))
-    assert recorder.messages == []
+    assert all(reason in refusals(caplog)[0] for reason in reasons)
+    assert site.recorder.messages == []
 
 
 @aio
 async def test_a_vehicle_may_use_its_own_topics_only(
-    broker: SecureMosquitto,
-    chassis: SimulatorThread,
-    recorder: Recorder,
-    caplog: pytest.LogCaptureFixture,
+    site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
-    config = BrokerConfig("127.0.0.1", broker.password_port, username=SERIAL, password=PASSWORD)
-    async with Master(broker.port) as master:
+    port = site.broker.password_port
+    config = BrokerConfig("127.0.0.1", port, username=SERIAL, password=PASSWORD)
+    async with Master(site.broker.port) as master:
         with caplog.at_level(logging.INFO):
-            async with Running(chassis, config, "other"):  # it takes the name of another vehicle
+            async with site.vehicle(config, serial_number="other"):  # not that of the user name
                 await eventually(lambda: "connected to the broker" in caplog.text)
-        async with Running(chassis, config):
+        async with site.vehicle(config):
             await master.online()
         await eventually(lambda: master.last("connection")["connectionState"] == "OFFLINE")
-    assert {topic.split("/")[3] for topic, _ in recorder.messages} == {SERIAL}
+    assert {topic.split("/")[3] for topic, _ in site.recorder.messages} == {SERIAL}
 
 
 def test_the_documented_rights_are_those_of_the_tests() -> None:
@@ -259,15 +228,15 @@ def test_the_documented_rights_are_those_of_the_tests() -> None:
 @pytest.mark.parametrize(
     ("arguments", "environment", "text"),
     [
-        (["--broker", "http://host"], {}, "begins with mqtt"),
-        (["--broker", "mqtt://host:99999"], {}, "out of range"),
-        (["--broker", "mqtt://host", "--ca-file", "ca.crt"], {}, "needs TLS"),
-        (["--broker", "mqtts://host", "--ca-file", "/none/ca.crt"], {}, "No such file"),
-        (["--broker", "mqtts://host", "--key-file", "k"], {}, "--key-file needs --cert-file"),
-        (["--broker", "mqtts://host", "--cert-file", "/none/c"], {}, "No such file"),
-        (["--broker", "mqtt://host"], {"VDA5050_PASSWORD": "x"}, "needs a user name"),
-        (["--broker", "mqtt://u@host", "--password-file", "/none/p"], {}, "No such file"),
-        (["--broker", "mqtt://u@host", "--password-file", os.devnull], {}, "no password in"),
+        (["http://host"], {}, "begins with mqtt"),
+        (["mqtt://host:99999"], {}, "out of range"),
+        (["mqtt://host", "--ca-file", "ca.crt"], {}, "needs TLS"),
+        (["mqtts://host", "--ca-file", "/none/ca.crt"], {}, "No such file"),
+        (["mqtts://host", "--key-file", "k"], {}, "--key-file needs --cert-file"),
+        (["mqtts://host", "--cert-file", "/none/c"], {}, "No such file"),
+        (["mqtt://host"], {"VDA5050_PASSWORD": "x"}, "needs a user name"),
+        (["mqtt://u@host", "--password-file", "/none/p"], {}, "No such file"),
+        (["mqtt://u@host", "--password-file", os.devnull], {}, "no password in"),
     ],
 )
 def test_a_wrong_option_is_refused_with_its_reason(
@@ -285,4 +254,4 @@ def test_an_encrypted_key_is_refused_instead_of_asking_for_its_password(tmp_path
     encrypted = tmp_path / "encrypted.key"
     authority.run("ec", "-in", key, "-aes256", "-passout", "pass:1234", "-out", encrypted)
     with pytest.raises(ValueError, match="the private key is encrypted"):
-        options("--broker", "mqtts://host", "--cert-file", certificate, "--key-file", encrypted)
+        options("mqtts://host", "--cert-file", certificate, "--key-file", encrypted)

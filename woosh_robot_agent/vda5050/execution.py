@@ -57,7 +57,7 @@ _OTHER_MOTION = (
     Sentence("vda.driven", "something else drives the robot")(),
     "wait for its end, or cancel the order",
 )
-"""Cause and hint if something else drives the robot, in no task of `_OTHER_TASKS`."""
+"""Cause and hint if something else drives the robot, but no task in `_OTHER_TASKS`."""
 _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
     task.kCharge: (
         Sentence(
@@ -127,7 +127,7 @@ class Execution:
     # Motion, pause and errors
 
     @property
-    def own_motion(self) -> bool:
+    def has_own_motion(self) -> bool:
         """True while the robot moves, by its last report, and nothing else drives it."""
         is_moving = self.robot.is_driving and self.robot.is_automatic
         return is_moving and not self._is_driven_otherwise
@@ -135,7 +135,7 @@ class Execution:
     @property
     def is_driving(self) -> bool:
         """True while the robot drives along the order, or still moves afterwards."""
-        return (self.order.driving and not self.drive.stays_paused) or self.own_motion
+        return (self.order.driving and not self.drive.stays_paused) or self.has_own_motion
 
     @property
     def may_act(self) -> bool:
@@ -148,6 +148,7 @@ class Execution:
         if self.pause_wanted:
             is_drive_paused = not self.order.driving or self.drive.stays_paused
             return is_drive_paused and self.calls.all_paused and self.tasks.stays_paused
+        # a drive that waits for an instant action is held, too, but the vehicle is not paused
         return self.drive.paused and not self.order.held
 
     @property
@@ -174,7 +175,7 @@ class Execution:
         return not (self.order.acting or self.active)  # an action may set the position
 
     def errors(self) -> list[VehicleError]:
-        """Return the reasons why the order or the robot waits, and the error of a lost link."""
+        """Return errors that tell why the order or the robot waits, and that of a lost link."""
         errors = []
         order = self.order.status
         if not self.link.ready:
@@ -262,7 +263,7 @@ class Execution:
         self.link.changed()
 
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
-        """Report why an action failed; to be called before `action_changed`."""
+        """Report why an action failed; to be called before `action_changed`, which ends it."""
         if kind is ErrorType.INTERRUPTED:
             kind = ErrorType.ACTION  # the order is interrupted; the action has failed
             if need_standstill((action,)):
@@ -325,6 +326,6 @@ class Execution:
         may_drive = self.may_act and self.robot.is_automatic and not self.tasks.id
         return self.order.poll(
             may_drive=may_drive and not self._is_driven_otherwise,
-            # cancelOrder empties the order itself, so that one state message shows both ends
-            may_empty=not self.own_motion and not self.instant.runs(CANCEL_ORDER),
+            # cancelOrder itself empties the order, so that both end in the same state message
+            may_empty=not self.has_own_motion and not self.instant.runs(CANCEL_ORDER),
         )

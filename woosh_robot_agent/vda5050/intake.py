@@ -10,7 +10,7 @@ from dataclasses import replace
 from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.execution import Execution
-from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes, Scope, objection
+from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes, Scope, find_objection
 from woosh_robot_agent.vda5050.messages.geometry import Point, curve_defect, curve_points
 from woosh_robot_agent.vda5050.messages.order import MAX_NODES, Action, Edge, Node, Order
 from woosh_robot_agent.vda5050.messages.reading import (
@@ -72,9 +72,7 @@ class OrderCheck:
         self._check_mode(status)
         if status is not None and status.position is not None and not status.position.initialised:
             raise self._error(
-                ErrorType.NOT_AVAILABLE,
-                _NO_POSITION(),
-                "place it on the map with initPosition",
+                ErrorType.NOT_AVAILABLE, _NO_POSITION(), "place it on the map with initPosition"
             )
         if self._order.unsupported:
             raise self._unsupported(self._order.unsupported, _ORDER())
@@ -137,13 +135,13 @@ class OrderCheck:
                 parameter="nodePosition",
             )
         place = status.position if status is not None else None
-        maps = {place.map_id} if place is not None else set()
-        maps |= {each.id for each in (status.maps or ())} if status is not None else set()
-        if node.position.map_id not in maps:
+        known = {place.map_id} if place is not None else set()
+        known |= {each.id for each in (status.maps or ())} if status is not None else set()
+        if node.position.map_id not in known:
             raise self._error(
                 ErrorType.UNKNOWN_MAP,
                 _NO_MAP(map=node.position.map_id),
-                f"use one of its maps: {', '.join(sorted(maps)) or 'it has no position on any'}",
+                f"use one of its maps: {', '.join(sorted(known)) or 'it has no position on any'}",
                 nodeId=node.id,
                 mapId=node.position.map_id,
             )
@@ -167,15 +165,15 @@ class OrderCheck:
 
     def _check_actions(self, actions: Iterable[Action], scope: Scope, **place: str) -> None:
         for action in actions:
-            if wrong := objection(self._types, action, scope):
+            if objection := find_objection(self._types, action, scope):
                 raise self._error(
                     ErrorType.ORDER_ACTION,
-                    wrong.reason,
+                    objection.reason,
                     "see the factsheet for the actions of the vehicle",
                     **place,
                     actionId=action.id,
                     actionType=action.type,
-                    **wrong.references,
+                    **objection.references,
                 )
 
     def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:
@@ -210,7 +208,7 @@ _LOG = logging.getLogger(__name__)
 class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
 
-    Each message has one method, which returns False if the state of the vehicle has not changed.
+    Each topic has one method, which returns False if the state of the vehicle has not changed.
 
     Attributes:
         message_error: why the last message with instant actions or zones was rejected; None if the
@@ -238,9 +236,8 @@ class Intake:
             if received == self._order:
                 return False
             here = execution.robot.position
-            order = with_marks(
-                received, "" if here is None else here.map_id, execution.maps.find_mark
-            )
+            map_id = "" if here is None else here.map_id
+            order = with_marks(received, map_id, execution.maps.find_mark)
             kind = execution.order.receive(order, self._check)
         except RejectedError as rejected:
             self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")

@@ -164,7 +164,7 @@ class MqttConnection:
         while True:
             self._connected_at = math.inf
             try:
-                await self._connect()
+                await self._serve_connection()
                 reason = "the broker closed it"
             except (aiomqtt.MqttError, OSError) as error:
                 reason = _explained(error)
@@ -182,8 +182,8 @@ class MqttConnection:
             )
             await asyncio.sleep(backoff.next())
 
-    async def _connect(self) -> None:
-        """Serve one connection until it breaks.
+    async def _serve_connection(self) -> None:
+        """Connect, and serve the connection until it ends.
 
         Raises:
             MqttError: the connection failed.
@@ -222,7 +222,7 @@ class MqttConnection:
             try:
                 done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
                 for each in done:
-                    each.result()
+                    each.result()  # raises the exception of the task
             finally:
                 for each in work:
                     each.cancel()
@@ -255,11 +255,11 @@ class MqttConnection:
 
 
 class _Client(aiomqtt.Client):
-    """The client of aiomqtt, without its tracebacks of asyncio when the connection ends.
+    """The client of aiomqtt, without three errors of its release 2.5.1.
 
-    The tracebacks come from errors in private parts of aiomqtt 2.5.1: it watches a socket that was
-    closed meanwhile, stores the reason of a lost connection where nobody reads it, and keeps a
-    connection open that was cancelled while it began.
+    It watches a socket that was closed meanwhile, and stores the reason of a lost connection where
+    nobody reads it: asyncio logs tracebacks of both. It keeps a connection open that was cancelled
+    while it began.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -358,7 +358,7 @@ def _explained(error: Exception) -> str:
     return f"{error}; {hint}" if hint else str(error)
 
 
-PASSWORD_VARIABLE = "VDA5050_PASSWORD"
+_PASSWORD_VARIABLE = "VDA5050_PASSWORD"
 """Environment variable with the password."""
 
 
@@ -377,7 +377,7 @@ def add_broker_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="file with the password, in its first line; without it, the environment variable "
-        f"{PASSWORD_VARIABLE} is used. A password in the URL can be seen by all users of this "
+        f"{_PASSWORD_VARIABLE} is used. A password in the URL can be seen by all users of this "
         "machine",
     )
     group.add_argument(
@@ -427,7 +427,7 @@ def broker_config(
 
 def _password(path: Path | None, environment: Mapping[str, str]) -> str | None:
     if path is None:
-        return environment.get(PASSWORD_VARIABLE)
+        return environment.get(_PASSWORD_VARIABLE)
     try:
         lines = path.read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

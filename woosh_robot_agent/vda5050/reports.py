@@ -28,9 +28,9 @@ from woosh_robot_agent.vda5050.messages.writing import (
 )
 from woosh_robot_agent.vda5050.mqtt import MqttConnection, Publication
 
-_COUNT = 2**32
+_ID_COUNT = 2**32
 """Number of header ids; after the last one, they start again at 0."""
-_BLOCK = 1000
+_BLOCK_SIZE = 1000
 """Number of header ids of a topic that are reserved at once."""
 
 
@@ -59,11 +59,11 @@ class HeaderIds:
     def next(self, topic: str) -> int:
         """Take the next id of a topic, and return it."""
         number = self._next[topic]
-        self._next[topic] = (number + 1) % _COUNT
-        # negative after the last id, when the ids start again at 0
-        if not 0 < self._reserved[topic] - self._next[topic] <= _BLOCK:
-            self._reserved[topic] = self._next[topic] + _BLOCK
-            self._save({name: reserved % _COUNT for name, reserved in self._reserved.items()})
+        self._next[topic] = (number + 1) % _ID_COUNT
+        # more than a block is left when the ids start again at 0
+        if not 0 < self._reserved[topic] - self._next[topic] <= _BLOCK_SIZE:
+            self._reserved[topic] = self._next[topic] + _BLOCK_SIZE
+            self._save({name: reserved % _ID_COUNT for name, reserved in self._reserved.items()})
         return number
 
     def peek(self, topic: str) -> int:
@@ -122,8 +122,8 @@ class Schedule:
         self._send()
 
 
-_OWN_CONNECTIONS = 64
-"""Number of own `connection` messages that are remembered."""
+_MAX_OWN_CONNECTIONS = 64
+"""Maximum number of own `connection` messages that are remembered."""
 
 
 class Reports:
@@ -156,11 +156,11 @@ class Reports:
         self._header_ids = HeaderIds()
         self._mqtt: MqttConnection | None = None
         """The connection to the broker; None before it is made, and once it is closed."""
-        self._will_id = -1
-        """Header id of the last will of the last connection; -1 before the first."""
         self._will = b""
-        """The last will of the last attempt to connect."""
-        self._connections: deque[bytes] = deque(maxlen=_OWN_CONNECTIONS)
+        """The last will of the last attempt to connect; empty before the first."""
+        self._will_id = -1
+        """Header id of `_will`; -1 before the first attempt."""
+        self._own_connections: deque[bytes] = deque(maxlen=_MAX_OWN_CONNECTIONS)
         """The last `connection` messages, and the last will that was current for each of them."""
         self._state_id: int | None = None
         """Header id of the last state; None before the first state."""
@@ -208,7 +208,7 @@ class Reports:
 
     def is_own_connection(self, payload: bytes) -> bool:
         """Return True if a `connection` message is one of this connector."""
-        return payload == self._will or payload in self._connections
+        return payload == self._will or payload in self._own_connections
 
     async def close(self, timeout: float) -> None:
         """Publish OFFLINE as the last message.
@@ -267,12 +267,13 @@ class Reports:
             return
         publication = self._message(topic, content)
         if topic is Topic.CONNECTION:
-            self._connections += (self._will, publication.payload.encode())
+            self._own_connections += (self._will, publication.payload.encode())
         self._mqtt.publish(publication)
 
     def _message(
         self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None
     ) -> Publication:
+        """Return a message with its header; without `header_id`, with the next id of the topic."""
         if header_id is None:
             header_id = self._header_ids.next(topic.value)
         head = {

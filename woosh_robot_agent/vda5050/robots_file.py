@@ -16,7 +16,7 @@ _NODE = "agent"
 """Name of the agent's node in the file."""
 _PARAMETERS = "ros__parameters"
 _TYPES: dict[str, tuple[type, ...]] = {
-    # `field.type` is the text of the annotation; other annotations are literals
+    # `field.type` is the annotation as text: float, int, str or a Literal of texts
     field.name: {"float": (int, float), "int": (int,)}.get(str(field.type), (str,))
     for field in fields(LinkConfig)
 }

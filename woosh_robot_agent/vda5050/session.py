@@ -7,6 +7,7 @@ import json
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
@@ -26,7 +27,7 @@ from woosh_robot_agent.vda5050.robot.link import Timing
 from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 _LOG = logging.getLogger(__name__)
-_REASON = Sentence(
+_OTHER_CONNECTOR = Sentence(
     "vda.second",
     "another connector publishes as this vehicle, or connects with the same client id",
 )()
@@ -36,8 +37,7 @@ class OtherConnectorDetector:
     """Detects messages on the topic `connection` that this connector did not send.
 
     Two connectors of a vehicle have the same client id, so the broker disconnects one when the
-    other connects. When the first one connects again, it receives the retained message of the
-    other one.
+    other connects. When the first one connects again, it receives the other one's retained message.
 
     Args:
         is_own: returns True for the messages that this connector has sent.
@@ -87,9 +87,9 @@ class OtherConnectorDetector:
     def _set_error(self) -> None:
         if self.error is None:
             hint = "end one of the two; until then the robot starts no drive"
-            _LOG.error("%s; %s", _REASON, hint)
+            _LOG.error("%s; %s", _OTHER_CONNECTOR, hint)
             self.error = VehicleError(
-                ErrorType.SECOND_CONNECTOR.value, ErrorLevel.FATAL, _REASON, hint
+                ErrorType.SECOND_CONNECTOR.value, ErrorLevel.FATAL, _OTHER_CONNECTOR, hint
             )
             self._on_changed()
 
@@ -264,7 +264,7 @@ class Session:
         reports = self._reports
         reports.open(self._identity, config.interface, self._header_ids)
         handlers = {
-            reports.topic(topic): self._ignoring_retained(topic, handler)
+            reports.topic(topic): partial(self._handle, topic, handler)
             for topic, handler in self._handlers.items()
             if topic in config.version.received
         }
@@ -299,22 +299,18 @@ class Session:
                 )
             await asyncio.sleep(_RETRY)
 
-    def _ignoring_retained(
-        self, topic: Topic, handler: Callable[[bytes], None]
-    ) -> Callable[[bytes, bool], None]:
-        """Return a handler that ignores retained messages, which may be of any age."""
-
-        def handle(payload: bytes, retained: bool) -> None:
-            if retained:
-                self._log.warn(
-                    f"retained {topic.value}",
-                    f"a retained message on {topic.value} was ignored; remove it from the broker, "
-                    "and send such messages without the retain flag",
-                )
-            else:
-                handler(payload)
-
-        return handle
+    def _handle(
+        self, topic: Topic, handler: Callable[[bytes], None], payload: bytes, retained: bool
+    ) -> None:
+        """Pass a message to its handler; ignore a retained one, which may be of any age."""
+        if retained:
+            self._log.warn(
+                f"retained {topic.value}",
+                f"a retained message on {topic.value} was ignored; remove it from the broker, "
+                "and send such messages without the retain flag",
+            )
+        else:
+            handler(payload)
 
     def _connected(self) -> None:
         self._detector.connected()

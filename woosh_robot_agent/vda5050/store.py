@@ -27,7 +27,7 @@ _NOT_SAVED = Sentence(
 _REMOVE = Sentence("vda.remove", "remove {path}, which is out of date, before a restart")
 _TOO_LARGE = Sentence("vda.fileTooLarge", "it has more than {most} bytes")
 _OTHER_FORMAT = Sentence("vda.fileFormat", "its format is {found}, not {own}")
-_NO_ORDER = Sentence("vda.fileOrder", "the parts of its order do not fit together")
+_INVALID_ORDER = Sentence("vda.fileOrder", "the parts of its order do not fit together")
 _DAMAGED = Sentence(
     "vda.fileDamaged", "the last order is unknown, because {path} was damaged ({error})"
 )
@@ -152,6 +152,7 @@ class Store:
         self._record = Record()
         """The record that was saved last."""
         self._next = self._record
+        """The record to save next."""
         self._timer: asyncio.TimerHandle | None = None
         """Saves `_next` later; None if nothing waits to be saved."""
         self._log = LogOnce(_LOG)
@@ -225,23 +226,23 @@ class Store:
 
     def _can_wait(self, record: Record) -> bool:
         """Return True if a record differs from the saved one only in progress; see `save`."""
-        saved, order = self._record, self._record.order
-        progress = replace(
+        saved = self._record
+        order_with_saved_progress = replace(
             record.order,
-            last_node=order.last_node,
-            nodes=order.nodes,
-            edges=order.edges,
-            on_edge=order.on_edge,
-            leg_length=order.leg_length,
+            last_node=saved.order.last_node,
+            nodes=saved.order.nodes,
+            edges=saved.order.edges,
+            on_edge=saved.order.on_edge,
+            leg_length=saved.order.leg_length,
         )
-        same = replace(
+        with_saved_progress = replace(
             record,
-            order=progress,
+            order=order_with_saved_progress,
             instant_actions=saved.instant_actions,
             known_ids=saved.known_ids,
             header_ids=saved.header_ids,
         )
-        return self.error is None and same == saved
+        return self.error is None and with_saved_progress == saved
 
     def _save(self, record: Record) -> None:
         if record == self._record and self.error is None:
@@ -284,12 +285,14 @@ class Store:
         record: Record = from_plain(Record, json.loads(data))
         if record.format != _FORMAT:
             raise ValueError(_OTHER_FORMAT(found=record.format, own=_FORMAT))
-        order = record.order  # one edge leads to each of its nodes
+        order = record.order
+        # each node still to be reached has one edge that leads to it
         if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
-            raise ValueError(_NO_ORDER())
+            raise ValueError(_INVALID_ORDER())
         return record
 
     def _put_aside(self, path: Path, error: Exception) -> VehicleError:
+        """Rename a damaged file, and return the error that reports it."""
         aside = path.with_suffix(".damaged")
         path.replace(aside)
         reason = _DAMAGED(path=str(path), error=said_by(error))

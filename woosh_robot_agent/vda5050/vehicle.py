@@ -26,7 +26,7 @@ from woosh_robot_agent.vda5050.messages.versions import Identity, Topic
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.link import RobotLink
-from woosh_robot_agent.vda5050.robot.status import factsheet
+from woosh_robot_agent.vda5050.robot.status import factsheet, serial_number
 from woosh_robot_agent.vda5050.session import Session, VehicleConfig
 from woosh_robot_agent.vda5050.store import Record
 
@@ -43,7 +43,7 @@ class Vehicle:
     def __init__(self, config: VehicleConfig, broker: BrokerConfig) -> None:
         self._config = config
         self._broker = broker
-        self._link = RobotLink(config.link, config.timing, self._changed, self._moved)
+        self._link = RobotLink(config.link, config.timing, self._update, self._moved)
         types = action_types(config.version, can_log=config.log_folder is not None)
         self._execution = Execution(self._link, config.version, types)
         self._reported = self._execution.robot
@@ -63,7 +63,7 @@ class Vehicle:
         self._was_driving = False
         """True if the robot drove at its last report of a pose."""
         self._is_updating = False
-        """True while `_changed` or `_restore` works; then `_changed` and `_save` do nothing."""
+        """True while `_update` or `_restore` works; then `_update` and `_save` do nothing."""
         self._link.chassis.on_snapshot(self._identified)
 
     # Start and end
@@ -83,7 +83,7 @@ class Vehicle:
         await self._link.background.close()
         if self._session is not None:
             await self._session.close(_CLOSE_TIMEOUT)
-        await self._link.chassis.close()  # the last state must not say that the link is lost
+        await self._link.chassis.close()  # at the end: no state must say that the link is lost
 
     def _identified(self, info: RobotInfo) -> None:
         """Connect to the broker after the first report of the robot, which has its identity."""
@@ -91,8 +91,7 @@ class Vehicle:
             return
         config = self._config
         self._robot_identity = RobotIdentity.of(info)
-        number = config.serial_number or str(info.genral.serial_number or info.robot_id)
-        identity = Identity(config.manufacturer, number)
+        identity = Identity(config.manufacturer, config.serial_number or serial_number(info))
         handlers: dict[Topic, Callable[[Identity, bytes], bool]] = {
             Topic.ORDER: self._intake.take_order,
             Topic.INSTANT_ACTIONS: self._intake.take_instant_actions,
@@ -105,7 +104,7 @@ class Vehicle:
             self._reports,
             {topic: partial(self._received, take, identity) for topic, take in handlers.items()},
             self._restore,
-            self._changed,
+            self._update,
         )
         self._session.start()
 
@@ -129,16 +128,17 @@ class Vehicle:
         execution.speed.restore(record.speed_is_limited)
         execution.order.restore(record.order)
         execution.set_pause_wanted(PAUSE in record.order.holds)
-        for action_id in execution.instant.restore(
+        unfinished = execution.instant.restore(
             record.instant_actions, record.known_ids, record.order.holds
-        ):
+        )
+        for action_id in unfinished:  # the robot may still execute the action
             execution.order.interrupt(action_id)
         if execution.order.driving:
             execution.drive.restore(record.task_id, info)
         self._is_updating = False
         if execution.order.busy:
             _LOG.info("order %s goes on after a restart", record.order.order_id)
-        self._changed()
+        self._update()
 
     def _save(self) -> None:
         """Save the state that must survive a restart."""
@@ -179,23 +179,24 @@ class Vehicle:
     def _received(
         self, take: Callable[[Identity, bytes], bool], identity: Identity, payload: bytes
     ) -> None:
-        """Handle a message of the master control by `take`, a method of `Intake`."""
+        """Handle a message of the master control with `take`, a method of `Intake`."""
         if take(identity, payload):
-            self._changed()
+            self._update()
 
     def _moved(self) -> None:
         """Handle a new pose of the robot, which comes several times per second."""
-        before = self._execution.order.progress
+        order = self._execution.order
+        former_progress = order.progress
         self._execution.update_position()
-        has_changed = self._execution.order.progress != before
-        if has_changed or self._reported.is_driving != self._was_driving:
+        starts_or_stops = self._reported.is_driving != self._was_driving
+        if order.progress != former_progress or starts_or_stops:
             self._was_driving = self._reported.is_driving
-            self._changed()  # actions may wait for the standstill
-        self._execution.speed.limit(self._execution.order.speed_limit)
+            self._update()  # actions may wait for the standstill
+        self._execution.speed.limit(order.speed_limit)
         self._link.conditions.check()
         self._reports.moved()
 
-    def _changed(self) -> None:
+    def _update(self) -> None:
         """Execute the commands that follow from the events so far, and publish the state soon.
 
         Called after each event; for a pose only if something else has changed by it.
@@ -214,8 +215,7 @@ class Vehicle:
             self._runner.poll()
         finally:
             self._is_updating = False
-        # saved before the robot gets the commands, because the tasks that send them begin later
-        self._save()
+        self._save()  # before the commands are sent: the asyncio tasks that send them run later
         self._link.conditions.check()
         self._reports.changed()
 
@@ -237,7 +237,7 @@ class Vehicle:
         if self._reported.info is not None:
             robot = replace(robot, maps=self._execution.maps.listed(self._reported.info))
         if not self._link.ready:
-            robot = replace(robot, velocity=None)
+            robot = replace(robot, velocity=None)  # the last one may not hold any more
         errors = (
             execution.order_error,
             self._intake.message_error,

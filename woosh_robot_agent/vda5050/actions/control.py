@@ -26,6 +26,7 @@ from woosh_robot_agent.vda5050.messages.factsheet import ParameterType
 from woosh_robot_agent.vda5050.messages.state import NO_STATE, ActionFailedError, ErrorType
 from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE, STOP_PAUSE
 from woosh_robot_agent.vda5050.orders.legs import Control
+from woosh_robot_agent.vda5050.robot.status import serial_number
 
 _NOT_PAUSED = Sentence(
     "vda.notPaused",
@@ -45,9 +46,9 @@ async def start_pause(run: Run) -> None:
     execution, limit = run.execution, run.link.timing.pause_within
     execution.set_pause_wanted(True)
     await run.wait(
-        lambda: (execution.paused and not execution.own_motion) or not execution.pause_wanted,
+        lambda: (execution.paused and not execution.has_own_motion) or not execution.pause_wanted,
         limit,
-        # the robot must not drive on because it was slow to obey, so the pause stays wanted
+        # the pause stays wanted after the failure, so that a robot that obeys late stops too
         _NOT_PAUSED(seconds=f"{limit:g}"),
     )
     if not execution.pause_wanted:
@@ -92,7 +93,7 @@ async def cancel_order(run: Run) -> None:
         order.cancel()
     run.link.changed()
     await run.link.conditions.wait(
-        lambda: not order.canceling or (order.has_ended and not execution.own_motion)
+        lambda: not order.canceling or (order.has_ended and not execution.has_own_motion)
     )
     if order.canceling:  # otherwise another cancelOrder has emptied it
         order.empty()
@@ -150,7 +151,7 @@ async def log_report(run: Run) -> str:
         "statusCodes": await _answer_or_reason(run, StatusCodes()),
     }
     name = f"{_FILE_PREFIX}{now:%Y%m%dT%H%M%S_%f}.json"
-    path = folder / str(info.genral.serial_number or info.robot_id) / name
+    path = folder / serial_number(info) / name
     try:
         await asyncio.to_thread(_store, path, json.dumps(content, indent=1, ensure_ascii=False))
     except OSError as error:

@@ -116,7 +116,7 @@ class Run:
             raise ActionFailedError(_DRIVES())
 
 
-Perform: TypeAlias = Callable[[Run], Awaitable[str | None]]
+PerformFunction: TypeAlias = Callable[[Run], Awaitable[str | None]]
 """Coroutine function that performs an action, and returns its result, if it has one.
 
 When the coroutine is cancelled, it ends what it has begun at the robot. It raises an
@@ -135,7 +135,7 @@ class VehicleAction:
     """
 
     type: ActionType
-    perform: Perform
+    perform: PerformFunction
     version: str = ""
 
 
@@ -149,7 +149,7 @@ def vehicle_action(
     pausable: bool = False,
     repeatable: bool = False,
     version: str = "",
-) -> Callable[[Perform], VehicleAction]:
+) -> Callable[[PerformFunction], VehicleAction]:
     """Return a decorator that makes a function an action; see `ActionType` for the arguments."""
     kind = ActionType(
         name,

@@ -109,7 +109,7 @@ class ActionRunner:
         execution, waiting = self._execution, self._waiting
         if execution.link.is_closing or not execution.may_act:
             return
-        if execution.pause_wanted:  # an action that moves something, and those behind it, wait
+        if execution.pause_wanted:  # an action that moves something waits, with all behind it
             waiting = list(takewhile(lambda each: not ACTIONS[each.type].type.pausable, waiting))
         active = execution.active
         count = count_startable(waiting, active.values(), driving=execution.is_driving)

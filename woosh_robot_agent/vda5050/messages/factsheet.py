@@ -150,7 +150,7 @@ class ActionType:
     pausable: bool = False
     repeatable: bool = False
 
-    def objection(self, action: Action, scope: Scope) -> Objection | None:
+    def find_objection(self, action: Action, scope: Scope) -> Objection | None:
         """Return why an action of this type is impossible in a place; None if it is possible."""
         if scope not in self.scopes:
             places = joined(_OR, sorted(_SCOPES[each] for each in self.scopes))
@@ -168,8 +168,7 @@ class ActionType:
                 if not parameter.optional:
                     return Objection(_MISSING_KEY(action=self.name, key=key), key)
             elif allowed := parameter.broken_rule(given[key]):
-                wrong = _WRONG_VALUE(action=self.name, key=key, allowed=allowed)
-                return Objection(wrong, key)
+                return Objection(_WRONG_VALUE(action=self.name, key=key, allowed=allowed), key)
         return None
 
 
@@ -177,11 +176,11 @@ ActionTypes: TypeAlias = Mapping[str, ActionType]
 """The actions of a vehicle, by name."""
 
 
-def objection(types: ActionTypes, action: Action, scope: Scope) -> Objection | None:
+def find_objection(types: ActionTypes, action: Action, scope: Scope) -> Objection | None:
     """Return why the vehicle cannot perform an action; None if the action is possible."""
     if action.type not in types:
         return Objection(_NO_ACTION(action=action.type))
-    return types[action.type].objection(action, scope)
+    return types[action.type].find_objection(action, scope)
 
 
 @dataclass(frozen=True)

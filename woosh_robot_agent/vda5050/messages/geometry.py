@@ -21,9 +21,9 @@ def nearest_on_line(point: Point, start: Point, end: Point) -> Point:
     squared_length = along[0] ** 2 + along[1] ** 2
     if not squared_length:
         return end
-    part = ((point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]) / squared_length
-    part = min(1.0, max(0.0, part))
-    return start[0] + part * along[0], start[1] + part * along[1]
+    product = (point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]
+    fraction = min(1.0, max(0.0, product / squared_length))
+    return start[0] + fraction * along[0], start[1] + fraction * along[1]
 
 
 _SPACING = 0.25
@@ -100,11 +100,11 @@ def _length(points: list[Point]) -> float:
 def _points_of_span(trajectory: Trajectory, span: int, count: int) -> list[Point]:
     """Return the start of a span of the knots and `count` points after it."""
     start, end = trajectory.knots[span : span + 2]
-    steps = [start + (end - start) * step / count for step in range(count)]
-    return [_point(trajectory, span, at) for at in (*steps, end)]
+    parameters = [start + (end - start) * step / count for step in range(count)]
+    return [_point(trajectory, span, each) for each in (*parameters, end)]
 
 
-def _point(trajectory: Trajectory, span: int, at: float) -> Point:
+def _point(trajectory: Trajectory, span: int, parameter: float) -> Point:
     """Return the point of a curve at a parameter in a span of its knots, by de Boor's algorithm."""
     degree, knots = int(trajectory.degree), trajectory.knots
     control = trajectory.points[span - degree : span + 1]
@@ -114,9 +114,9 @@ def _point(trajectory: Trajectory, span: int, at: float) -> Point:
         for index in range(degree, level - 1, -1):
             low = knots[span - degree + index]
             width = knots[index + 1 + span - level] - low
-            part = (at - low) / width if width else 0.0
+            fraction = (parameter - low) / width if width else 0.0
             values[index] = tuple(  # type: ignore[assignment]
-                (1 - part) * before + part * after
+                (1 - fraction) * before + fraction * after
                 for before, after in zip(values[index - 1], values[index], strict=True)
             )
     x, y, weight = values[degree]

@@ -45,7 +45,7 @@ _MAX_VALUE = 200
 
 
 @functools.cache
-def validator(version: str, topic: str) -> Validator:
+def _validator(version: str, topic: str) -> Validator:
     """Return the validator of a message.
 
     Args:
@@ -60,7 +60,7 @@ def validator(version: str, topic: str) -> Validator:
 
 def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
     """Return the path of an invalid field of a message and the reason; None for a valid message."""
-    errors = itertools.islice(validator(version, topic).iter_errors(message), _MAX_ERRORS)
+    errors = itertools.islice(_validator(version, topic).iter_errors(message), _MAX_ERRORS)
     error = best_match(errors)
     if error is None:
         return None
@@ -181,9 +181,9 @@ def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -
     """
     trajectory = edge.get("trajectory")
     number = int(edge["sequenceId"])
-    # in version 3, an edge does not name its nodes
-    ends = nodes.get(number - 1, ""), nodes.get(number + 1, "")
-    if not version.is_3:
+    if version.is_3:  # an edge does not name its nodes
+        ends = nodes.get(number - 1, ""), nodes.get(number + 1, "")
+    else:
         ends = edge["startNodeId"], edge["endNodeId"]
     return Edge(
         id=edge["edgeId"],
@@ -249,9 +249,9 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
     except (ValueError, RecursionError) as error:
         raise _rejection(topic, None, _UNREADABLE(error=said_by(error))) from None
     if found := defect(version.number, topic.value, message):
-        field_path, reason = found
-        wrong = _MALFORMED(place=field_path or _TOP_LEVEL(), reason=reason)
-        raise _rejection(topic, message, wrong)
+        field_path, detail = found
+        reason = _MALFORMED(place=field_path or _TOP_LEVEL(), reason=detail)
+        raise _rejection(topic, message, reason)
     if message["version"].split(".")[0] != version.number.split(".")[0]:
         reason = _VERSION(version=message["version"], own=version.number)
         raise _rejection(topic, message, reason)
@@ -282,8 +282,7 @@ def _check_limits(message: Any) -> None:
             if isinstance(value, float | int) and not abs(value) <= _MAX_NUMBER:
                 raise ValueError(_LARGE_NUMBER(most=f"{_MAX_NUMBER:g}"))
             if isinstance(value, dict):
-                following += value
-                following += value.values()
+                following += [*value.keys(), *value.values()]
             elif isinstance(value, list):
                 following += value
         if not following:
@@ -293,7 +292,7 @@ def _check_limits(message: Any) -> None:
 
 
 def _rejection(topic: Topic, message: Any, reason: str) -> RejectedError:
-    """Return the exception that rejects a message; None as message if it could not be parsed."""
+    """Return the exception that rejects a message, which is None if it could not be parsed."""
     references = {
         key: str(message[key])[:_MAX_VALUE]
         for key in ("headerId", "orderId", "orderUpdateId")

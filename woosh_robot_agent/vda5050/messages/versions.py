@@ -57,6 +57,7 @@ def timestamp(unix: float) -> str:
 
 
 def _is_tangential(edge: Mapping[str, Any]) -> bool:
+    """Return True if the vehicle must drive forwards: with orientation 0 along the edge."""
     return not edge["orientation"] and edge.get("orientationType", "TANGENTIAL") == "TANGENTIAL"
 
 
@@ -76,9 +77,9 @@ class Version:
     Attributes:
         number: number of the version, e.g. `2.1.0`.
         received: topics that the vehicle subscribes to.
-        names: names of fields that differ from version 2.1; empty for a field that this version
-            does not have.
-        values: enumeration values that differ from those in the connector.
+        names: names of fields by their names in version 2.1, where they differ; empty for a field
+            that this version does not have.
+        values: values of enumerations by their values in the connector, where they differ.
         unsupported_edge_fields: fields of an edge that the robot cannot obey; see also
             `OBEYED_ANYWAY`.
         error_types: errorType by `ErrorType`, where `error_type` cannot derive it.

@@ -221,7 +221,7 @@ def _trajectory(curve: Trajectory) -> Fields:
 
 
 def _planned_path(state: VehicleState) -> Fields:
-    """Return the field plannedPath, or no field unless the robot executes an order and has a path.
+    """Return the field plannedPath; no field if the robot executes no order, or has no path.
 
     There is no `intermediatePath`, because the robot does not report arrival times.
     """
@@ -278,6 +278,7 @@ def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
         return (*state.errors, _NOT_LOCALIZED)
     if state.robot.mode is not OperatingMode.AUTOMATIC:
         return state.errors
+    # the mode for which an order was rejected has ended, and so has the error
     return [each for each in state.errors if each.type != ErrorType.NOT_AVAILABLE]
 
 

@@ -67,7 +67,7 @@ class OrderActions:
         """States of all actions, by id."""
         self.triggered: list[Action] = []
         self.running: dict[str, Action] = {}
-        self._of_edge: tuple[Action, ...] = ()
+        self._edge_actions: tuple[Action, ...] = ()
         """Actions of the edge that the vehicle is on."""
         self.commands: list[Command] = []
 
@@ -86,7 +86,7 @@ class OrderActions:
             states=self.states,
             triggered=tuple(self.triggered),
             running=tuple(self.running.values()),
-            of_edge=self._of_edge,
+            of_edge=self._edge_actions,
         )
 
     def restore(self, memory: ActionsMemory) -> None:
@@ -94,7 +94,7 @@ class OrderActions:
         self._states = {state.id: state for state in memory.states}
         self.triggered = list(memory.triggered)
         self.running = {action.id: action for action in memory.running}
-        self._of_edge = memory.of_edge
+        self._edge_actions = memory.of_edge
 
     def ids_without(self, parts: Iterable[Node | Edge]) -> set[str]:
         """Return the ids of all actions except those of some nodes and edges."""
@@ -102,7 +102,7 @@ class OrderActions:
 
     def clear(self) -> None:
         self._states.clear()
-        self._of_edge = ()
+        self._edge_actions = ()
 
     def add(self, parts: Iterable[Node | Edge]) -> None:
         """Add the actions of nodes and edges."""
@@ -129,18 +129,18 @@ class OrderActions:
 
     def trigger_edge(self, edge: Edge) -> None:
         """Trigger the actions of an edge that the vehicle enters."""
-        self._of_edge = edge.actions
+        self._edge_actions = edge.actions
         self.triggered += edge.actions
 
     def leave_edge(self) -> None:
         """End the actions of the edge that the vehicle leaves."""
-        for action in self._of_edge:
+        for action in self._edge_actions:
             if action in self.triggered:
                 self.triggered.remove(action)
                 self.changed(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
             elif action.id in self.running:
                 self.commands.append(EndAction(action))
-        self._of_edge = ()
+        self._edge_actions = ()
 
     def start(self, *, driving: bool) -> None:
         """Start the actions that may start now.

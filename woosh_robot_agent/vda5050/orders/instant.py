@@ -12,7 +12,7 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionTypes,
     Objection,
     Scope,
-    objection,
+    find_objection,
 )
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import (
@@ -104,7 +104,7 @@ class InstantActions:
         for action in actions:
             if action.type == STOP_PAUSE:
                 self._pause_again.clear()
-            if self._is_pausing(action):
+            if self._repeats_running_pause(action):
                 # not refused, because a stopPause may have arrived since the first one
                 self._pause_again[action.id] = action
                 continue
@@ -112,7 +112,7 @@ class InstantActions:
                 self._refuse(action, Objection(reason), "use each actionId once")
                 continue
             for ids in (self._known, self._states):
-                ids.pop(action.id, None)  # so that a repeated id moves to the end
+                ids.pop(action.id, None)  # moves a repeated id to the end
             self._known[action.id] = None
             self._states[action.id] = ActionState(
                 action.id,
@@ -121,26 +121,23 @@ class InstantActions:
                 description=action.description,
                 instant=True,
             )
-            wrong = objection(self._types, action, Scope.INSTANT)
+            objection = find_objection(self._types, action, Scope.INSTANT)
             if len(self.ids_in_state(ended=False)) > _MAX_STATES:
-                wrong = Objection(_TOO_MANY(most=_MAX_STATES))
-            if wrong is not None:
-                self._refuse(action, wrong, "see the factsheet for the actions of the vehicle")
-                self.changed(action.id, ActionStatus.FAILED, wrong.reason)
+                objection = Objection(_TOO_MANY(most=_MAX_STATES))
+            if objection is not None:
+                self._refuse(action, objection, "see the factsheet for the actions of the vehicle")
+                self.changed(action.id, ActionStatus.FAILED, objection.reason)
             else:
                 self._start(action, self._types[action.type])
         self._forget_oldest()
 
     def restore(
-        self,
-        states: Sequence[ActionState],
-        known_ids: Sequence[str],
-        holds: Sequence[str],
+        self, states: Sequence[ActionState], known_ids: Sequence[str], holds: Sequence[str]
     ) -> list[str]:
         """Restore the states after a restart. Actions that ran fail, except `cancelOrder`.
 
         Args:
-            states: the states, which may be a second old.
+            states: the states, which may not be the latest ones.
             known_ids: ids of the last instant actions.
             holds: names of the holds that kept the vehicle from driving.
 
@@ -196,7 +193,7 @@ class InstantActions:
             self._order.hold(_hold_of(action.id))
         self.commands.append(Perform(action))
 
-    def _is_pausing(self, action: Action) -> bool:
+    def _repeats_running_pause(self, action: Action) -> bool:
         """Return True for a startPause with the id of a startPause that has not ended."""
         state = self._states.get(action.id)
         if state is None or state.status.ended:
@@ -204,7 +201,7 @@ class InstantActions:
         return state.type == action.type == START_PAUSE
 
     def _reuse_objection(self, action: Action) -> str:
-        """Return why an action cannot use its id again; empty if it may use it."""
+        """Return why an action may not reuse the id of an earlier action; empty if it may."""
         state = self._states.get(action.id)
         if state is not None and not state.status.ended:
             return _RUNS(action=state.type)
@@ -215,15 +212,15 @@ class InstantActions:
             return _AGAIN(action=action.type)
         return ""
 
-    def _refuse(self, action: Action, wrong: Objection, hint: str) -> None:
+    def _refuse(self, action: Action, objection: Objection, hint: str) -> None:
         self._add_error(
             warning(
                 ErrorType.INSTANT_ACTION,
-                wrong.reason,
+                objection.reason,
                 hint,
                 actionId=action.id,
                 actionType=action.type,
-                **wrong.references,
+                **objection.references,
             )
         )
 

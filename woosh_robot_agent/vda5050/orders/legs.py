@@ -48,9 +48,9 @@ def next_leg(edges: Sequence[Edge], nodes: Sequence[Node]) -> Leg | None:
     length = 1
     for (before, node), (edge, following) in pairwise(base):
         poses += _pose_count(edge)
-        if poses > _MAX_POSES or must_stop_at(node) or need_standstill(edge.actions):
+        if poses > _MAX_POSES or _must_stop_at(node) or need_standstill(edge.actions):
             break
-        if needs_own_task(before, node, edge, following):
+        if _needs_own_task(before, node, edge, following):
             break
         length += 1
     chosen = base[:length]
@@ -62,7 +62,7 @@ def _pose_count(edge: Edge) -> int:
     return 1 if edge.trajectory is None else len(curve_points(edge.trajectory))
 
 
-def must_stop_at(node: Node) -> bool:
+def _must_stop_at(node: Node) -> bool:
     """Return True if the vehicle must stop on a node: for an action, a heading or a mark."""
     place = node.position
     turns = place is not None and place.theta is not None and abs(place.deviation_theta) < math.pi
@@ -74,8 +74,10 @@ def need_standstill(actions: Sequence[Action]) -> bool:
     return any(action.blocking.forbids_driving for action in actions)
 
 
-def needs_own_task(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
+def _needs_own_task(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
     """Return True if the edge after a node needs a task of its own.
+
+    One task of the robot drives to a mark, along trajectories, or through nodes of one map.
 
     Args:
         before: the edge to the node.
@@ -88,9 +90,9 @@ def needs_own_task(before: Edge, node: Node, edge: Edge, following: Node) -> boo
     return here is None or there is None or here.map_id != there.map_id
 
 
-_BASE_IS_SHORT = 3.0
+_SHORT_BASE = 3.0
 """Length of the rest of the base below which the vehicle asks for more, in metres."""
-_BRAKING = 1.5
+_BRAKING_DISTANCE = 1.5
 """Distance from a slower edge at which the vehicle begins to slow down, in metres."""
 
 
@@ -108,7 +110,7 @@ def needs_base(nodes: Sequence[Node], position: Position | None) -> bool:
         return False
     if len(base) <= 1:
         return True
-    return position is not None and max(_distances(base, position)) < _BASE_IS_SHORT
+    return position is not None and max(_distances(base, position)) < _SHORT_BASE
 
 
 def speed_limit(edges: Sequence[Edge], nodes: Sequence[Node], position: Position | None) -> float:
@@ -122,7 +124,7 @@ def speed_limit(edges: Sequence[Edge], nodes: Sequence[Node], position: Position
     limits = [edge.max_speed for edge in edges[:1]]
     if position is not None:
         ahead = zip(edges[1:], _distances(nodes, position), strict=False)
-        limits += [edge.max_speed for edge, distance in ahead if distance < _BRAKING]
+        limits += [edge.max_speed for edge, distance in ahead if distance < _BRAKING_DISTANCE]
         if len(edges) > 1 and _is_near_edge(position.point, *nodes[:2]):
             # the robot may already be on this edge, if no report showed it at the node before
             limits.append(edges[1].max_speed)
@@ -133,11 +135,11 @@ def _is_near_edge(here: Point, start: Node, end: Node) -> bool:
     if start.position is None or end.position is None:
         return False
     line = start.position.point, end.position.point
-    return math.dist(here, nearest_on_line(here, *line)) < _BRAKING
+    return math.dist(here, nearest_on_line(here, *line)) < _BRAKING_DISTANCE
 
 
 def _distances(nodes: Sequence[Node], position: Position) -> Iterator[float]:
-    """Yield the distance to each node along the nodes before it, in metres."""
+    """Yield the distance to each node through the nodes before it, in metres."""
     distance, here = 0.0, position.point
     for node in nodes:
         if node.position is not None:
@@ -156,7 +158,8 @@ class Drive:
 class Control(Enum):
     """Command to pause, resume or cancel the drive of a leg, or any task or action of the robot.
 
-    After a cancellation, report the end of the drive with `OrderMachine.drive_ended`.
+    After a cancellation, report the end of the drive with `OrderMachine.drive_ended`. The values
+    are the names of the commands in the log.
     """
 
     PAUSE = "pause"

@@ -111,14 +111,8 @@ class OrderMachine:
     @property
     def busy(self) -> bool:
         """True if the vehicle executes an order, or waits for an update of it."""
-        route = self._route
-        return bool(
-            route.nodes
-            or route.edges
-            or route.leg
-            or self._actions.running
-            or self._actions.triggered
-        )
+        route, actions = self._route, self._actions
+        return bool(route.nodes or route.edges or route.leg or actions.running or actions.triggered)
 
     @property
     def driving(self) -> bool:
@@ -184,7 +178,7 @@ class OrderMachine:
 
     @property
     def progress(self) -> tuple[Node | None, bool]:
-        """Last node, and True if more base is needed; a change is published at once."""
+        """Last node, and True if more base is needed: a change of these is published at once."""
         return self._route.last_node, self._needs_base
 
     @property
@@ -196,8 +190,8 @@ class OrderMachine:
         """Maximum speed now, in m/s; infinite without a limit, None while no leg is driven."""
         if (leg := self._route.leg) is None:
             return None
-        rest = leg.edges.index(self._route.edges[0])
-        return speed_limit(leg.edges[rest:], leg.nodes[rest:], self._route.position)
+        current = leg.edges.index(self._route.edges[0])
+        return speed_limit(leg.edges[current:], leg.nodes[current:], self._route.position)
 
     @property
     def _decision_point(self) -> Node | None:
@@ -352,7 +346,7 @@ class OrderMachine:
             self._start_actions()
             self._pause_or_resume_drive()
             if may_drive and not self.held:
-                while self._start_drive():
+                while self._start_leg_or_reach_in_place():
                     self._start_actions()
         commands, self._actions.commands = self._actions.commands, []
         return commands
@@ -394,7 +388,8 @@ class OrderMachine:
         """
         if not memory.order_id:
             return
-        self._order = Order(memory.order_id, memory.update_id, nodes=(), edges=())  # not saved
+        # the nodes and edges that were passed are not saved, so `_order` is without parts
+        self._order = Order(memory.order_id, memory.update_id, nodes=(), edges=())
         route = self._route
         route.restore(memory.last_node, memory.nodes, memory.edges, on_edge=memory.on_edge)
         self._actions.restore(memory.actions)
@@ -423,15 +418,15 @@ class OrderMachine:
     # Steps
 
     def _check_place(self, *, may_drive: bool) -> bool:
-        """If it is required, check that the vehicle is still at its last node.
+        """If required, check that the vehicle is still at its last node; set `error` if it is not.
 
         Returns:
             False while the order must wait, because the position cannot be checked yet.
         """
         route = self._route
         last = route.last_node
-        goes_on = self._actions.triggered or (route.edges and route.edges[0].released)
-        if not route.must_check_place or self.driving or not goes_on:
+        can_go_on = self._actions.triggered or (route.edges and route.edges[0].released)
+        if not route.must_check_place or self.driving or not can_go_on:
             return True
         if last is not None and last.position is not None:
             if route.position is None or not may_drive:
@@ -439,9 +434,7 @@ class OrderMachine:
             is_there = route.stands_on(last) or route.was_not_moved()
             if not is_there and self.error is None:
                 self.error = self._fatal_error(
-                    ErrorType.INTERRUPTED,
-                    _MOVED(node=last.id),
-                    ("nodeId", last.id),
+                    ErrorType.INTERRUPTED, _MOVED(node=last.id), ("nodeId", last.id)
                 )
         route.must_check_place = False
         return True
@@ -471,7 +464,7 @@ class OrderMachine:
             self._is_drive_paused = self.held
             self._command(Control.PAUSE if self.held else Control.RESUME)
 
-    def _start_drive(self) -> bool:
+    def _start_leg_or_reach_in_place(self) -> bool:
         """Start the next leg, or reach the next node without a drive if it is at the same place.
 
         Returns:

@@ -1,16 +1,18 @@
 """The route: the rest of an order, the place of the vehicle on it, and which nodes are reached.
 
-A node counts as reached for one of these reasons, and for no other:
+A leg is a part of the route that the robot drives without a stop. A node counts as reached for one
+of these reasons, and for no other:
 
 - The vehicle stands on it: the first node of an order (`begin`), or a node at the place of the last
   node (`reach_in_place`).
-- The vehicle passes it on a leg, within the permitted deviation, or passes a later node of the leg
-  after the way to there (`moved`). After a loss of the link, no node is passed until the robot
-  confirms that it drives the leg: the robot may have been moved, or restarted elsewhere.
+- The vehicle passes it on a leg, within the permitted deviation. If it misses the node, a later
+  node of the leg that it passes counts for both, once it has driven the distance to the missed node
+  (`moved`). After a loss of the link, no node is passed until the robot confirms that it drives the
+  leg: the robot may have been moved, or restarted elsewhere.
 - The drive of the leg has ended without a failure (`arrive`).
 
-Then the actions of the node are triggered. They fail if the first report after the node shows the
-vehicle far away.
+Then the actions of the node are triggered. They fail if the next position report is far from the
+node.
 """
 
 from __future__ import annotations
@@ -28,19 +30,17 @@ from woosh_robot_agent.vda5050.orders.actions import OrderActions
 from woosh_robot_agent.vda5050.orders.legs import Leg
 
 _SAME_PLACE = 0.01
-"""Distance of two nodes that are at the same place, in metres."""
+"""Distance below which two nodes are at the same place, in metres."""
 _MAX_STEP = 1.0
-"""Maximum distance between two reports of a vehicle that drives, in metres. A larger distance is a
-jump: the position was corrected, or the vehicle was moved.
-A robot sends five reports per second."""
-_UNSEEN_WAY = math.sqrt(2.0)
-"""Estimated length of a way that was driven without a link, as a multiple of the distance between
-its ends; as if the way led round one right-angled corner."""
-TOLERANCE = 0.25
-"""Lowest deviation from a node that is permitted, in metres; a smaller value of the order is raised
-to it."""
-_ANGLE = 0.1
-"""Lowest deviation from the heading of a node that is permitted, in radians."""
+"""Maximum distance between two of the five reports per second of a vehicle that drives, in metres.
+A larger distance is a jump: the position was corrected, or the vehicle was moved."""
+_UNSEEN_DETOUR = math.sqrt(2.0)
+"""Estimated length of a way that was driven without a link, per metre between its ends. A way round
+one right-angled corner is at most so long."""
+_TOLERANCE = 0.25
+"""Lowest permitted deviation from a node, in metres; replaces a smaller one of the order."""
+_ANGLE_TOLERANCE = 0.1
+"""Lowest permitted deviation from the heading of a node, in radians."""
 
 
 class Route:
@@ -70,19 +70,16 @@ class Route:
         self.position: Position | None = None
         self.driven: float | None = 0.0
         self.must_check_place = False
-        self._before: Position | None = None
-        """The last position that differed from `position`; None if unknown."""
+        self._move_start: Position | None = None
+        """Start of the last move, which ends at `position`; None if unknown."""
         self._driven_to: Position | None = None
         """Last position to which the vehicle drove, i.e. was not pushed; None if unknown."""
         self._reached_at: Position | NodePosition | None = None
         """Position of the vehicle when it reached the last node; None if unknown."""
         self._estimated_way = 0.0
-        """Like `driven`, but estimated for times without a link, and known after a restart."""
+        """Estimate of `driven` that allows for detours without a link; known after a restart."""
         self._is_unconfirmed = False
-        """True from a loss of the link during the leg until the robot confirms that it drives it.
-
-        The vehicle may have been moved, or restarted elsewhere.
-        """
+        """True from a loss of the link on a leg until the robot confirms that it drives the leg."""
         self._position_at_loss: Position | NodePosition | None = None
         """Position when `_is_unconfirmed` became True; None if unknown."""
 
@@ -162,18 +159,18 @@ class Route:
             passes: True if passed nodes count as reached.
         """
         last, self.position = self.position, position
-        before = None if self._is_unconfirmed else last
-        step = estimated_step = _distance(before, position)
-        if step > _MAX_STEP:  # a jump, or `before` is unknown
-            before, step, estimated_step = None, 0.0, 0.0
+        start = None if self._is_unconfirmed else last
+        step = estimated_step = _distance(start, position)
+        if step > _MAX_STEP:  # a jump, or `start` is unknown
+            start, step, estimated_step = None, 0.0, 0.0
         leg = self.leg
         if self._is_unconfirmed and leg is not None and confirmed:
             gap = _distance(self._position_at_loss, position)
             step = gap if math.isfinite(gap) else 0.0
-            estimated_step = step * _UNSEEN_WAY
+            estimated_step = step * _UNSEEN_DETOUR
             self._is_unconfirmed = False
-        if position != last or before is None:
-            self._before = before
+        if position != last or start is None:
+            self._move_start = start
         self._estimated_way += estimated_step
         self.driven = None if self.driven is None else self.driven + step
         is_on_other_map = last is not None and last.map_id != position.map_id
@@ -183,8 +180,8 @@ class Route:
             self.must_check_place = True
         if leg is None or not passes:
             return
-        ahead = takewhile(lambda node: node is not leg.goal, tuple(self.nodes))
-        for _ in range(self._passed(position, tuple(self.edges), ahead)):
+        before_goal = takewhile(lambda node: node is not leg.goal, tuple(self.nodes))
+        for _ in range(self._count_passed(position, tuple(self.edges), before_goal)):
             self._reach(passing=True)
             self.enter_edge()
 
@@ -196,7 +193,7 @@ class Route:
             if self.last_node is not leg.goal:
                 self.enter_edge()
 
-    def _passed(self, here: Position, edges: Iterable[Edge], nodes: Iterable[Node]) -> int:
+    def _count_passed(self, here: Position, edges: Iterable[Edge], nodes: Iterable[Node]) -> int:
         """Return how many of the next nodes of the leg the vehicle has passed by its last move.
 
         A missed node counts with the next passed node, but only once the vehicle has driven at
@@ -209,30 +206,30 @@ class Route:
         """
         if self._is_unconfirmed:
             return 0
-        before = self._before
-        count, way = 0, 0.0  # `way` leads from the last node to `start`
-        start: Position | NodePosition | None = self._reached_at
+        move_start = self._move_start
+        count, way = 0, 0.0  # `way` is the length of the route from the last node to `previous`
+        previous: Position | NodePosition | None = self._reached_at
         for number, (edge, node) in enumerate(zip(edges, nodes, strict=False)):
             place = node.position
             if place is None:
                 break
             misses_none = number == count
-            may_miss = self._estimated_way >= way and self._moves_away_from(start)
-            if (misses_none or may_miss) and is_reached(place, before, here):
+            may_miss = self._estimated_way >= way and self._moves_away_from(previous)
+            if (misses_none or may_miss) and is_reached(place, move_start, here):
                 count = number + 1
-                if before is not None and before.map_id == here.map_id:
+                if move_start is not None and move_start.map_id == here.map_id:
                     # the following nodes must be passed on the rest of the move
-                    x, y = nearest_on_line(place.point, before.point, here.point)
-                    before = replace(here, x=x, y=y)
-            way += _length(edge, start, place)
-            start = place
+                    x, y = nearest_on_line(place.point, move_start.point, here.point)
+                    move_start = replace(here, x=x, y=y)
+            way += _length(edge, previous, place)
+            previous = place
         return count
 
     def _moves_away_from(self, place: Position | NodePosition | None) -> bool:
         """Return True if the last move has not brought the vehicle nearer to a place."""
-        if self._before is None:
+        if self._move_start is None:
             return False
-        return _distance(self.position, place) >= _distance(self._before, place)
+        return _distance(self.position, place) >= _distance(self._move_start, place)
 
     def _reach(self, *, passing: bool = False) -> None:
         """Leave the current edge, if any, and reach the next node.
@@ -245,15 +242,15 @@ class Route:
             self.edges.popleft()
             self._actions.leave_edge()
         self.last_node = self.nodes.popleft()
-        is_past = passing and self._is_far_from(self.last_node)
+        is_far_past = passing and self._is_far_from(self.last_node)
         self._measure_from_here()
-        if is_past:
+        if is_far_past:
             self._actions.fail_node(self.last_node)
         else:
             self._actions.trigger_node(self.last_node)
 
     def _is_far_from(self, node: Node) -> bool:
-        """Return True if the vehicle is farther past a node than it drives between two reports.
+        """Return True if the vehicle is farther from a node than it drives between two reports.
 
         Then actions of the node would happen somewhere else.
         """
@@ -263,7 +260,7 @@ class Route:
         radius = place.deviation_xy
         if place.ellipse is not None:
             radius = max(place.ellipse.a, place.ellipse.b)
-        return _distance(here, place) > max(radius, TOLERANCE) + _MAX_STEP
+        return _distance(here, place) > max(radius, _TOLERANCE) + _MAX_STEP
 
     # The leg, and the place of the vehicle
 
@@ -272,9 +269,8 @@ class Route:
         self._actions.trigger_edge(self.edges[0])
 
     def begin_leg(self, leg: Leg) -> None:
-        """Begin a leg; the place of the vehicle has been checked."""
         self.leg = leg
-        self._is_unconfirmed = False
+        self._is_unconfirmed = False  # the place was checked after a loss of the link
 
     def link_lost(self) -> None:
         """Pass no node until the robot confirms the drive, and check the place after it."""
@@ -284,7 +280,7 @@ class Route:
 
     def was_not_moved(self) -> bool:
         """Return True if the vehicle is still at the place to which it drove."""
-        return _distance(self._driven_to, self.position) <= TOLERANCE
+        return _distance(self._driven_to, self.position) <= _TOLERANCE
 
     def is_on_map_of(self, node: Node) -> bool:
         """Return True if the vehicle is on the map of a node, or if one of the maps is unknown."""
@@ -293,7 +289,7 @@ class Route:
         return node.position.map_id == self.position.map_id
 
     def distance_to_trajectory(self, leg: Leg) -> float:
-        """Return the distance to the leg's trajectory, in metres; 0 without a trajectory."""
+        """Return the distance to the start of the leg's trajectory, in metres; 0 without one."""
         trajectory = leg.edges[0].trajectory
         if trajectory is None or self.position is None:
             return 0.0
@@ -315,7 +311,7 @@ def is_reached(node: NodePosition, before: Position | None, now: Position) -> bo
     """Return True if the vehicle has passed a node on its way from one position to the next.
 
     Args:
-        before: last position of the vehicle; None if unknown.
+        before: last position of the vehicle; None to require that it is at the node now.
     """
     if node.map_id != now.map_id:
         return False
@@ -326,15 +322,15 @@ def is_reached(node: NodePosition, before: Position | None, now: Position) -> bo
     if node.theta is None:
         return True
     error = math.remainder(node.theta - now.theta, math.tau)
-    return abs(error) <= max(abs(node.deviation_theta), _ANGLE)
+    return abs(error) <= max(abs(node.deviation_theta), _ANGLE_TOLERANCE)
 
 
 def _is_within(node: NodePosition, before: Position, now: Position) -> bool:
     """Return True if a straight way leads through the permitted deviation from a node."""
     if node.ellipse is None:
         nearest = nearest_on_line(node.point, before.point, now.point)
-        return math.dist(node.point, nearest) <= max(node.deviation_xy, TOLERANCE)
-    a, b = max(node.ellipse.a, TOLERANCE), max(node.ellipse.b, TOLERANCE)
+        return math.dist(node.point, nearest) <= max(node.deviation_xy, _TOLERANCE)
+    a, b = max(node.ellipse.a, _TOLERANCE), max(node.ellipse.b, _TOLERANCE)
     cos, sin = math.cos(node.ellipse.theta), math.sin(node.ellipse.theta)
 
     def scaled(place: Position) -> Point:

@@ -50,10 +50,7 @@ def check_structure(order: Order) -> None:
     if not order.nodes:
         raise _malformed(order, _NO_NODE())
     if len(order.edges) != len(order.nodes) - 1:
-        raise _malformed(
-            order,
-            _EDGES(nodes=len(order.nodes), edges=len(order.edges)),
-        )
+        raise _malformed(order, _EDGES(nodes=len(order.nodes), edges=len(order.edges)))
     if not order.nodes[0].released:
         raise _malformed(order, _FIRST_NODE(), nodeId=order.nodes[0].id)
     path: list[Node | Edge] = [order.nodes[0]]
@@ -194,16 +191,16 @@ def classify(
     return OrderKind.UPDATE
 
 
-def check_start(order: Order, in_reach: Callable[[Node], bool]) -> None:
+def check_start(order: Order, stands_on: Callable[[Node], bool]) -> None:
     """Check that a new order begins where the vehicle stands.
 
     Args:
-        in_reach: returns True if the vehicle stands on a node or within its permitted deviation.
+        stands_on: returns True if the vehicle is within the permitted deviation from a node.
 
     Raises:
         RejectedError: the order begins elsewhere.
     """
-    if not in_reach(order.nodes[0]):
+    if not stands_on(order.nodes[0]):
         raise rejection(
             ErrorType.NO_ROUTE,
             order,

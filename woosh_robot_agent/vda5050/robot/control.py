@@ -23,9 +23,9 @@ _EFFECT_WITHIN = 1.5
 class Controller:
     """Pauses, resumes and cancels one task or action. Used in the event loop of the link.
 
-    A pause or a cancellation is repeated until the robot reports its effect, because it only stops
-    the robot. A pause is sent again if the robot goes on. A resumption is sent once, when there is
-    a link. After a cancellation, there are no other commands.
+    A pause or a cancellation is repeated until the robot reports its effect: it does no harm,
+    because it only stops the robot. A pause is sent again if the robot goes on. A resumption is
+    sent once, when there is a link. After a cancellation, there are no other commands.
 
     Args:
         name: name of the task or the action, for the log.
@@ -105,44 +105,45 @@ class Controller:
 
     def _start_sending(self) -> None:
         """Start to send the wanted command, unless the robot has obeyed it."""
-        if self._pending() is not None:
+        if self._next_command() is not None:
             self._link.background.start_once(self._send_until_obeyed, self)
 
     async def _send_until_obeyed(self) -> None:
-        while (control := self._pending()) is not None:
+        while (control := self._next_command()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
                 self._is_pause_pending = control is Control.PAUSE
-                if control is Control.RESUME:
+                if control is Control.RESUME:  # sent once
                     self._wanted, self.stays_paused = None, False
                     self._resumed_at = asyncio.get_running_loop().time()
                 self._link.background.start(self._send(control))
             with contextlib.suppress(TimeoutError):
                 await run_with_timeout(self._link.timing.repeat_after, self._wake.wait())
 
-    def _pending(self) -> Control | None:
-        """Return the wanted command; None if there is none, or the robot has obeyed it.
+    def _next_command(self) -> Control | None:
+        """Return the command to send; None if there is none, or the robot has obeyed it.
 
-        A resumption of what is not paused is forgotten. A pause is not, because it must last.
+        Forget a resumption of what is not paused. Keep an obeyed pause, because it must last.
         """
-        if self._wanted is Control.PAUSE and self.stays_paused:
-            return None
         if self._wanted is Control.RESUME and not (self.paused or self._is_pause_pending):
             self._wanted = None
+        if self._wanted is Control.PAUSE and self.stays_paused:
+            return None
         return self._wanted
 
     async def _send(self, control: Control) -> None:
-        text = f"{control.value} of {self._name}"
+        command = f"{control.value} of {self._name}"
         answer = None
         try:
             answer = await self._request(control)
         except LinkError as error:
-            self._log.warn(text, f"the {text} was not sent or not answered: {error}")
+            self._log.warn(command, f"the {command} was not sent or not answered: {error}")
             is_unsent = isinstance(error, NotConnectedError | TooManyRequestsError)
             if is_unsent and control is Control.RESUME and self._wanted is None:
                 self._wanted = control  # `_send_until_obeyed` tries again
         else:
             if not answer.ok:
-                self._is_pause_pending = self._is_pause_pending and control is not Control.PAUSE
-                self._log.warn(text, f"the robot refused the {text}: {answer.msg}")
+                if control is Control.PAUSE:
+                    self._is_pause_pending = False
+                self._log.warn(command, f"the robot refused the {command}: {answer.msg}")
         self._answered(control, answer)

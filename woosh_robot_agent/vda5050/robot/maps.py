@@ -121,6 +121,7 @@ class RobotMaps:
         self._link.background.start(self._refresh(), self)
 
     async def _refresh(self) -> None:
+        """Read maps and marks; try again until the robot answers or the link is lost."""
         while True:
             try:
                 await self._link.wait_ready()
@@ -142,12 +143,12 @@ class RobotMaps:
             text = f"the marks of scene {scene} are unknown, because the robot sent none"
             self._log.warn("marks", f"{text}: {answer.msg}")
             return
-        self._marks = {
-            (area.name or str(area.id), storage.identity.no): place
-            for area in answer.body.maps
-            for storage in area.mark_info.storages
-            if (place := _place(storage.pose, area.name or str(area.id))) is not None
-        }
+        self._marks = {}
+        for each in answer.body.maps:
+            map_id = each.name or str(each.id)
+            for mark in each.mark_info.storages:
+                if (place := _place(mark.pose, map_id)) is not None:
+                    self._marks[map_id, mark.identity.no] = place
         self._link.changed()
 
 

@@ -31,7 +31,7 @@ from woosh_robot_agent.vda5050.robot import status
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
-_PARTS: tuple[type[Message], ...] = (
+_STATE_REPORTS: tuple[type[Message], ...] = (
     AbnormalCodes,
     Battery,
     DeviceState,
@@ -58,7 +58,7 @@ class ReportedState:
         self._status: RobotStatus | None = None
         self._is_current = False
         """True if `_status` is up to date, except for the position."""
-        self._is_moved = False
+        self._has_moved = False
         """True if the position has changed since `_status` was computed."""
         self._pose_at = -math.inf
         """Loop time of the last report of a pose, or of the last request for one."""
@@ -66,8 +66,8 @@ class ReportedState:
         """Asks a moving robot for its pose if no report comes; None while the robot stands."""
         link.chassis.on_snapshot(lambda info: self._changed())
         link.chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
-        for part in _PARTS:
-            link.chassis.subscribe_raw(part, lambda body: self._changed())
+        for report in _STATE_REPORTS:
+            link.chassis.subscribe_raw(report, lambda body: self._changed())
         link.chassis.subscribe_raw(NavPath, lambda body: self._path_changed())
 
     @property
@@ -85,14 +85,14 @@ class ReportedState:
             report = self._values.value(NavPath)
             path = () if report is None else status.points(report.path.poses)
             self._status = replace(status.robot_status(info), path=path)
-        elif self._is_moved:
+        elif self._has_moved:
             self._status = replace(
                 self._status,
                 driving=status.drives(info),
                 position=status.position(info),
                 velocity=status.velocity(info),
             )
-        self._is_current, self._is_moved = True, False
+        self._is_current, self._has_moved = True, False
         return self._status
 
     @property
@@ -120,7 +120,7 @@ class ReportedState:
 
     def _moved(self) -> None:
         self._pose_at = asyncio.get_running_loop().time()
-        self._is_moved = True
+        self._has_moved = True
         self._link.moved()
         self._watch_for_silence()
 

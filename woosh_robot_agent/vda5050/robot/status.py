@@ -8,17 +8,11 @@ from typing import Any
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery as BatteryReport
-from woosh_robot_agent.pb.robot.robot_pb2 import (
-    DeviceState,
-    General,
-    OperationState,
-    RobotInfo,
-)
+from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, OperationState, RobotInfo
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot import readiness
-from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.robot.standstill import MIN_SPEED
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.vda5050.messages.factsheet import (
@@ -45,8 +39,8 @@ _LEVELS = {StatusCode.kWarn: ErrorLevel.WARNING, StatusCode.kFault: ErrorLevel.F
 _HINT = "resolve the cause at the robot; the error ends when the robot does not report it any more"
 _SAFETY_SCANNERS = 110203
 """First six digits of the status codes of safety scanners, which have twelve digits."""
-_FUNCTION = 10**6
-"""Divisor that leaves the first digits of a status code."""
+_LAST_SIX_DIGITS = 10**6
+"""Divisor that removes the last six digits of a status code."""
 
 
 def code_errors(codes: AbnormalCodes) -> tuple[VehicleError, ...]:
@@ -67,7 +61,8 @@ def code_errors(codes: AbnormalCodes) -> tuple[VehicleError, ...]:
 def field_violated(codes: AbnormalCodes) -> bool:
     """Return True if a safety scanner has tripped."""
     return any(
-        code.code // _FUNCTION == _SAFETY_SCANNERS and code.level in _LEVELS for code in codes.scs
+        code.code // _LAST_SIX_DIGITS == _SAFETY_SCANNERS and code.level in _LEVELS
+        for code in codes.scs
     )
 
 
@@ -82,7 +77,7 @@ def robot_status(info: RobotInfo) -> RobotStatus:
     """Return the state of a robot."""
     return RobotStatus(
         driving=drives(info),
-        mode=operating_mode(info),
+        mode=_operating_mode(info),
         battery=_battery(info.battery),
         emergency_stop=bool(info.device_state.hardware & DeviceState.kEmgBtn),
         field_violation=field_violated(info.abnormal_codes),
@@ -101,7 +96,7 @@ def drives(info: RobotInfo) -> bool:
     return not (abs(motion.linear) <= MIN_SPEED and abs(motion.angular) <= MIN_SPEED)
 
 
-def operating_mode(info: RobotInfo) -> OperatingMode:
+def _operating_mode(info: RobotInfo) -> OperatingMode:
     """Return the operating mode of the robot."""
     if info.mode.ctrl == robot.kMaintain:
         return OperatingMode.SERVICE
@@ -156,7 +151,7 @@ def map_id(info: RobotInfo) -> str:
 def _battery(report: BatteryReport) -> Battery:
     return Battery(
         charge=float(min(report.power, 100)),
-        charging=is_charging(report),
+        charging=readiness.is_charging(report),
         health=float(report.health) if 0 < report.health <= 100 else None,
     )
 
@@ -173,12 +168,18 @@ def _blocked(info: RobotInfo) -> bool:
     proc = info.task_proc
     has_task = proc.state in (task.kExecuting, task.kPaused)
     is_impeded = bool(info.operation_state.nav & OperationState.kImpede)
+    # a TR-200 reports an obstacle as a warning of the action of its task
     return is_impeded or (has_task and proc.action.state == action.kRosWarning)
 
 
 def _rounded(value: float) -> float:
     """Round a 32-bit float to six decimals, because further decimals are noise."""
     return round(value, 6)
+
+
+def serial_number(info: RobotInfo) -> str:
+    """Return the serial number of a robot, or its id if it reports no serial number."""
+    return str(info.genral.serial_number or info.robot_id)  # spelled so in the robot's messages
 
 
 _MM = 0.001
@@ -205,7 +206,7 @@ OPTIONAL_PARAMETERS: Mapping[str, str] = {
 
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
     """Return the factsheet of a robot."""
-    general: General = info.genral  # spelled so in the messages of the robot
+    general = info.genral  # spelled so in the robot's messages
     size = general.model_data
     version = general.version
     versions = (("robot system", version.system), ("robot application", version.rc))

@@ -114,7 +114,7 @@ _END_REASONS = {
     task.kFailed: Sentence("vda.taskFailed", "the task failed")(),
 }
 """Reasons why a task was not completed, by its final state; empty for a completed task."""
-UNKNOWN_TASK = Sentence("vda.unknownTask", "the robot does not know the task")()
+_UNKNOWN_TASK = Sentence("vda.unknownTask", "the robot does not know the task")()
 """Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
 UNSENT = Sentence("vda.unsent", "there is no link to the robot")()
 """Reason if the start of a task was not sent."""
@@ -132,7 +132,7 @@ class TaskRunner:
 
     Args:
         on_end: called when the task has ended, with the reason of a failure; empty after a success.
-        on_paused: called when the robot has paused or resumed the task.
+        on_pause_changed: called when the robot has paused or resumed the task.
 
     Attributes:
         id: id of the current task; 0 without a task.
@@ -142,11 +142,11 @@ class TaskRunner:
     """
 
     def __init__(
-        self, link: RobotLink, on_end: Callable[[str], None], on_paused: Callable[[], None]
+        self, link: RobotLink, on_end: Callable[[str], None], on_pause_changed: Callable[[], None]
     ) -> None:
         self._link = link
         self._on_end = on_end
-        self._on_paused = on_paused
+        self._on_pause_changed = on_pause_changed
         self.id = 0
         self._last_id = 0
         """Highest id so far, so that no id is used twice."""
@@ -254,9 +254,10 @@ class TaskRunner:
             text = report.msg if reason else ""
             self._end(self.id, WITH_TEXT(reason=reason, text=text) if text else reason)
             return
+        # before an obstacle, the state of the task is kPaused, too
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
         if self._controller.update(paused):
-            self._on_paused()
+            self._on_pause_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
         """Find out the state of the current task after a reconnect."""
@@ -286,14 +287,14 @@ class TaskRunner:
                 deadline = math.inf
             else:
                 if clock() > deadline:
-                    self._end(task_id, UNKNOWN_TASK)
+                    self._end(task_id, _UNKNOWN_TASK)
                     return
                 # a task that has just begun may be in neither answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)
 
     async def _ask_current(self, task_id: int) -> bool:
-        """Ask which task the robot executes; return True if it is this task."""
+        """Ask for the current task of the robot, and take the report; return True if it is this."""
 
         def take_answer(answer: Answer) -> None:
             if isinstance(answer.body, TaskProc):
@@ -305,7 +306,11 @@ class TaskRunner:
         return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
 
     async def _ask_history(self, task_id: int) -> bool:
-        """Ask for the last tasks of the robot; return True if this task has ended."""
+        """Ask for the last tasks of the robot, and end this task if it is among them.
+
+        Returns:
+            True if the task has ended.
+        """
 
         def end_of(answer: Answer) -> TaskProc | None:
             reports = answer.body.tes if isinstance(answer.body, TaskHistory) else ()
@@ -336,10 +341,12 @@ class ActionTasks:
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
-        self._task = TaskRunner(link, self._ended, self._paused)
+        self._task = TaskRunner(link, self._ended, self._pause_changed)
         self._end: asyncio.Future[str] | None = None
-        """Done when the task has ended, with the reason of a failure, or empty; None if no action
-        waits for it, e.g. for a task that goes on charging."""
+        """Done when the task has ended, with the reason of a failure; empty after a success.
+
+        None if no action waits for the task, e.g. for one that goes on charging.
+        """
         self._report: Callable[[ActionStatus], None] = lambda status: None
 
     @property
@@ -389,7 +396,7 @@ class ActionTasks:
         finally:
             self._end = None
         if end.done() and end.result():
-            is_unknown = end.result() == UNKNOWN_TASK
+            is_unknown = end.result() == _UNKNOWN_TASK
             raise ActionFailedError(
                 end.result(), ErrorType.INTERRUPTED if is_unknown else ErrorType.ACTION
             )
@@ -399,7 +406,7 @@ class ActionTasks:
             self._end.set_result(reason)
         self._link.changed()
 
-    def _paused(self) -> None:
+    def _pause_changed(self) -> None:
         if self._end is not None:
             self._report(ActionStatus.PAUSED if self._task.paused else ActionStatus.RUNNING)
         self._link.changed()
