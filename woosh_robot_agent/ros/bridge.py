@@ -81,6 +81,7 @@ class _TimedSelector(selectors.DefaultSelector):
     def __init__(self) -> None:
         super().__init__()
         self.longest = self.longest_before = self.longest_ever = 0.0
+        # starts of this turn and of this minute
         self._began = self._minute = time.monotonic()
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:

@@ -78,7 +78,7 @@ class GoalEnd(Exception):
 
 
 class CancelLog:
-    """Remembers what last cancelled a task or an action, apart from the clients of the goals.
+    """Remembers what last cancelled a task or an action, other than the client of its goal.
 
     Used in the link thread.
 
@@ -177,7 +177,7 @@ class Nav2Goal:
         self._chassis_goal: AgentGoal | None = None
         """The goal that the chassis executes for this one now."""
         self._older: Nav2Goal | None = None
-        """The navigation that this goal replaces once the chassis has accepted it; else None."""
+        """The navigation that this goal replaces when the chassis accepts this goal; or None."""
         self._timer: asyncio.TimerHandle | None = None
 
     @property
@@ -283,7 +283,7 @@ class Nav2Goal:
             await self._context.pose.wait_until_standing()
             raise reason
         if reason.outcome is Outcome.CANCELED or reason.code == "TIMEOUT":
-            raise await self._failure(end, sent)  # says that the robot may go on
+            raise await self._failure(end, sent)  # its text says that the robot may go on
         raise reason
 
     async def _failure(self, end: End, sent: float) -> FailedCommand:
@@ -338,7 +338,7 @@ class Nav2Goal:
     def finish(self, reason: GoalEnd | None) -> None:
         """End the goal: with success if the reason is None."""
         self.clear_timeout()
-        if self._older is not None:  # no command of this goal has replaced that of the older one
+        if self._older is not None:  # this goal sent no command, so the older one is still driving
             self._older.stop(GoalEnd(_REPLACED))
         result = self.result
         if hasattr(result, "total_elapsed_time"):
@@ -384,7 +384,7 @@ class Slot:
             await goal.wait_for(each.ended)
 
     def stop(self, reason: GoalEnd) -> bool:
-        """End the goal that the chassis executes, for a reason; return False if there is none."""
+        """End the goal that the chassis executes; return False if it executes none."""
         running = [each for each, _ in self._goals if each.is_executing]
         for each in running:
             each.stop(reason)
