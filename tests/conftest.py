@@ -140,9 +140,9 @@ else:
             program.process.wait()
 
     @pytest.fixture
-    def logs() -> Iterator[harness.Collector]:
+    def logs() -> Iterator[harness.Logs]:
         """Log records of the agents in this process."""
-        collector = harness.Collector()
+        collector = harness.Logs()
         handler = logging.Handler()
         handler.emit = collector.add  # type: ignore[method-assign]
         logger = logging.getLogger("woosh_robot_agent")

@@ -37,6 +37,7 @@ __all__ = [
     "Client",
     "Collector",
     "GoalClient",
+    "Logs",
     "Program",
     "Robot",
     "RunningAgent",
@@ -79,6 +80,23 @@ class Collector:
                 f"{len(self.messages)} of {count} messages received: {self.messages}"
             )
             return list(self.messages)
+
+
+class Logs(Collector):
+    """Log records, oldest first."""
+
+    def wait_text(self, *texts: str, level: str = "") -> Any:
+        """Wait for a record with all these texts, and with the level if one is given; return it."""
+        return self.wait(
+            lambda record: (
+                all(text in record.getMessage() for text in texts)
+                and level in ("", record.levelname)
+            )
+        )
+
+    def with_text(self, text: str) -> list[Any]:
+        """Return the records with a text."""
+        return [record for record in list(self.messages) if text in record.getMessage()]
 
 
 class _Callbacks(dict[bytes, Any]):

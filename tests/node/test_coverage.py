@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -48,15 +49,11 @@ def test_table_matches_the_facts():
 @pytest.mark.parametrize("namespace", ["/woosh_robot", "", "/site/robot_7"])
 def test_all_endpoints_exist_without_a_chassis(namespace, start_agent, domain):
     start_agent(ip="127.0.0.1", port=1, namespace=namespace)
-    watcher = Client(domain, namespace)
-    try:
-        check_graph(watcher, namespace)
-    finally:
-        watcher.close()
+    with closing(Client(domain, namespace)) as watcher:
+        check_graph(watcher.node, namespace)
 
 
-def check_graph(watcher: Client, namespace: str) -> None:
-    node = watcher.node
+def check_graph(node: Any, namespace: str) -> None:
     wait_until(lambda: ("agent", namespace or "/") in node.get_node_names_and_namespaces())
 
     def offered(names_and_types: Any) -> dict[str, str]:

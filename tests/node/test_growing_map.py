@@ -287,7 +287,7 @@ class TestBadReports:
         mapping.grow(grids, 1)
 
         def told() -> list[Any]:
-            return [each for each in list(logs.messages) if text in each.getMessage()]
+            return logs.with_text(text)
 
         def reported() -> bool:
             mapping.report(2, **fields)

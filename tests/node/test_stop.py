@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from google.protobuf.message import Message
 from std_srvs.srv import Trigger
 
-from tests.harness import Collector, Robot, wait_future, wait_until
+from tests.harness import Logs, Robot, wait_future, wait_until
 from tests.motion.moving import MOVING
 from tests.motion.test_requests import COMMAND_MOTION
 from tests.node.cmd_vel import Sender
@@ -109,7 +109,7 @@ def test_a_goal_some_time_after_the_stop_is_executed(robot: Robot):
     wait_until(lambda: short_task(robot, 0.3).result()[0] != ABORTED, "the end of the hold")
 
 
-def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Collector):
+def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Logs):
     robot.set_motion_timing(hold=3600.0)
     velocities = Sender(robot)
     poses = robot.publisher(PoseStamped, "goal_pose")
@@ -134,11 +134,11 @@ def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Collector):
         assert status == ABORTED, action.name
         assert "not sent: cancelled by a stop of the robot" in ret.msg
     velocities.send(x=0.3)
-    logs.wait(lambda record: "cmd_vel: not sent: cancelled" in record.getMessage())
+    logs.wait_text("cmd_vel: not sent: cancelled")
     pose = PoseStamped()
     pose.header.frame_id = "map"
     poses.publish(pose)
-    logs.wait(lambda record: "goal_pose is ignored: not sent" in record.getMessage())
+    logs.wait_text("goal_pose is ignored: not sent")
 
     assert not [each.type for each in robot.chassis.received if may_move(each.message)]
     assert is_standing(robot.chassis)

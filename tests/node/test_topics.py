@@ -226,7 +226,7 @@ def test_a_push_that_cannot_be_decoded_is_skipped(connect, client, push, simulat
     simulator.send_raw('{"type":"woosh.robot.Battery","body":{"power":[]}}')
     push(Battery(power=1))
     assert [m.power for m in echo.wait_count(1)] == [1]
-    assert logs.wait(lambda r: "woosh.robot.Battery: power" in r.getMessage())
+    assert logs.wait_text("woosh.robot.Battery: power")
 
 
 def test_presence_bits_are_those_of_the_push(connect, client, push):

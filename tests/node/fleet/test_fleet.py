@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from tests.harness import TIMEOUT, Client, Program, wait_until
@@ -102,13 +102,10 @@ def test_each_robot_has_its_own_observers(
         wait_message(name, "motion", "nobody")
     chassis[one].push(TaskProc(robot_task_id=5, state=EXECUTING))
     wait_message(one, "motion", "another client: task 5")
-    context = Context()
-    rclpy.init(context=context, domain_id=domain)
-    impostor = Node("impostor", namespace=one, context=context)
-    impostor.create_service(RobotInfo, "robot/RobotInfo", lambda _, response: response)
-    wait_message(one, "agents", f"node {one}/impostor")
-    impostor.destroy_node()
-    rclpy.try_shutdown(context=context)
+    with closing(Client(domain, one, name="impostor")) as impostor:
+        service = impostor.path("robot/RobotInfo")
+        impostor.node.create_service(RobotInfo, service, lambda _, response: response)
+        wait_message(one, "agents", "node /impostor")
     statuses = [s for a in arrays.messages for s in a.status if other.strip("/") in s.name]
     found = {s.message for s in statuses if s.name.endswith((": motion", ": agents"))}
     assert found == {"nobody", "OK"}

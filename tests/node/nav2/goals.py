@@ -9,7 +9,7 @@ from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, PoseStamped
 
-from tests.harness import Client, Collector, wait_future
+from tests.harness import Client, Collector, Logs, wait_future
 from tests.node.goals import START
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
@@ -68,14 +68,14 @@ class Nav2Client:
         response = wait_future(self._result)
         return response.status, response.result
 
-    def refusal(self, logs: Collector) -> str:
+    def refusal(self, logs: Logs) -> str:
         """Return why the goal was refused: the text of its result, or of the log.
 
         A goal whose result has no text is rejected, because a rejection has none either.
         """
         assert self.accepted is self._has_text
         if not self.accepted:
-            return str(logs.wait(lambda each: "is rejected" in each.getMessage()).getMessage())
+            return str(logs.wait_text("is rejected").getMessage())
         status, result = self.result()
         assert status == ABORTED
         constants = type(result)

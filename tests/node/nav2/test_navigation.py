@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Collector, RunningAgent, wait_until
+from tests.harness import Client, Logs, RunningAgent, wait_until
 from tests.node.goals import (
     CALL_ACTION,
     CANCEL,
@@ -219,7 +219,7 @@ def deploy(client: Client) -> None:
 def test_a_refusal_is_explained(
     client: Client,
     simulator: SimulatorThread,
-    logs: Collector,
+    logs: Logs,
     prevent: Callable[[Client, SimulatorThread], None],
     reason: str,
 ) -> None:
@@ -229,7 +229,7 @@ def test_a_refusal_is_explained(
     if hasattr(result, "error_msg"):
         assert reason in result.error_msg
         assert result.error_code == getattr(result, "UNKNOWN", 0)
-    logs.wait(lambda record: reason in record.getMessage())
+    logs.wait_text(reason)
 
 
 def test_a_task_is_not_replaced(client: Client, simulator: SimulatorThread) -> None:
@@ -270,7 +270,7 @@ def test_all_goals_are_aborted_when_the_agent_stops(
     ],
 )
 def test_a_pose_that_is_none_is_refused(
-    client: Client, simulator: SimulatorThread, logs: Collector, wrong: dict[str, float], text: str
+    client: Client, simulator: SimulatorThread, logs: Logs, wrong: dict[str, float], text: str
 ) -> None:
     """What runs goes on."""
     stop_time(simulator)
@@ -284,10 +284,10 @@ def test_a_pose_that_is_none_is_refused(
     assert drives(simulator) == [action_pb2.kExecute]
 
 
-def test_a_field_without_an_effect_is_said_once(client: Client, logs: Collector) -> None:
+def test_a_field_without_an_effect_is_said_once(client: Client, logs: Logs) -> None:
     for _ in range(2):
         assert go(client, 0.1, behavior_tree="tree.xml").result()[0] == SUCCEEDED
-    said = [each for each in logs.messages if "behavior_tree has no effect" in each.getMessage()]
+    said = logs.with_text("behavior_tree has no effect")
     assert len(said) == 1
 
 
@@ -434,7 +434,7 @@ def test_a_frozen_chassis_is_no_standing_robot(client: Client, simulator: Simula
 
 @pytest.mark.parametrize("place", [ahead(1.0, ""), pose(1e20, 0.0)], ids=["no frame", "far away"])
 def test_a_pose_that_means_no_place_moves_nothing(
-    client: Client, simulator: SimulatorThread, logs: Collector, place: PoseStamped
+    client: Client, simulator: SimulatorThread, logs: Logs, place: PoseStamped
 ) -> None:
     goal = Nav2Client(client, "navigate_to_pose", pose=place)
     if place.header.frame_id:

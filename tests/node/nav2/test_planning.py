@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, Collector
+from tests.harness import Client, Logs
 from tests.node.goals import START
 from tests.node.nav2.goals import (
     ABORTED,
@@ -47,7 +47,7 @@ def test_a_path_from_the_robot_to_a_pose(client: Client, simulator: SimulatorThr
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
-def test_a_path_from_another_pose(client: Client, logs: Collector) -> None:
+def test_a_path_from_another_pose(client: Client, logs: Logs) -> None:
     goal = Nav2Client(
         client,
         "compute_path_to_pose",
@@ -57,7 +57,7 @@ def test_a_path_from_another_pose(client: Client, logs: Collector) -> None:
         planner_id="GridBased",
     )
     assert length(goal.result()[1].path) == pytest.approx(2.0, abs=0.1)
-    logs.wait(lambda record: "planner_id has no effect" in record.getMessage())
+    logs.wait_text("planner_id has no effect")
 
 
 def through_poses(client: Client, poses: list[Any]) -> Nav2Client:
