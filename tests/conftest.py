@@ -127,17 +127,35 @@ else:
 
     @pytest.fixture
     def start_program(domain: int) -> Iterator[Callable[..., harness.Program]]:
-        """Function that starts the agent's program; its arguments are ROS arguments."""
+        """Function that starts the agent's program; it takes ROS arguments, and parameters."""
         programs: list[harness.Program] = []
 
-        def start(*arguments: str) -> harness.Program:
-            programs.append(harness.Program(domain, *arguments))
+        def start(*arguments: str, **parameters: Any) -> harness.Program:
+            programs.append(harness.Program(domain, *arguments, **parameters))
             return programs[-1]
 
         yield start
         for program in programs:
             program.process.kill()
             program.process.wait()
+
+    @pytest.fixture
+    def start_connected(
+        simulator: SimulatorThread, start_program: Callable[..., harness.Program]
+    ) -> Callable[[], harness.Program]:
+        """Function that starts the agent's program, and connects it to the simulator."""
+
+        def start() -> harness.Program:
+            program = start_program(ip="127.0.0.1", port=simulator.port)
+            program.wait_says("connected to")
+            return program
+
+        return start
+
+    @pytest.fixture
+    def program(start_connected: Callable[[], harness.Program]) -> harness.Program:
+        """The agent's program, connected to the simulator."""
+        return start_connected()
 
     @pytest.fixture
     def logs() -> Iterator[harness.Logs]:

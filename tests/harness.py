@@ -356,8 +356,8 @@ class Robot(Client):
 class Program(AgentProcess):
     """The agent's program."""
 
-    def __init__(self, domain: int, *arguments: str) -> None:
-        super().__init__(domain, NAMESPACE, *arguments)
+    def __init__(self, domain: int, *arguments: str, **parameters: Any) -> None:
+        super().__init__(domain, NAMESPACE, *arguments, **parameters)
 
     def end(self, number: int = signal.SIGINT) -> None:
         """Send a signal and wait for a clean end."""

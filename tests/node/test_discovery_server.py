@@ -61,7 +61,7 @@ def agent(
     """Start an agent that uses the discovery server."""
     with monkeypatch.context() as environment:
         environment.setenv("ROS_DISCOVERY_SERVER", server)
-        program = Program(domain, "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+        program = Program(domain, ip="127.0.0.1", port=simulator.port)
     try:
         program.wait_says("connected to")
         yield

@@ -151,7 +151,7 @@ class TestSecondAgent:
         assert find(arrays.wait_count(1)[0], "agents").message == "OK"
         for _ in range(2):  # it is logged again when it comes back
             logs.messages.clear()
-            program: Program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+            program: Program = start_program(ip="127.0.0.1", port=simulator.port)
             told = wait_message(
                 arrays,
                 "agents",

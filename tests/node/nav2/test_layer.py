@@ -110,9 +110,7 @@ def test_a_lost_link_aborts_a_goal(
 def test_a_program_with_it_ends_cleanly(
     client: Client, simulator: SimulatorThread, start_program: Callable[..., Program]
 ) -> None:
-    program = start_program(
-        "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}", "-p", "nav2:=true"
-    )
+    program = start_program(ip="127.0.0.1", port=simulator.port, nav2=True)
     program.wait_says("connected to")
     slow_down(simulator)
     goal = go(client, 5.0)
