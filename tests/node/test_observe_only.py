@@ -5,7 +5,6 @@ The simulated chassis records every frame that it receives.
 
 from __future__ import annotations
 
-import itertools
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -29,7 +28,7 @@ from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import RobotWiFi, Speak
+from woosh_robot_msgs.srv import Speak
 from woosh_robot_msgs.srv import Twist as TwistSrv
 
 READS = {
@@ -39,7 +38,6 @@ READS = {
     *(query.request for query in QUERIES),
     *(command.request for command in COMMANDS if command.reads),
 }
-WIFI = "woosh.robot.RobotWiFi"
 SPEAK = "woosh.robot.Speak"
 TWIST = "woosh.robot.Twist"
 REASON = "only observes the robot"
@@ -139,20 +137,6 @@ def test_only_reads_reach_the_chassis_whatever_clients_send(observer: Robot, log
         assert len(logged(logs, f"{name} is ignored")) == 1, "it is logged once"
 
 
-def test_the_wifi_list_is_read_and_no_other_order_is_sent(observer: Robot) -> None:
-    arg = RobotWiFi.Request().arg
-    for order in range(7):
-        arg.order.value = order
-        response = observer.call(RobotWiFi, "robot/RobotWiFi", arg=arg)
-        assert response.ok == (order == arg.order.K_WI_FI_LIST), response
-    assert [each.message.order for each in observer.chassis.received if each.type == WIFI] == [
-        arg.order.K_WI_FI_LIST
-    ]
-    arg.order.value = arg.order.K_WI_FI_LIST
-    arg.enable = True  # its meaning in this order is not known
-    assert not observer.call(RobotWiFi, "robot/RobotWiFi", arg=arg).ok
-
-
 def test_diagnostics_show_it(observer: Robot) -> None:
     def link(message: Any) -> Any:
         return next(s for s in message.status if s.name.endswith(": link"))
@@ -219,23 +203,6 @@ def test_open_goals_end_when_it_is_turned_on(robot: Robot) -> None:
     assert REASON in ret.msg
     assert "may still be executing" in ret.msg
     assert robot.chassis.counts["woosh.robot.ActionOrder"] == 0
-
-
-def test_a_stream_of_velocities_does_not_drive_when_it_is_turned_off(
-    observer: Robot, logs: Logs
-) -> None:
-    observer.set_motion_timing(pause=3600.0)  # however slow the machine is
-    publisher = publish(observer, "cmd_vel", velocity(0.5))
-    logs.wait_text("cmd_vel is ignored: this agent only observes")
-    assert change(observer, observe_only=False) == (True, "")
-    publisher.publish(velocity(0.5))
-    logs.wait_text("not permitted until now; send a zero")
-    assert observer.chassis.counts[TWIST] == 0
-    speeds = itertools.cycle([0.0, 0.5])
-    wait_until(
-        lambda: publisher.publish(velocity(next(speeds))) or observer.chassis.counts[TWIST],
-        "a velocity",
-    )
 
 
 def test_turning_it_on_precedes_the_velocity_that_follows(robot: Robot, logs: Logs) -> None:
