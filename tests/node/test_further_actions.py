@@ -109,13 +109,6 @@ def test_the_default_navigation_mode_is_sent_too(robot: Robot) -> None:
     assert robot.chassis.last(CALL_ACTION).WhichOneof("action") == "nav_mode"
 
 
-def test_a_refused_navigation_mode_has_the_words_of_the_chassis(robot: Robot) -> None:
-    robot.chassis.refuse(CALL_ACTION, "Request failed")
-    status, ret = set_mode(robot).result()
-    assert (status, ret.state.value) == (ABORTED, FAILED)
-    assert ret.msg.startswith("Request failed")
-
-
 def test_a_navigation_mode_without_an_answer_is_aborted_with_the_link(robot: Robot) -> None:
     robot.chassis.mute(CALL_ACTION)
     goal = set_mode(robot)

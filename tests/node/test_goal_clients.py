@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.harness import TIMEOUT, Client, RunningAgent, wait_future, wait_until
+from tests.harness import TIMEOUT, Client, Logs, RunningAgent, wait_future, wait_until
 from tests.node.goals import ABORTED, CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
 from woosh_robot_agent.ros.actions.run import STOPPING
 from woosh_robot_agent.simulator import SimulatorThread
@@ -35,7 +35,7 @@ def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> No
 
 
 def test_other_clients_are_served_after_one_vanishes(
-    client: Client, simulator: SimulatorThread, domain: int
+    client: Client, simulator: SimulatorThread, domain: int, logs: Logs
 ) -> None:
     """Clients leave while goals are running and responses are pending."""
     simulator.delay("woosh.robot.Mode", 0.2)
@@ -46,6 +46,7 @@ def test_other_clients_are_served_after_one_vanishes(
     status, ret = step(client, 0.2).result()
     assert status == SUCCEEDED, ret
     assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+    assert not [record for record in logs.messages if record.levelname == "ERROR"]
 
 
 def test_goal_during_shutdown_is_aborted(
