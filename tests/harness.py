@@ -21,7 +21,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.endpoints import COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.ros.releases import this_computer_only
@@ -42,6 +43,7 @@ __all__ = [
     "Robot",
     "RunningAgent",
     "Spinner",
+    "fill",
     "own_domain",
     "wait_future",
     "wait_until",
@@ -152,6 +154,23 @@ def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
     return future.result()
 
 
+_SERVICES = {each.name: each.srv for each in (*QUERIES, *COMMANDS)}
+"""ROS types of the services in the table of endpoints, by their names."""
+
+
+def fill(message: Any, **values: Any) -> Any:
+    """Set fields of a message, and return it; a dict has fields of a field, a number is an enum."""
+    for name, value in values.items():
+        field = getattr(message, name)
+        if isinstance(value, dict):
+            fill(field, **value)
+        elif hasattr(field, "value"):
+            field.value = value
+        else:
+            setattr(message, name, value)
+    return message
+
+
 class Client:
     """A ROS node that uses the agent, with its own context and executor thread."""
 
@@ -256,6 +275,16 @@ class Client:
             response = wait_future(self.call_async(srv, name, **fields), timeout)
             if "the agent stood still" not in getattr(response, "msg", ""):
                 return response
+
+    def command(self, name: str, /, **values: Any) -> Any:
+        """Call a service in the table of endpoints; return its response.
+
+        Args:
+            name: name of the service.
+            values: fields of its argument, as for `fill`.
+        """
+        srv = class_of(_SERVICES[name], "srv")
+        return self.call(srv, name, arg=fill(srv.Request().arg, **values))
 
     def call_async(self, srv: Any, name: str, **fields: Any) -> Any:
         """Call a service; return the future of its response."""

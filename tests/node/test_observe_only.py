@@ -29,7 +29,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import Speak
-from woosh_robot_msgs.srv import Twist as TwistSrv
 
 READS = {
     "woosh.Subscription",
@@ -182,13 +181,11 @@ def test_commands_are_sent_again_when_it_is_turned_off(observer: Robot) -> None:
 
 def test_a_driving_robot_is_stopped_when_it_is_turned_on(robot: Robot) -> None:
     robot.set_motion_timing(driving=3600.0)
-    arg = TwistSrv.Request().arg
-    arg.linear = 0.3
-    assert robot.call(TwistSrv, "robot/Twist", arg=arg).ok
+    assert robot.command("robot/Twist", linear=0.3).ok
     assert change(robot, observe_only=True) == (True, "")
     robot.chassis.wait_received(TWIST, 2)
     assert robot.chassis.last(TWIST).linear == 0.0  # type: ignore[union-attr]
-    assert not robot.call(TwistSrv, "robot/Twist", arg=arg).ok
+    assert not robot.command("robot/Twist", linear=0.3).ok
     robot.agent.close()
     assert robot.chassis.counts[TWIST] == 2, "an observer sends no zero at its end"
 

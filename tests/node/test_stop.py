@@ -21,7 +21,7 @@ from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import Speak, Twist
+from woosh_robot_msgs.srv import Speak
 from woosh_ros_msgs.action import StepControl
 
 TWIST = "woosh.robot.Twist"
@@ -43,9 +43,7 @@ def test_stop_ends_every_goal(robot: Robot, kind: str):
 
 
 def test_stop_ends_a_velocity(robot: Robot):
-    request = Twist.Request()
-    request.arg.angular = 0.5
-    assert robot.call(Twist, "robot/Twist", arg=request.arg).ok
+    assert robot.command("robot/Twist", angular=0.5).ok
     answer = robot.call(Trigger, "stop")
     assert (answer.success, answer.message) == (True, "stopped")
     last: Any = robot.chassis.last(TWIST)

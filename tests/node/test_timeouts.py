@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from tests.harness import Client, RunningAgent
 from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import InitRobot
 
 INIT_ROBOT = "woosh.robot.InitRobot"
 REAL_DELAY = 4.9
@@ -31,9 +29,7 @@ def test_a_slow_request_may_take_longer_than_poll_timeout(
 ) -> None:
     connect(poll_timeout=1000)
     simulator.delay(INIT_ROBOT, REAL_DELAY)
-    arg: Any = InitRobot.Request().arg
-    arg.is_record = True
-    response = client.call(InitRobot, "robot/InitRobot", arg=arg)
+    response = client.command("robot/InitRobot", is_record=True)
     assert (response.ok, "did not answer" in response.msg) == (True, False), response.msg
 
 

@@ -40,7 +40,6 @@ from tests.node.nav2.goals import (
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import SwitchWorkMode
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 pytestmark = pytest.mark.usefixtures("agent")
@@ -201,9 +200,7 @@ def test_a_goal_of_the_agents_own_action_replaces_it(
 
 def deploy(client: Client) -> None:
     """Switch the robot to deployment mode."""
-    request = SwitchWorkMode.Request()
-    request.arg.mode.value = 1
-    assert client.call(SwitchWorkMode, "robot/SwitchWorkMode", arg=request.arg).ok
+    assert client.command("robot/SwitchWorkMode", mode=1).ok
 
 
 @pytest.mark.parametrize(

@@ -111,13 +111,6 @@ def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(
     assert (status, "does not execute the task set any more" in ret.msg) == (ABORTED, True)
 
 
-def test_a_refusal_reaches_the_client(robot: ScriptedRobot) -> None:
-    robot.chassis.expect(EXEC_PRE_TASK, lambda: robot.chassis.answer(False, "Request failed"))
-    status, ret = send(robot, SET).result()
-    assert (status, ret.state.value) == (ABORTED, FAILED)
-    assert ret.msg.startswith("Request failed")
-
-
 def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot: ScriptedRobot) -> None:
     """A real robot went on with the third task when the second one was cancelled."""
     orders = robot.chassis.count(ACTION_ORDER)
