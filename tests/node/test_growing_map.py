@@ -15,6 +15,7 @@ from tf2_msgs.msg import TFMessage
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.test_odom import chain
 from tests.node.test_states import WARN, diagnostics, of, png, values
+from tests.node.test_topics import subscribed
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, PoseSpeed, RobotState, Scene
@@ -81,11 +82,7 @@ class Mapping:
     @property
     def is_watched(self) -> bool:
         """True if a client is subscribed to the reports."""
-        watched = False
-        for each in self._simulator.received:
-            if each.type == "woosh.Subscription" and BUILD_MAP_DATA in each.message.topics:
-                watched = each.message.sub
-        return watched
+        return BUILD_MAP_DATA in subscribed(self._simulator)
 
 
 @pytest.fixture
