@@ -6,6 +6,7 @@ import gc
 import logging
 import os
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from itertools import pairwise
 from typing import Any
 
@@ -114,16 +115,14 @@ else:
     @pytest.fixture
     def client(domain: int) -> Iterator[harness.Client]:
         """A ROS node that uses the agent."""
-        running = harness.Client(domain)
-        yield running
-        running.close()
+        with closing(harness.Client(domain)) as running:
+            yield running
 
     @pytest.fixture
     def robot(agent: harness.RunningAgent, simulator: SimulatorThread) -> Iterator[harness.Robot]:
         """A ROS node that uses the agent, with the agent and the simulator."""
-        running = harness.Robot(agent, simulator)
-        yield running
-        running.close()
+        with closing(harness.Robot(agent, simulator)) as running:
+            yield running
 
     @pytest.fixture
     def start_program(domain: int) -> Iterator[Callable[..., harness.Program]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -98,22 +98,9 @@ def grids(mapping: Mapping, agent: RunningAgent, client: Client) -> Collector:
     return collector
 
 
-@pytest.fixture
-def visitor(domain: int) -> Iterator[Callable[[], Client]]:
-    """Function that starts another ROS node, and closes the one before."""
-    running: list[Client] = []
-
-    def start() -> Client:
-        close()
-        running.append(Client(domain, name="visitor"))
-        return running[-1]
-
-    def close() -> None:
-        while running:
-            running.pop().close()
-
-    yield start
-    close()
+def visit(domain: int) -> closing[Client]:
+    """Return a context with another ROS node."""
+    return closing(Client(domain, name="visitor"))
 
 
 def scene_maps(grids: Collector) -> int:
@@ -237,31 +224,36 @@ class TestLostLink:
 
 
 class TestOnDemand:
-    def test_reports_are_received_only_while_there_are_subscribers(self, mapping, agent, visitor):
+    def test_reports_are_received_only_while_there_are_subscribers(self, mapping, agent, domain):
         mapping.enter(robot.kMapping)
         assert not mapping.is_watched
-        mapping.grow(visitor().echo(OccupancyGrid, "map"), 1)
-        assert mapping.is_watched
-        visitor()
+        with visit(domain) as visitor:
+            mapping.grow(visitor.echo(OccupancyGrid, "map"), 1)
+            assert mapping.is_watched
 
         def left() -> bool:
             mapping.report(2)
             return not mapping.is_watched
 
         wait_until(left, "the end of the subscription")
-        mapping.grow(visitor().echo(OccupancyGrid, "map"), 3)
+        with visit(domain) as visitor:
+            mapping.grow(visitor.echo(OccupancyGrid, "map"), 3)
 
     def test_a_late_subscriber_does_not_get_a_map_that_has_ended(
-        self, mapping, agent, visitor, simulator
+        self, mapping, agent, domain, simulator
     ):
         mapping.enter(robot.kMapping)
-        mapping.grow(visitor().echo(OccupancyGrid, "map"), 1)
-        mapping.grow(visitor().echo(OccupancyGrid, "map"), 2)
+        for columns in (1, 2):
+            with visit(domain) as visitor:
+                mapping.grow(visitor.echo(OccupancyGrid, "map"), columns)
         requests = simulator.counts[SCENE_DATA]
-        diagnostics(visitor()).wait_count(1)  # the former subscriber has gone
+        with visit(domain) as visitor:
+            diagnostics(visitor).wait_count(1)  # the former subscriber has gone
         mapping.enter(robot.kIdle)
         wait_until(lambda: simulator.counts[SCENE_DATA] > requests)
-        first = [visitor().echo(OccupancyGrid, "map").wait_count(1)[0] for _ in range(2)][1]
+        for _ in range(2):
+            with visit(domain) as visitor:
+                first = visitor.echo(OccupancyGrid, "map").wait_count(1)[0]
         assert first.info.width == SCENE_WIDTH
 
 
