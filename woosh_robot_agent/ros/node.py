@@ -152,7 +152,7 @@ class Agent:
         link_thread = LinkThread(loop_thread, context_of(self.node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
-        # the first subscriber, so that unreadable pushes of a topic are logged only here
+        # the first consumer of pushes: one that it cannot read reaches no other consumer
         self._topics = Topics(self.node, link_thread, chassis)
         gate = MotionGate(chassis, lambda: self.actions.running_goals)
         last_known = LastKnown(chassis)

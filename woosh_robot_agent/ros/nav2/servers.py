@@ -185,7 +185,7 @@ class MapServer:
 
 
 class Costmaps:
-    """The services that clear costmaps. They have no effect: the robot notes obstacles by itself.
+    """The services that clear costmaps. They do nothing: the robot keeps no costmap for clients.
 
     Programs call them before they try again, and wait for the answer.
     """

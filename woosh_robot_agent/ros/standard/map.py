@@ -146,7 +146,7 @@ class Map(Part):
         """True if the last message was a map that the robot was making."""
         self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
         context.robot.chassis.on_snapshot(self._snapshot)
-        context.robot.chassis.subscribe(Scene, self._scene)
+        context.robot.chassis.subscribe(Scene, self._scene_reported)
 
     async def run(self) -> None:
         await self._subscribers.repeat(lambda: _CHECK_RATE, self._check)
@@ -165,9 +165,9 @@ class Map(Part):
         # cleared for each link, not after each map, because good and bad maps may alternate
         self._log.clear()
         if info.HasField("scene"):
-            self._scene(info.scene)
+            self._scene_reported(info.scene)
 
-    def _scene(self, scene: Scene) -> None:
+    def _scene_reported(self, scene: Scene) -> None:
         self._used = MapVersion(scene.scene_name, scene.map_id, scene.map_name, scene.version)
         self._not_before = -math.inf
 

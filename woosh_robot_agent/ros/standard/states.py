@@ -97,8 +97,8 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
     return message
 
 
-class _State(Part):
-    """Publishes a value of the chassis as a ROS message: the first value, and each push.
+class _ValuePart(Part):
+    """Publishes one type of value of the chassis as a ROS message: the first value, and each push.
 
     A value that the ROS message cannot hold is skipped and counted.
 
@@ -194,19 +194,19 @@ class _State(Part):
         self._publisher.publish(message)
 
 
-def battery_part(context: PartContext) -> _State:
+def battery_part(context: PartContext) -> _ValuePart:
     """Return the part that publishes battery_state."""
-    return _State(context, "battery_state", Battery, battery_state, rate=_BATTERY_RATE)
+    return _ValuePart(context, "battery_state", Battery, battery_state, rate=_BATTERY_RATE)
 
 
-def plan_part(context: PartContext) -> _State:
+def plan_part(context: PartContext) -> _ValuePart:
     """Return the part that publishes plan."""
-    return _State(context, "plan", NavPath, plan)
+    return _ValuePart(context, "plan", NavPath, plan)
 
 
-def footprint_part(context: PartContext) -> _State:
+def footprint_part(context: PartContext) -> _ValuePart:
     """Return the part that publishes footprint."""
-    return _State(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
+    return _ValuePart(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
 
 
 class Connected(Part):
