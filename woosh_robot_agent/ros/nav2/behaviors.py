@@ -224,7 +224,7 @@ class AssistedTeleop(Nav2Action):
         self._goal = goal
 
         def tick() -> None:
-            if reason := self._why_disobeyed():
+            if reason := self._reason_to_end():
                 goal.stop(GoalEnd(reason))
             goal.feedback(current_teleop_duration=to_duration(goal.elapsed))
 
@@ -235,7 +235,7 @@ class AssistedTeleop(Nav2Action):
             self._driver.drive(0.0, 0.0, 0.0)  # stop the robot at once
             await self.context.pose.wait_until_standing()
 
-    def _why_disobeyed(self) -> str:
+    def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
         part, gate = self.context.part, self.context.part.robot.gate
         if part.robot.chassis.state is not LinkState.READY:
