@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -131,6 +132,14 @@ class GoalClient:
         """Wait for the result; return its status (action_msgs/GoalStatus) and `ret`."""
         response = wait_future(self._result, timeout)
         return response.status, response.result.ret
+
+    def wait_aborted(self, *texts: str) -> Any:
+        """Wait until the goal is aborted, with these texts in its message; return `ret`."""
+        status, ret = self.result()
+        assert status == GoalStatus.STATUS_ABORTED, ret
+        for text in texts:
+            assert text in ret.msg
+        return ret
 
     @property
     def done(self) -> bool:

@@ -10,7 +10,6 @@ from action_msgs.srv import CancelGoal
 
 from tests.harness import Client, GoalClient, Logs, Robot, wait_until
 from tests.node.goals import (
-    ABORTED,
     ACTION,
     ACTION_ORDER,
     CALL_ACTION,
@@ -177,8 +176,7 @@ def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot: Robot, both
     else:
         old.cancel()
     held.release()
-    status, ret = old.result()
-    assert (status, ret.msg) == (ABORTED, REPLACED)
+    assert old.wait_aborted().msg == REPLACED
     remove()
     hurry(robot.chassis)
     assert new.result()[0] == (CANCELED if both else SUCCEEDED)

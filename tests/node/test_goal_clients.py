@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from tests.harness import TIMEOUT, Client, Logs, RunningAgent, wait_future, wait_until
-from tests.node.goals import ABORTED, CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
+from tests.node.goals import CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
 from woosh_robot_agent.ros.actions.run import STOPPING
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import Mode
@@ -53,8 +53,7 @@ def test_goal_during_shutdown_is_aborted(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     agent.agent.robot.thread.run(agent.agent.actions.stop(), TIMEOUT)
-    status, ret = step(client, 0.2).result()
-    assert (status, ret.msg) == (ABORTED, STOPPING)
+    assert step(client, 0.2).wait_aborted().msg == STOPPING
     assert simulator.counts[CALL_ACTION] == 0
 
 
@@ -70,8 +69,7 @@ def test_agent_can_be_restarted_with_open_goals(
         goal.feedback.wait_count(1)
     agent.close()
     for goal in goals:
-        status, ret = goal.result()
-        assert (status, "stopping" in ret.msg) == (ABORTED, True)
+        goal.wait_aborted("stopping")
     wait_until(lambda: simulator.connections == 0)
     start_agent(ip="127.0.0.1", port=simulator.port)
 

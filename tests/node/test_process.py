@@ -174,9 +174,7 @@ def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, clie
     goals[0].feedback.wait(lambda fb: fb.state.value == EXECUTING)
     stop_time(simulator)
     program.end()
-    status, ret = goals[0].result()
-    assert status == ABORTED
-    assert "stopping" in ret.msg
+    goals[0].wait_aborted("stopping")
     assert simulator.call(lambda sim: sim.chassis.tasks.active), "the task is the robot's own"
 
 

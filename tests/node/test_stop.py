@@ -101,9 +101,9 @@ def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Logs):
             command.action = EXECUTE
         action_class = class_of(action.action, "action")
         goal = action_class.Goal(arg=to_ros(action_class.Goal, command))
-        status, ret = robot.send_goal(action_class, action.name, goal).result()
-        assert status == ABORTED, action.name
-        assert "not sent: cancelled by a stop of the robot" in ret.msg
+        robot.send_goal(action_class, action.name, goal).wait_aborted(
+            "not sent: cancelled by a stop of the robot"
+        )
     velocities.send(x=0.3)
     logs.wait_text("cmd_vel: not sent: cancelled")
     pose = PoseStamped()

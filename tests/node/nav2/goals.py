@@ -68,6 +68,21 @@ class Nav2Client:
         response = wait_future(self._result)
         return response.status, response.result
 
+    def wait_aborted(self, *texts: str, code: str = "") -> Any:
+        """Wait until the goal is aborted, with these texts and this error code; return the result.
+
+        On Humble, results have no text and no code.
+        """
+        status, result = self.result()
+        assert status == ABORTED, result
+        for text in texts:
+            assert text in getattr(result, "error_msg", text)
+        if code and hasattr(result, "error_code"):
+            constants = type(result)
+            unknown = getattr(constants, "UNKNOWN", 0)
+            assert result.error_code == getattr(constants, code, unknown)
+        return result
+
     def refusal(self, logs: Logs) -> str:
         """Return why the goal was refused: the text of its result, or of the log.
 
@@ -76,12 +91,7 @@ class Nav2Client:
         assert self.accepted is self._has_text
         if not self.accepted:
             return str(logs.wait_text("is rejected").getMessage())
-        status, result = self.result()
-        assert status == ABORTED
-        constants = type(result)
-        unknown = getattr(constants, "UNKNOWN", 0)
-        assert result.error_code == getattr(constants, "TF_ERROR", unknown)
-        return str(result.error_msg)
+        return str(self.wait_aborted(code="TF_ERROR").error_msg)
 
     @property
     def done(self) -> bool:
@@ -114,9 +124,9 @@ def stands(simulator: SimulatorThread) -> bool:
     return not simulator.call(lambda sim: sim.chassis.base.moving)
 
 
-def says(result: Any, text: str) -> bool:
-    """Return True if the error message of a result has a text, or if results have none: Humble."""
-    return text in getattr(result, "error_msg", text)
+def error_code(result: Any) -> int:
+    """Return the error code of a result; 0 on Humble."""
+    return int(getattr(result, "error_code", 0))
 
 
 def go(client: Client, distance: float, **fields: Any) -> Nav2Client:

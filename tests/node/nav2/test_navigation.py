@@ -31,10 +31,10 @@ from tests.node.nav2.goals import (
     SUCCEEDED,
     Nav2Client,
     ahead,
+    error_code,
     go,
     pose,
     poses_field,
-    says,
     stands,
 )
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
@@ -79,7 +79,7 @@ def driving(
 def test_the_robot_drives_to_the_pose(client: Client, simulator: SimulatorThread) -> None:
     goal = go(client, 1.0)
     status, result = goal.result()
-    assert (status, getattr(result, "error_code", 0)) == (SUCCEEDED, 0)
+    assert (status, error_code(result)) == (SUCCEEDED, 0)
     assert distance_to(simulator, 1.0) < 0.01
     assert drives(simulator) == [action_pb2.kExecute]
 
@@ -117,7 +117,7 @@ def test_a_cancel_ends_cancelled_and_the_robot_stands(
     goal = driving(client, simulator, name, **fields)
     assert goal.cancel().goals_canceling
     status, result = goal.result()
-    assert (status, getattr(result, "error_code", 0)) == (CANCELED, 0)
+    assert (status, error_code(result)) == (CANCELED, 0)
     assert stands(simulator)
     assert distance_to(simulator, 5.0) > 3.0
     assert drives(simulator) == [action_pb2.kExecute, action_pb2.kCancel]
@@ -152,9 +152,7 @@ def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(
 ) -> None:
     first = driving(client, simulator)
     simulator.inject("refuse", type=CALL_ACTION, text="not there", count=1)
-    status, result = go(client, 1.0).result()
-    assert status == ABORTED
-    assert says(result, "not there")
+    go(client, 1.0).wait_aborted("not there")
     assert first.result()[0] == ABORTED
     assert stands(simulator)
     assert distance_to(simulator, 5.0) > 2.0
@@ -182,9 +180,7 @@ def test_a_cancel_of_others_is_explained(
 ) -> None:
     goal = driving(client, simulator)
     cancel(client, simulator)
-    status, result = goal.result()
-    assert status == ABORTED
-    assert says(result, text)
+    goal.wait_aborted(text)
 
 
 def test_a_goal_of_the_agents_own_action_replaces_it(
@@ -192,9 +188,7 @@ def test_a_goal_of_the_agents_own_action_replaces_it(
 ) -> None:
     goal = driving(client, simulator)
     other = move_base(client, 1.0)
-    status, result = goal.result()
-    assert status == ABORTED
-    assert says(result, "newer goal")
+    goal.wait_aborted("newer goal")
     assert other.result()[0] == SUCCEEDED
 
 
@@ -221,11 +215,7 @@ def test_a_refusal_is_explained(
     reason: str,
 ) -> None:
     prevent(client, simulator)
-    status, result = go(client, 1.0).result()
-    assert status == ABORTED
-    if hasattr(result, "error_msg"):
-        assert reason in result.error_msg
-        assert result.error_code == getattr(result, "UNKNOWN", 0)
+    go(client, 1.0).wait_aborted(reason, code="UNKNOWN")
     logs.wait_text(reason)
 
 
@@ -234,9 +224,7 @@ def test_a_task_is_not_replaced(client: Client, simulator: SimulatorThread) -> N
     slow_down(simulator)
     running = task(client, mark="A23", task_id=11)
     running.feedback.wait(lambda each: each.state.value == EXECUTING)
-    status, result = go(client, 1.0).result()
-    assert status == ABORTED
-    assert says(result, "task")
+    go(client, 1.0).wait_aborted("task")
     assert not running.done
     running.cancel()
 
@@ -253,9 +241,7 @@ def test_all_goals_are_aborted_when_the_agent_stops(
         goal.feedback.wait(lambda _: True)
     agent.close()
     for goal in goals:
-        status, result = goal.result()
-        assert status == ABORTED
-        assert says(result, "the agent is stopping")
+        goal.wait_aborted("the agent is stopping")
 
 
 @pytest.mark.parametrize(
@@ -308,24 +294,18 @@ def test_the_robot_drives_through_poses(client: Client, simulator: SimulatorThre
 
 
 def test_poses_outside_of_the_map_are_not_reached(client: Client) -> None:
-    status, result = through_poses(client, [ahead(1.0), pose(*OUTSIDE)]).result()
-    assert status == ABORTED
-    assert says(result, "no free path")
+    through_poses(client, [ahead(1.0), pose(*OUTSIDE)]).wait_aborted("no free path")
 
 
 def test_a_refusal_that_may_be_due_to_the_number_of_poses_says_so(client: Client) -> None:
-    status, result = through_poses(client, [ahead(n / 100) for n in range(201)]).result()
-    assert status == ABORTED
-    assert says(result, "the goal has 201 poses, which may be too many: send fewer")
+    through_poses(client, [ahead(n / 100) for n in range(201)]).wait_aborted(
+        "the goal has 201 poses, which may be too many: send fewer"
+    )
 
 
 def test_no_poses_are_no_goal(client: Client) -> None:
     assert through_poses(client, []).result()[0] == ABORTED
-    status, result = Nav2Client(client, "follow_waypoints", poses=[]).result()
-    assert status == ABORTED
-    assert getattr(result, "error_code", 0) == getattr(
-        type(result), "NO_VALID_WAYPOINTS", getattr(type(result), "UNKNOWN", 0)
-    )
+    Nav2Client(client, "follow_waypoints", poses=[]).wait_aborted(code="NO_VALID_WAYPOINTS")
 
 
 def missed(result: Any) -> list[int]:
@@ -363,9 +343,7 @@ def test_waypoints_end_when_something_stops_the_robot(
     permit(simulator)
     if injected is not None:
         injected.clear()
-    status, result = goal.result()
-    assert (status, missed(result)) == (ABORTED, [])
-    assert says(result, prevention)
+    assert missed(goal.wait_aborted(prevention)) == []
     assert drives(simulator) == [action_pb2.kExecute]
     wait_until(lambda: stands(simulator), "the robot stands")
 
@@ -380,9 +358,7 @@ def test_waypoints_end_when_one_was_reached_during_a_loss_of_the_link(
     wait_until(lambda: distance_to(simulator, 1.0) < 0.01, "the robot reaches the waypoint")
     wait_until(lambda: stands(simulator), "the robot stands")
     injected.clear()
-    status, result = goal.result()
-    assert (status, missed(result)) == (ABORTED, [])
-    assert says(result, "waypoint 0 while the link")
+    assert missed(goal.wait_aborted("waypoint 0 while the link")) == []
     assert drives(simulator) == [action_pb2.kExecute]
 
 
@@ -414,9 +390,8 @@ def test_a_robot_that_accepts_no_tasks_misses_no_waypoints(
     client: Client, simulator: SimulatorThread
 ) -> None:
     simulator.set_key_switch(True)
-    status, result = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0)] * 3).result()
-    assert (status, missed(result)) == (ABORTED, [])
-    assert says(result, "manual")
+    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0)] * 3)
+    assert missed(goal.wait_aborted("manual")) == []
 
 
 def test_a_frozen_chassis_is_no_standing_robot(client: Client, simulator: SimulatorThread) -> None:
@@ -435,8 +410,7 @@ def test_a_pose_that_means_no_place_moves_nothing(
 ) -> None:
     goal = Nav2Client(client, "navigate_to_pose", pose=place)
     if place.header.frame_id:
-        status, result = goal.result()
-        assert status == ABORTED
+        result = goal.wait_aborted()
         assert "report this" not in getattr(result, "error_msg", "")
     else:
         assert "has no frame" in goal.refusal(logs)
@@ -447,8 +421,7 @@ def test_a_pose_that_means_no_place_moves_nothing(
 def test_the_service_stop_ends_waypoints(client: Client, simulator: SimulatorThread) -> None:
     goal = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
     assert client.call(Trigger, "stop").success
-    status, result = goal.result()
-    assert (status, missed(result)) == (ABORTED, [])
+    assert missed(goal.wait_aborted()) == []
     assert drives(simulator).count(action_pb2.kExecute) == 1
     wait_until(lambda: stands(simulator), "the robot stands")
 

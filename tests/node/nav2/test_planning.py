@@ -16,11 +16,10 @@ from tests.node.nav2.goals import (
     SUCCEEDED,
     Nav2Client,
     ahead,
+    error_code,
     pose,
     poses_field,
-    says,
 )
-from tests.node.nav2.test_behaviors import code, error_code
 from woosh_robot_agent.simulator import SimulatorThread
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
@@ -77,11 +76,10 @@ def test_without_a_path_the_reason_is_told(client: Client) -> None:
         Nav2Client(client, "compute_path_to_pose", goal=pose(1000.0, 1000.0)),
         through_poses(client, [ahead(1.0), pose(1000.0, 1000.0)]),
     ):
-        status, result = goal.result()
-        assert (status, error_code(result)) == (ABORTED, code(result, "NO_VALID_PATH"))
-        assert says(result, "to (1000.00, 1000.00): choose a goal on free floor")
-    status, result = through_poses(client, []).result()
-    assert (status, error_code(result)) == (ABORTED, code(result, "NO_VIAPOINTS_GIVEN"))
+        goal.wait_aborted(
+            "to (1000.00, 1000.00): choose a goal on free floor", code="NO_VALID_PATH"
+        )
+    through_poses(client, []).wait_aborted(code="NO_VIAPOINTS_GIVEN")
 
 
 def test_an_answer_of_the_type_of_the_request_is_read(

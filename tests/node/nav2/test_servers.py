@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from tests.harness import Client, Logs, wait_until
 from tests.node.goals import START, hurry, move_base, slow_down, task
-from tests.node.nav2.goals import ABORTED, SUCCEEDED, go, says, stands
+from tests.node.nav2.goals import SUCCEEDED, go, stands
 from woosh_map_msgs.srv import SceneList
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, SwitchMap
@@ -276,9 +276,7 @@ class TestSpeedLimit:
         """Without its limit, the robot would drive faster than it should."""
         slow_down(simulator)
         limit(speed_limit=0.001)
-        status, result = go(client, 5.0).result()
-        assert status == ABORTED
-        assert says(result, "the robot refused the speed limit of 0.001 m/s")
+        go(client, 5.0).wait_aborted("the robot refused the speed limit of 0.001 m/s")
         assert stands(simulator)
 
     def test_a_refused_limit_of_another_navigation_is_logged(
