@@ -168,7 +168,13 @@ _SERVICES = {each.name: each.srv for each in (*QUERIES, *COMMANDS)}
 
 
 def fill(message: Any, **values: Any) -> Any:
-    """Set fields of a message, and return it; a dict has fields of a field, a number is an enum."""
+    """Set fields of a message, and return it.
+
+    Args:
+        message: the message.
+        values: value of each field by its name: a dict for a message, and a number for an enum,
+            which in ROS is a message with the field `value`.
+    """
     for name, value in values.items():
         field = getattr(message, name)
         if isinstance(value, dict):

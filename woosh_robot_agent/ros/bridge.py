@@ -94,7 +94,7 @@ class _TimedSelector(selectors.DefaultSelector):
             self.longest_ever = max(turn, self.longest_ever)
         events = super().select(timeout)
         self._began = time.monotonic()
-        if timeout is not None:  # another thread may have kept the GIL after the timeout
+        if timeout is not None:  # the turn began at the timeout, even if another thread had the GIL
             self._began = min(self._began, now + timeout)
         return events
 

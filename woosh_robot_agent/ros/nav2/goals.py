@@ -145,10 +145,6 @@ class FailedCommand(GoalEnd):
         self.status_code = code
 
 
-def _nothing() -> None:
-    """Do nothing."""
-
-
 class Nav2Goal:
     """A running goal of a Nav2 action. Use it in the link thread.
 
@@ -232,7 +228,7 @@ class Nav2Goal:
         self,
         command: Message,
         *,
-        tick: Callable[[], None] = _nothing,
+        tick: Callable[[], None] = lambda: None,
         on_report: Callable[[Message], None] = lambda _report: None,
         is_done: Callable[[], bool] = lambda: False,
     ) -> Cause | None:
@@ -292,7 +288,7 @@ class Nav2Goal:
         return FailedCommand(end, await self._context.cancels.source(sent) if is_cancelled else "")
 
     async def wait_for(
-        self, future: asyncio.Future[Any], tick: Callable[[], None] = _nothing
+        self, future: asyncio.Future[Any], tick: Callable[[], None] = lambda: None
     ) -> None:
         """Wait until a future is done.
 
@@ -312,7 +308,7 @@ class Nav2Goal:
         Raises:
             GoalEnd: the goal has ended before.
         """
-        await self._repeat(_nothing, self._reason, condition)
+        await self._repeat(lambda: None, self._reason, condition)
         if not condition():
             self.raise_if_ending()
 
