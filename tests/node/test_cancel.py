@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 
 import pytest
 from action_msgs.srv import CancelGoal
 
-from tests.harness import Client, GoalClient, Logs, Robot, wait_until
+from tests.harness import Client, GoalClient, Robot, wait_until
 from tests.node.goals import (
     ACTION,
     ACTION_ORDER,
@@ -24,7 +23,6 @@ from tests.node.goals import (
     TASK_CANCELED,
     TASK_PROC,
     Held,
-    Kind,
     each_kind,
     hurry,
     lift,
@@ -69,9 +67,7 @@ def cancel_everything(client: Client, name: str) -> CancelGoal.Response:
         (lambda client: lift3(client, 0.4), "lift_control3"),
     ],
 )
-def test_action_can_be_cancelled(
-    robot: Robot, start: Callable[[Client], GoalClient], member: str
-) -> None:
+def test_action_can_be_cancelled(robot, start, member):
     """tasks/test_special_cases.py has the same for tasks."""
     goal = until(start(robot), ACTION.runs)
     goal.cancel()
@@ -81,7 +77,7 @@ def test_action_can_be_cancelled(
     assert [getattr(call, member).action for call in sent] == [EXECUTE, CANCEL]
 
 
-def test_action_can_be_cancelled_before_its_first_report(robot: Robot) -> None:
+def test_action_can_be_cancelled_before_its_first_report(robot):
     robot.chassis.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
     goal = step(robot, 20.0)
     robot.chassis.wait_received(CALL_ACTION)
@@ -90,7 +86,7 @@ def test_action_can_be_cancelled_before_its_first_report(robot: Robot) -> None:
     assert robot.chassis.counts[FEEDBACKS] == 0, "the end is known without a poll"
 
 
-def test_goal_ends_only_when_the_chassis_says_so(robot: Robot) -> None:
+def test_goal_ends_only_when_the_chassis_says_so(robot):
     def without_the_cancel(out: Outgoing) -> list[Outgoing]:
         state = getattr(out.body, "state", 0)
         return [out] if out.sn or (out.type, state) != (TASK_PROC, TASK_CANCELED) else []
@@ -105,7 +101,7 @@ def test_goal_ends_only_when_the_chassis_says_so(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.2], ids=["after the refusal", "before the refusal"])
-def test_refused_cancel_can_be_repeated(robot: Robot, delay: float) -> None:
+def test_refused_cancel_can_be_repeated(robot, delay):
     robot.chassis.refuse(ACTION_ORDER, "not on the lift")
     robot.chassis.delay(ACTION_ORDER, delay)
     goal = driving(robot)
@@ -118,7 +114,7 @@ def test_refused_cancel_can_be_repeated(robot: Robot, delay: float) -> None:
     assert robot.chassis.counts[ACTION_ORDER] == 2
 
 
-def test_refused_cancel_lets_the_goal_succeed(robot: Robot, logs: Logs) -> None:
+def test_refused_cancel_lets_the_goal_succeed(robot, logs):
     robot.chassis.refuse(ACTION_ORDER, "not on the lift")
     goal = driving(robot)
     goal.cancel()
@@ -129,7 +125,7 @@ def test_refused_cancel_lets_the_goal_succeed(robot: Robot, logs: Logs) -> None:
     assert [each.name for each in told] == ["woosh_robot_agent.ros.actions.giving_up"]
 
 
-def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot: Robot) -> None:
+def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot):
     """The chassis may still execute another goal, which an early cancel would end."""
     answered = threading.Event()
 
@@ -149,7 +145,7 @@ def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot: Robot) -> N
     assert robot.chassis.counts[ACTION_ORDER] == 1
 
 
-def test_cancel_of_a_refused_goal_is_not_sent(robot: Robot) -> None:
+def test_cancel_of_a_refused_goal_is_not_sent(robot):
     other = driving(robot)
     robot.chassis.refuse(EXEC_TASK, "busy")
     held = Held(robot.chassis, EXEC_TASK)
@@ -164,7 +160,7 @@ def test_cancel_of_a_refused_goal_is_not_sent(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("both", [False, True], ids=["old one", "both"])
-def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot: Robot, both: bool) -> None:
+def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot, both):
     robot.set_goal_timing(poll_period=0.5)
     old = driving(robot)
     remove = robot.chassis.intercept(without_reports)
@@ -184,7 +180,7 @@ def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot: Robot, both
 
 
 @pytest.mark.parametrize("turn", range(5))
-def test_cancel_near_the_end_of_the_goal_gives_one_result(robot: Robot, turn: int) -> None:
+def test_cancel_near_the_end_of_the_goal_gives_one_result(robot, turn):
     hurry(robot.chassis)
     goal = short_task(robot, 0.05)
     if turn:
@@ -199,7 +195,7 @@ def test_cancel_near_the_end_of_the_goal_gives_one_result(robot: Robot, turn: in
 
 
 @each_kind
-def test_cancel_without_a_link_is_sent_once_when_it_is_back(robot: Robot, kind: Kind) -> None:
+def test_cancel_without_a_link_is_sent_once_when_it_is_back(robot, kind):
     goal = kind.running(robot)
     sent = robot.chassis.counts[kind.cancels]
     robot.chassis.stop_listening()
@@ -210,7 +206,7 @@ def test_cancel_without_a_link_is_sent_once_when_it_is_back(robot: Robot, kind: 
     assert robot.chassis.counts[kind.cancels] == sent + 1
 
 
-def test_refused_cancel_is_not_sent_again_after_a_lost_link(robot: Robot) -> None:
+def test_refused_cancel_is_not_sent_again_after_a_lost_link(robot):
     """A refusal is an answer, so only the client may repeat the cancel."""
     goal = driving(robot)
     robot.chassis.refuse(ACTION_ORDER, "later")
@@ -225,7 +221,7 @@ def test_refused_cancel_is_not_sent_again_after_a_lost_link(robot: Robot) -> Non
     assert robot.chassis.counts[ACTION_ORDER] == 1
 
 
-def test_all_goals_of_an_action_can_be_cancelled_at_once(robot: Robot) -> None:
+def test_all_goals_of_an_action_can_be_cancelled_at_once(robot):
     goal = driving(robot)
     assert len(cancel_everything(robot, "robot/ExecTask").goals_canceling) == 1
     assert goal.result()[0] == CANCELED

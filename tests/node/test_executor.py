@@ -203,7 +203,7 @@ MAIN = threading.main_thread().name
 # The order of a turn
 
 
-def test_order_of_a_turn(rig: Rig) -> None:
+def test_order_of_a_turn(rig):
     makes = [
         rig.service("service"),
         rig.guard("guard").trigger,
@@ -219,7 +219,7 @@ def test_order_of_a_turn(rig: Rig) -> None:
     assert rig.spin(6) == ["urgent", "task", "timer", "subscription", "guard", "service"]
 
 
-def test_of_one_kind_the_one_that_has_not_run_longest_comes_first(rig: Rig) -> None:
+def test_of_one_kind_the_one_that_has_not_run_longest_comes_first(rig):
     makes = {name: rig.subscription(name) for name in "abc"}
     rig.use(*makes.values())
     for name in "cab":
@@ -231,7 +231,7 @@ def test_of_one_kind_the_one_that_has_not_run_longest_comes_first(rig: Rig) -> N
     assert rig.spin(3) == [*"cab", *"cab"]
 
 
-def test_urgent_entities_wait_for_one_callback_at_most(rig: Rig) -> None:
+def test_urgent_entities_wait_for_one_callback_at_most(rig):
     urgent = rig.subscription("urgent", callback_group=UrgentCallbackGroup())
     makes = [rig.subscription(name) for name in ("first", "second")]
     rig.use(urgent, *makes)
@@ -242,7 +242,7 @@ def test_urgent_entities_wait_for_one_callback_at_most(rig: Rig) -> None:
     assert rig.spin(2) == ["first", "urgent", "second"]
 
 
-def test_all_requests_of_a_service_run_in_one_turn(rig: Rig, waits: Counter[str]) -> None:
+def test_all_requests_of_a_service_run_in_one_turn(rig, waits):
     call = rig.service("service")
     rig.use(call)
     for _ in range(5):
@@ -252,7 +252,7 @@ def test_all_requests_of_a_service_run_in_one_turn(rig: Rig, waits: Counter[str]
     assert waits[MAIN] == 1
 
 
-def test_services_with_many_requests_take_turns(rig: Rig) -> None:
+def test_services_with_many_requests_take_turns(rig):
     makes = [rig.service("a"), rig.service("b")]
     rig.use(*makes)
     for make in makes * 3:
@@ -260,7 +260,7 @@ def test_services_with_many_requests_take_turns(rig: Rig) -> None:
     assert rig.spin(6) == [*"ababab"]
 
 
-def test_a_turn_with_many_requests_ends(rig: Rig) -> None:
+def test_a_turn_with_many_requests_ends(rig):
     """A service with a request after each other does not keep other entities from running."""
     call = rig.service(
         "service", lambda _, response: (rig.ran.append("service"), call(), response)[2]
@@ -273,7 +273,7 @@ def test_a_turn_with_many_requests_ends(rig: Rig) -> None:
     rig.spin_until(lambda: "subscription" in rig.ran)
 
 
-def test_many_ready_entities_all_run(rig: Rig) -> None:
+def test_many_ready_entities_all_run(rig):
     makes = [rig.subscription(f"topic_{number}") for number in range(30)]
     makes += [rig.guard(f"guard_{number}").trigger for number in range(30)]
     for make in makes:
@@ -286,7 +286,7 @@ def test_many_ready_entities_all_run(rig: Rig) -> None:
 # Which entities are in use
 
 
-def test_an_entity_that_was_ready_is_not_idle(busy_rig: Rig, waits: Counter[str]) -> None:
+def test_an_entity_that_was_ready_is_not_idle(busy_rig, waits):
     call = busy_rig.service("service")
     busy_rig.use(call)
     wait_until(lambda: busy_rig.executor.spin_once(QUIET) or waits[IDLE])
@@ -297,7 +297,7 @@ def test_an_entity_that_was_ready_is_not_idle(busy_rig: Rig, waits: Counter[str]
     assert waits[IDLE] == before
 
 
-def test_entities_that_are_no_longer_used_become_idle_and_still_run(busy_rig: Rig) -> None:
+def test_entities_that_are_no_longer_used_become_idle_and_still_run(busy_rig):
     makes = [busy_rig.subscription(f"topic_{number}") for number in range(60)]
     for _ in range(3):
         busy_rig.use(*makes)
@@ -305,7 +305,7 @@ def test_entities_that_are_no_longer_used_become_idle_and_still_run(busy_rig: Ri
     assert busy_rig.spin(1) == ["topic_0"]
 
 
-def test_events_of_an_idle_subscription_run(rig: Rig) -> None:
+def test_events_of_an_idle_subscription_run(rig):
     """Defaults of rclpy: a publisher with an incompatible profile is reported in the log."""
     rig.subscription("topic")
     handlers = [h for each in rig.node.subscriptions for h in each.event_handlers]
@@ -317,9 +317,7 @@ def test_events_of_an_idle_subscription_run(rig: Rig) -> None:
     rig.spin_until(lambda: rig.ran == ["event"])
 
 
-def test_a_defect_of_the_second_thread_is_logged_and_nothing_is_lost(
-    busy_rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_defect_of_the_second_thread_is_logged_and_nothing_is_lost(busy_rig, monkeypatch, caplog):
     wait = WaitSet.wait
     failed = threading.Event()
 
@@ -341,7 +339,7 @@ def test_a_defect_of_the_second_thread_is_logged_and_nothing_is_lost(
 # Entities, nodes and the executor come and go
 
 
-def test_entities_are_added_and_removed_while_it_spins(rig: Rig) -> None:
+def test_entities_are_added_and_removed_while_it_spins(rig):
     rig.start()
     for number in range(3):
         name = f"topic_{number}"
@@ -353,7 +351,7 @@ def test_entities_are_added_and_removed_while_it_spins(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("destroyed", ["entities", "node"])
-def test_what_is_destroyed_leaves_the_graph_when_nobody_spins(rig: Rig, destroyed: str) -> None:
+def test_what_is_destroyed_leaves_the_graph_when_nobody_spins(rig, destroyed):
     rig.use(rig.subscription("used"))
     rig.subscription("unused")
     rig.spin_quietly()
@@ -367,7 +365,7 @@ def test_what_is_destroyed_leaves_the_graph_when_nobody_spins(rig: Rig, destroye
         wait_until(lambda name=name: not rig.other.count_subscribers(name), "its end")
 
 
-def test_an_entity_that_is_destroyed_in_its_turn_does_not_run(rig: Rig) -> None:
+def test_an_entity_that_is_destroyed_in_its_turn_does_not_run(rig):
     def destroy(*_: Any) -> None:
         rig.node.destroy_subscription(list(rig.node.subscriptions)[-1])
 
@@ -380,7 +378,7 @@ def test_an_entity_that_is_destroyed_in_its_turn_does_not_run(rig: Rig) -> None:
     assert rig.spin_quietly() == ["first"]
 
 
-def test_two_nodes(rig: Rig) -> None:
+def test_two_nodes(rig):
     second = Node("second", context=rig.context)
     second.create_service(Trigger, "second", rig.named("second"))
     assert rig.executor.add_node(second)
@@ -400,7 +398,7 @@ def test_two_nodes(rig: Rig) -> None:
     second.destroy_node()
 
 
-def test_shutdown_from_another_thread_ends_spin(rig: Rig) -> None:
+def test_shutdown_from_another_thread_ends_spin(rig):
     thread = threading.Thread(target=rig.executor.spin)
     thread.start()
     rig.executor.create_task(rig.named("task"))
@@ -411,12 +409,12 @@ def test_shutdown_from_another_thread_ends_spin(rig: Rig) -> None:
     assert rig.executor.get_nodes() == []
 
 
-def test_shutdown_in_a_callback_ends_spin(rig: Rig) -> None:
+def test_shutdown_in_a_callback_ends_spin(rig):
     rig.guard("guard", rig.executor.shutdown).trigger()
     rig.executor.spin()
 
 
-def test_shutdown_waits_for_a_callback(rig: Rig) -> None:
+def test_shutdown_waits_for_a_callback(rig):
     running, release = threading.Event(), threading.Event()
 
     def callback() -> None:
@@ -431,13 +429,13 @@ def test_shutdown_waits_for_a_callback(rig: Rig) -> None:
     assert rig.executor.shutdown()
 
 
-def test_shutdown_of_the_context_ends_spin(rig: Rig) -> None:
+def test_shutdown_of_the_context_ends_spin(rig):
     threading.Timer(QUIET, rclpy.try_shutdown, kwargs={"context": rig.context}).start()
     with pytest.raises(ExternalShutdownException):
         rig.executor.spin()
 
 
-def test_the_second_thread_ends(busy_rig: Rig) -> None:
+def test_the_second_thread_ends(busy_rig):
     def ended() -> bool:
         return IDLE not in {thread.name for thread in threading.enumerate()}
 
@@ -454,7 +452,7 @@ def test_the_second_thread_ends(busy_rig: Rig) -> None:
     wait_until(ended)
 
 
-def test_sigint_ends_spin(domain: int) -> None:
+def test_sigint_ends_spin(domain):
     program = subprocess.Popen(
         [sys.executable, "-c", SPIN],
         stdout=subprocess.PIPE,
@@ -493,7 +491,7 @@ print("ended")
 # Waking up, and not spinning
 
 
-def test_another_thread_wakes_it(rig: Rig) -> None:
+def test_another_thread_wakes_it(rig):
     guard = rig.guard("guard")
     rig.start()
     for wake in (guard.trigger, lambda: rig.executor.create_task(rig.named("task"))):
@@ -502,7 +500,7 @@ def test_another_thread_wakes_it(rig: Rig) -> None:
         wait_until(lambda: rig.ran)
 
 
-def test_it_waits_while_nothing_is_ready(rig: Rig, waits: Counter[str]) -> None:
+def test_it_waits_while_nothing_is_ready(rig, waits):
     rig.use(rig.service("service"), rig.subscription("subscription"), rig.guard("guard").trigger)
     rig.spin_quietly()
     waits.clear()
@@ -511,7 +509,7 @@ def test_it_waits_while_nothing_is_ready(rig: Rig, waits: Counter[str]) -> None:
     assert waits == {MAIN: 3}
 
 
-def test_it_waits_while_a_coroutine_awaits_something(rig: Rig, waits: Counter[str]) -> None:
+def test_it_waits_while_a_coroutine_awaits_something(rig, waits):
     future: Future = Future()
 
     async def work() -> None:
@@ -529,7 +527,7 @@ def test_it_waits_while_a_coroutine_awaits_something(rig: Rig, waits: Counter[st
     assert rig.spin(1) == ["work"]
 
 
-def test_spin_once_ends_after_its_timeout(rig: Rig) -> None:
+def test_spin_once_ends_after_its_timeout(rig):
     rig.executor.spin_once(0.0)
     rig.executor.spin_once(timeout_sec=0.01)
     call = rig.service("service")
@@ -542,7 +540,7 @@ def test_spin_once_ends_after_its_timeout(rig: Rig) -> None:
 # Callbacks
 
 
-def test_an_exception_leaves_spin_once_and_the_rest_of_the_turn_follows(rig: Rig) -> None:
+def test_an_exception_leaves_spin_once_and_the_rest_of_the_turn_follows(rig):
     def fail(*_: Any) -> None:
         raise RuntimeError("mistake")
 
@@ -569,7 +567,7 @@ def test_an_exception_leaves_spin_once_and_the_rest_of_the_turn_follows(rig: Rig
     assert str(task.exception()) == "late mistake"
 
 
-def test_timers(rig: Rig) -> None:
+def test_timers(rig):
     timer = rig.node.create_timer(0.01, rig.named("timer"))
     assert rig.spin(5) == ["timer"] * 5
     timer.cancel()
@@ -583,7 +581,7 @@ def test_timers(rig: Rig) -> None:
 @pytest.mark.skipif(
     not hasattr(rclpy.timer, "TimerInfo"), reason="this release has no information about timers"
 )
-def test_timers_with_information(rig: Rig) -> None:
+def test_timers_with_information(rig):
     def callback(info: Any) -> None:
         rig.ran.append(type(info).__name__)
 
@@ -592,7 +590,7 @@ def test_timers_with_information(rig: Rig) -> None:
     assert rig.spin(2) == ["TimerInfo"] * 2
 
 
-def test_messages_with_information(rig: Rig) -> None:
+def test_messages_with_information(rig):
     infos: list[Any] = []
     publish = rig.subscription("topic", lambda _message, info: infos.append(info))
     publish()
@@ -600,7 +598,7 @@ def test_messages_with_information(rig: Rig) -> None:
     assert infos[0]["source_timestamp"] > 0
 
 
-def test_raw_messages(rig: Rig) -> None:
+def test_raw_messages(rig):
     received: list[Any] = []
     rig.subscription("topic", received.append, raw=True)()
     rig.spin_until(lambda: received)
@@ -614,7 +612,7 @@ def _called(rig: Rig, client: Any) -> Any:
     return future.result()
 
 
-def test_a_client(rig: Rig) -> None:
+def test_a_client(rig):
     rig.service("service")
     client = rig.client("service")
     assert _called(rig, client).success
@@ -627,7 +625,7 @@ def test_a_client(rig: Rig) -> None:
     assert done[0].name == "spinner"
 
 
-def test_a_deferred_service(rig: Rig) -> None:
+def test_a_deferred_service(rig):
     replies: list[Reply] = []
     DeferredService(rig.node, Trigger, "service", lambda _, reply: replies.append(reply))
     client = rig.client("service")
@@ -641,7 +639,7 @@ def test_a_deferred_service(rig: Rig) -> None:
     assert future.result().message == "late"
 
 
-def test_a_deferred_service_refuses_another_executor(rig: Rig) -> None:
+def test_a_deferred_service_refuses_another_executor(rig):
     DeferredService(rig.other, Trigger, "service", lambda *_: None)
     client = rig.client("service")
     client.call_async(Trigger.Request())
@@ -652,7 +650,7 @@ def test_a_deferred_service_refuses_another_executor(rig: Rig) -> None:
     executor.shutdown()
 
 
-def test_an_action(rig: Rig) -> None:
+def test_an_action(rig):
     """Goals of rclpy's server and client, which are made of waitables."""
     steps: list[Any] = []
 
@@ -691,7 +689,7 @@ def test_an_action(rig: Rig) -> None:
         each.destroy()
 
 
-def test_a_coroutine_keeps_its_group_busy(rig: Rig) -> None:
+def test_a_coroutine_keeps_its_group_busy(rig):
     future: Future = Future()
 
     async def wait(_request: Any, response: Any) -> Any:
@@ -720,7 +718,7 @@ def test_a_coroutine_keeps_its_group_busy(rig: Rig) -> None:
     assert sorted(rig.ran[1:]) == ["guard", "same"]
 
 
-def test_coroutines_of_subscriptions_and_timers(rig: Rig) -> None:
+def test_coroutines_of_subscriptions_and_timers(rig):
     rig.service("service", callback_group=ReentrantCallbackGroup())
     client = rig.client("service", callback_group=ReentrantCallbackGroup())
 
@@ -734,7 +732,7 @@ def test_coroutines_of_subscriptions_and_timers(rig: Rig) -> None:
     timer.cancel()
 
 
-def test_tasks(rig: Rig) -> None:
+def test_tasks(rig):
     assert not rig.executor.create_task(lambda: None).done()
     value = rig.executor.create_task(lambda factor, *, number: factor * number, 3, number=4)
 
@@ -749,7 +747,7 @@ def test_tasks(rig: Rig) -> None:
     assert rig.spin_quietly() == []
 
 
-def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig: Rig) -> None:
+def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig):
     def again() -> None:
         rig.executor.create_task(again)
 
@@ -759,7 +757,7 @@ def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig: Rig) -
     rig.spin_until(lambda: rig.ran)
 
 
-def test_spin_until_future_complete_ends_with_the_future_or_its_timeout(rig: Rig) -> None:
+def test_spin_until_future_complete_ends_with_the_future_or_its_timeout(rig):
     future: Future = Future()
     rig.executor.spin_until_future_complete(future, QUIET)
     assert not future.done()
@@ -768,7 +766,7 @@ def test_spin_until_future_complete_ends_with_the_future_or_its_timeout(rig: Rig
     assert future.result() == 1
 
 
-def test_rclpys_functions_take_it(rig: Rig) -> None:
+def test_rclpys_functions_take_it(rig):
     rig.guard("guard").trigger()
     rclpy.spin_once(rig.node, executor=rig.executor, timeout_sec=TIMEOUT)
     assert rig.ran == ["guard"]

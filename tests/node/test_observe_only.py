@@ -86,7 +86,7 @@ def velocity(linear: float) -> Twist:
     return message
 
 
-def test_only_reads_reach_the_chassis_whatever_clients_send(observer: Robot, logs: Logs) -> None:
+def test_only_reads_reach_the_chassis_whatever_clients_send(observer, logs):
     for query in QUERIES:
         observer.call(class_of(query.srv, "srv"), query.name)
         assert observer.chassis.counts[query.request], query.name
@@ -134,7 +134,7 @@ def test_only_reads_reach_the_chassis_whatever_clients_send(observer: Robot, log
         assert len(logged(logs, f"{name} is ignored")) == 1, "it is logged once"
 
 
-def test_diagnostics_show_it(observer: Robot) -> None:
+def test_diagnostics_show_it(observer):
     def link(message: Any) -> Any:
         return next(s for s in message.status if s.name.endswith(": link"))
 
@@ -146,7 +146,7 @@ def test_diagnostics_show_it(observer: Robot) -> None:
     seen.wait(lambda m: {v.key: v.value for v in link(m).values}["observe only"] == "no")
 
 
-def test_what_others_do_is_observed(observer: Robot, logs: Logs) -> None:
+def test_what_others_do_is_observed(observer, logs):
     seen = diagnostics(observer)
     observer.chassis.push(StatusCode(code=110301000042, level=StatusCode.kWarn))
     logs.wait_text("left motor is too hot")
@@ -157,7 +157,7 @@ def test_what_others_do_is_observed(observer: Robot, logs: Logs) -> None:
     assert received(observer.chassis) <= READS
 
 
-def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot: Robot) -> None:
+def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot):
     set_speed(robot.chassis, 1.0)
     goal = task(robot, task_id=7)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -167,7 +167,7 @@ def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot: Robot) -> None:
     diagnostics(robot).wait(lambda m: text in [s.message for s in m.status])
 
 
-def test_commands_are_sent_again_when_it_is_turned_off(observer: Robot) -> None:
+def test_commands_are_sent_again_when_it_is_turned_off(observer):
     assert not observer.call(Speak, "robot/Speak").ok
     assert change(observer, observe_only=False) == (True, "")
     assert observer.call(Speak, "robot/Speak").ok
@@ -177,18 +177,18 @@ def test_commands_are_sent_again_when_it_is_turned_off(observer: Robot) -> None:
     assert observer.chassis.counts["woosh.robot.RobotInfo"] == 1, "it does not reconnect"
 
 
-def test_a_driving_robot_is_stopped_when_it_is_turned_on(robot: Robot) -> None:
+def test_a_driving_robot_is_stopped_when_it_is_turned_on(robot):
     robot.set_motion_timing(driving=3600.0)
     assert robot.command("robot/Twist", linear=0.3).ok
     assert change(robot, observe_only=True) == (True, "")
     robot.chassis.wait_received(TWIST, 2)
-    assert robot.chassis.last(TWIST).linear == 0.0  # type: ignore[union-attr]
+    assert robot.chassis.last(TWIST).linear == 0.0
     assert not robot.command("robot/Twist", linear=0.3).ok
     robot.agent.close()
     assert robot.chassis.counts[TWIST] == 2, "an observer sends no zero at its end"
 
 
-def test_open_goals_end_when_it_is_turned_on(robot: Robot) -> None:
+def test_open_goals_end_when_it_is_turned_on(robot):
     stop_time(robot.chassis)
     goal = task(robot)
     wait_until(lambda: robot.chassis.counts["woosh.robot.ExecTask"])
@@ -197,7 +197,7 @@ def test_open_goals_end_when_it_is_turned_on(robot: Robot) -> None:
     assert robot.chassis.counts["woosh.robot.ActionOrder"] == 0
 
 
-def test_turning_it_on_precedes_the_velocity_that_follows(robot: Robot, logs: Logs) -> None:
+def test_turning_it_on_precedes_the_velocity_that_follows(robot, logs):
     """Also if the link thread is busy while both arrive."""
     publisher = publish(robot, "cmd_vel", velocity(0.0))
     released = threading.Event()
@@ -212,9 +212,7 @@ def test_turning_it_on_precedes_the_velocity_that_follows(robot: Robot, logs: Lo
     assert robot.chassis.counts[TWIST] == 0
 
 
-def test_each_robot_of_a_process_has_its_own(
-    domain: int, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
-) -> None:
+def test_each_robot_of_a_process_has_its_own(domain, simulator, start_agent):
     for namespace, observe_only in (("/r1", True), ("/r2", False)):
         start_agent(
             namespace=namespace, ip="127.0.0.1", port=simulator.port, observe_only=observe_only

@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import rclpy
@@ -47,7 +46,7 @@ def run_pytest(folder: Path, *arguments: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-def test_the_documented_example_passes(tmp_path: Path) -> None:
+def test_the_documented_example_passes(tmp_path):
     for file in EXAMPLES:
         shutil.copy(file, tmp_path)
     status, said = run_pytest(tmp_path)
@@ -57,7 +56,7 @@ def test_the_documented_example_passes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("file", [EXAMPLES[0], EXAMPLES[2]], ids=lambda file: str(file.name))
-def test_the_docs_show_the_example_unchanged(file: Path) -> None:
+def test_the_docs_show_the_example_unchanged(file):
     assert f"```python\n{file.read_text()}```" in (DOCS / "testing.md").read_text()
 
 
@@ -68,7 +67,7 @@ def test_the_docs_show_the_example_unchanged(file: Path) -> None:
         "from woosh_robot_agent.testing import simulated_chassis, woosh_agent",
     ],
 )
-def test_fixtures_work_as_plugin_and_as_import(tmp_path: Path, conftest: str) -> None:
+def test_fixtures_work_as_plugin_and_as_import(tmp_path, conftest):
     (tmp_path / "conftest.py").write_text(conftest)
     (tmp_path / "test_it.py").write_text(
         "def test_it(woosh_agent, simulated_chassis):\n"
@@ -80,7 +79,7 @@ def test_fixtures_work_as_plugin_and_as_import(tmp_path: Path, conftest: str) ->
     assert status == 0, said
 
 
-def test_marks_configure_the_fixtures(tmp_path: Path) -> None:
+def test_marks_configure_the_fixtures(tmp_path):
     (tmp_path / "conftest.py").write_text("pytest_plugins = ['woosh_robot_agent.testing']")
     (tmp_path / "test_it.py").write_text(
         "import pytest\n"
@@ -109,7 +108,7 @@ def agent(request: pytest.FixtureRequest) -> Iterator[RunningAgent]:
         yield agent
 
 
-def test_a_node_of_the_test_can_call_the_agent(agent: RunningAgent) -> None:
+def test_a_node_of_the_test_can_call_the_agent(agent):
     rclpy.init()
     try:
         node = rclpy.create_node("visitor")
@@ -124,19 +123,19 @@ def test_a_node_of_the_test_can_call_the_agent(agent: RunningAgent) -> None:
 
 
 @pytest.mark.parametrize("process", [False, True])
-def test_an_agent_connects_again(process: bool) -> None:
+def test_an_agent_connects_again(process):
     with running_chassis() as chassis, running_agent(chassis, process=process) as agent:
         chassis.drop()
         agent.wait_connected(2)
 
 
-def test_an_agent_connects_over_tcp() -> None:
+def test_an_agent_connects_over_tcp():
     with running_chassis() as chassis, running_agent(chassis, transport="tcp"):
         assert chassis.connections == 1
 
 
 @pytest.mark.parametrize("process", [False, True])
-def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process: bool) -> None:
+def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process):
     with (
         running_chassis() as chassis,
         pytest.raises((ValueError, AssertionError), match="encoding"),
@@ -146,12 +145,12 @@ def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process: bool)
 
 
 @pytest.mark.parametrize(("options", "name"), [({}, "instant"), ({"profile": "tr200"}, "tr200")])
-def test_chassis_answers_without_delay_by_default(options: dict[str, str], name: str) -> None:
+def test_chassis_answers_without_delay_by_default(options, name):
     with running_chassis(**options) as chassis:
         assert chassis.call(lambda simulator: simulator.chassis.profile.name) == name
 
 
-def test_two_robots_can_share_a_domain() -> None:
+def test_two_robots_can_share_a_domain():
     with (
         own_domain() as domain,
         running_chassis(robot_id=1) as one,
@@ -162,7 +161,7 @@ def test_two_robots_can_share_a_domain() -> None:
         assert (one.connections, two.connections) == (1, 1)
 
 
-def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> None:
+def test_domains_differ_and_the_environment_is_restored(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     ((variable, value),) = this_computer_only().items()
     monkeypatch.delenv(variable, raising=False)
@@ -174,7 +173,7 @@ def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> Non
     assert variable not in os.environ
 
 
-def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain() -> None:
+def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain():
     script = """
 import os
 from woosh_robot_agent.testing import agents
@@ -194,7 +193,7 @@ with agents.own_domain() as domain:
         os.kill(process, signal.SIGKILL)
 
 
-def test_the_exception_of_a_callback_reaches_the_test() -> None:
+def test_the_exception_of_a_callback_reaches_the_test():
     with own_domain():
         rclpy.init()
         try:
@@ -212,7 +211,7 @@ def test_the_exception_of_a_callback_reaches_the_test() -> None:
             rclpy.shutdown()
 
 
-def test_the_chassis_fixture_works_without_ros(tmp_path: Path) -> None:
+def test_the_chassis_fixture_works_without_ros(tmp_path):
     (tmp_path / "conftest.py").write_text(
         "import sys\n"
         "sys.modules['rclpy'] = None\n"  # an import of it fails
@@ -234,7 +233,7 @@ def test_the_chassis_fixture_works_without_ros(tmp_path: Path) -> None:
     assert status == 0, said
 
 
-def test_the_driver_does_not_need_pytest() -> None:
+def test_the_driver_does_not_need_pytest():
     """The driver must not import this package either."""
     program = (
         "import sys, woosh_robot_agent.agent, woosh_robot_agent.ros.node\n"

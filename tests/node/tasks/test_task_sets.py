@@ -83,9 +83,7 @@ def fed_back(goal: GoalClient) -> list[tuple[int, int]]:
         (TASK_CANCELED, COMPLETED, SUCCEEDED),
     ],
 )
-def test_a_set_ends_as_its_last_task_does(
-    robot: ScriptedRobot, first: int, last: int, status: int
-) -> None:
+def test_a_set_ends_as_its_last_task_does(robot, first, last, status):
     goal = started(robot)
     end_task(robot.chassis, 1, first)
     robot.chassis.push(ROBOT_STATE, TASK)
@@ -99,9 +97,7 @@ def test_a_set_ends_as_its_last_task_does(
     assert fed_back(goal) == [(1, EXECUTING), (1, first), (2, EXECUTING), (2, last)]
 
 
-def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(
-    robot: ScriptedRobot,
-) -> None:
+def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(robot):
     goal = started(robot)
     end_task(robot.chassis, 1)
     assert goal.result()[0] == SUCCEEDED
@@ -110,7 +106,7 @@ def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(
     send(robot, SET).wait_aborted("does not execute the task set any more")
 
 
-def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot: ScriptedRobot) -> None:
+def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot):
     """A real robot went on with the third task when the second one was cancelled."""
     orders = robot.chassis.count(ACTION_ORDER)
     goal = started(robot)
@@ -129,9 +125,7 @@ def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot: ScriptedRobot
 
 @pytest.mark.parametrize(("last", "status"), [(COMPLETED, SUCCEEDED), (FAILED, ABORTED)])
 @pytest.mark.parametrize("seen", [EXECUTING, COMPLETED])
-def test_an_end_during_a_lost_link_is_found(
-    robot: ScriptedRobot, seen: int, last: int, status: int
-) -> None:
+def test_an_end_during_a_lost_link_is_found(robot, seen, last, status):
     goal = started(robot)
     if seen == COMPLETED:
         robot.chassis.push(TASK_PROC, proc(1, COMPLETED))
@@ -146,7 +140,7 @@ def test_an_end_during_a_lost_link_is_found(
     assert (ended, ret.robot_task_id, ret.state.value) == (status, SET * 100 + 2, last)
 
 
-def test_a_task_of_another_client_ends_the_set(robot: ScriptedRobot) -> None:
+def test_a_task_of_another_client_ends_the_set(robot):
     """The robot executes a task all the time, but not one of the set."""
     goal = started(robot)
     robot.chassis.push(TASK_PROC, proc(1, TASK_CANCELED))
@@ -156,7 +150,7 @@ def test_a_task_of_another_client_ends_the_set(robot: ScriptedRobot) -> None:
     assert goal.wait_aborted().state.value == TASK_CANCELED
 
 
-def test_without_the_history_the_last_report_counts(robot: ScriptedRobot) -> None:
+def test_without_the_history_the_last_report_counts(robot):
     robot.chassis.refused.add(TASK_HISTORY)
     goal = started(robot)
     end_task(robot.chassis, 1)
@@ -164,7 +158,7 @@ def test_without_the_history_the_last_report_counts(robot: ScriptedRobot) -> Non
 
 
 @pytest.mark.parametrize("number", SETS)
-def test_recorded_sets_of_a_real_robot(robot: ScriptedRobot, number: int) -> None:
+def test_recorded_sets_of_a_real_robot(robot, number):
     """Most records end while the set goes on."""
     recorded = TASKS[number]
     steps = script(robot.chassis, recorded)
