@@ -97,9 +97,13 @@ class Logs(Collector):
             )
         )
 
-    def with_text(self, text: str) -> list[Any]:
-        """Return the records with a text."""
-        return [record for record in list(self.messages) if text in record.getMessage()]
+    def with_text(self, text: str, level: str = "") -> list[Any]:
+        """Return the records with a text, and with the level if one is given."""
+        return [
+            record
+            for record in list(self.messages)
+            if text in record.getMessage() and level in ("", record.levelname)
+        ]
 
 
 class _Callbacks(dict[bytes, Any]):

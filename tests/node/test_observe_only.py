@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Logs, Robot, RunningAgent, wait_until
+from tests.harness import Client, Robot, RunningAgent, wait_until
 from tests.node.goals import EXECUTING, stop_time, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
@@ -59,11 +59,6 @@ def publish(client: Client, name: str, message: Any) -> Any:
 
 def received(simulator: SimulatorThread) -> set[str]:
     return {each.type for each in simulator.received}
-
-
-def logged(logs: Logs, text: str) -> list[str]:
-    """Return the log messages at INFO and above that contain `text`."""
-    return [r.getMessage() for r in logs.messages if text in r.getMessage() and r.levelno >= 20]
 
 
 def initial_pose() -> PoseWithCovarianceStamped:
@@ -131,7 +126,7 @@ def test_only_reads_reach_the_chassis_whatever_clients_send(observer, logs):
     observer.agent.close()
     assert received(observer.chassis) <= READS, received(observer.chassis) - READS
     for name in inputs:
-        assert len(logged(logs, f"{name} is ignored")) == 1, "it is logged once"
+        assert len(logs.with_text(f"{name} is ignored", "WARNING")) == 1, "it is logged once"
 
 
 def test_diagnostics_show_it(observer):

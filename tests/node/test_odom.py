@@ -231,15 +231,11 @@ def test_an_impossible_report_does_not_move_odom_and_is_told_once(
     odom.wait_count(1)
     for _ in range(3):
         reports.push(pose, linear, angular)
-    wait_until(lambda: any(told in text for text in warnings_in(logs)), "the warning")
+    logs.wait_text(told, level="WARNING")
     odom.wait_count(len(odom.messages) + 10)
     assert not any(moving(m) or planar_pose(m.pose.pose).distance for m in odom.messages)
-    assert sum(told in text for text in warnings_in(logs)) == 1
+    assert len(logs.with_text(told, "WARNING")) == 1
     reports.move(odom, Pose2D())
-
-
-def warnings_in(logs: Any) -> list[str]:
-    return [r.getMessage() for r in list(logs.messages) if r.levelname == "WARNING"]
 
 
 def test_covariances_are_configurable_and_can_be_changed(connect, client):
