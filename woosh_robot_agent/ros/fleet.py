@@ -59,7 +59,7 @@ class Fleet:
                 agent.begin_close()
             executor = self.agents[0].node.executor
             if executor is not None:
-                executor.create_task(lambda: None)  # a signal does not end the executor's wait
+                executor.create_task(lambda: None)  # ends its wait, which the signal does not
 
         loop.call_soon_threadsafe(loop.add_reader, fd, begin)
 

@@ -227,6 +227,7 @@ class Attribution:
             # from now on, the same end means that this goal ended like the earlier one
             self._previous = None
             return report != previous
+        # without an earlier end to compare with, an end proves nothing
         return previous is not None and report != previous
 
     def _attribute_progress(self, phase: Phase) -> bool:

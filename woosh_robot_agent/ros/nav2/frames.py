@@ -142,7 +142,7 @@ class Frames:
     ) -> None:
         self._context = context
         self._own: dict[str, Callable[[], Pose2D | None]] = {
-            context.frame("map"): Pose2D,
+            context.frame("map"): Pose2D,  # the identity
             context.frame("odom"): map_to_odom,
             context.frame("base"): robot_pose,
         }

@@ -278,8 +278,9 @@ class Nav2Goal:
         if end.outcome is Outcome.CANCELED:
             await self._context.pose.wait_until_standing()
             raise reason
+        # the cancel had no effect: the text of the failure says that the robot may go on
         if reason.outcome is Outcome.CANCELED or reason.code == "TIMEOUT":
-            raise await self._failure(end, sent)  # its text says that the robot may go on
+            raise await self._failure(end, sent)
         raise reason
 
     async def _failure(self, end: End, sent: float) -> FailedCommand:
