@@ -201,7 +201,7 @@ class _CommandHandler:
         self._robot.thread.spawn(partial(self._answer, message, reply, published, note), reply.fail)
 
     async def _answer(self, message: Message, reply: Reply, published: float, note: str) -> None:
-        address = self._robot.chassis.config.address
+        address = self._robot.chassis.config.address  # parameters may change it meanwhile
         if isinstance(message, Twist) and may_move(message):
             self._velocities.note_call(self._endpoint.name, reply.sequence_number)
         try:

@@ -492,7 +492,7 @@ class Nav2Action(ABC):
             task.add_done_callback(self._tasks.pop)
 
     async def _run(self, goal: Nav2Goal) -> None:
-        reason: GoalEnd | None = GoalEnd(STOPPING)
+        reason: GoalEnd | None = GoalEnd(STOPPING)  # if the task is cancelled
         try:
             if goal.objection:
                 raise GoalEnd(goal.objection, "TF_ERROR")
