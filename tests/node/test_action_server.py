@@ -8,7 +8,7 @@ from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from unique_identifier_msgs.msg import UUID
 
-from tests.harness import Client, wait_future
+from tests.harness import Client, Robot, wait_future
 from tests.node.goals import ABORTED, CANCELED, SUCCEEDED, hurry, step, step_goal, stop_time
 from woosh_ros_msgs.action import StepControl
 
@@ -40,7 +40,7 @@ def result(client: Client, number: int) -> int:
     return int(wait_future(future).status)
 
 
-def test_a_used_id_is_refused(robot):
+def test_a_used_id_is_refused(robot: Robot) -> None:
     stop_time(robot.chassis)
     assert send(robot, 1).accepted
     assert not send(robot, 1).accepted
@@ -50,7 +50,7 @@ def test_a_used_id_is_refused(robot):
     assert not send(robot, 1).accepted
 
 
-def test_cancel_up_to_a_time_means_goals_accepted_until_then(robot):
+def test_cancel_up_to_a_time_means_goals_accepted_until_then(robot: Robot) -> None:
     stop_time(robot.chassis)
     former = send(robot, 1)
     robot.chassis.wait_received("woosh.ros.CallAction", 1)
@@ -64,7 +64,7 @@ def test_cancel_up_to_a_time_means_goals_accepted_until_then(robot):
     assert result(robot, 2) == CANCELED
 
 
-def test_cancel_says_if_a_goal_is_unknown_or_has_ended(robot):
+def test_cancel_says_if_a_goal_is_unknown_or_has_ended(robot: Robot) -> None:
     assert cancel(robot) == (CancelGoal.Response.ERROR_NONE, [])
     assert cancel(robot, 3) == (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, [])
     assert result(robot, 3) == GoalStatus.STATUS_UNKNOWN
@@ -74,7 +74,7 @@ def test_cancel_says_if_a_goal_is_unknown_or_has_ended(robot):
     assert cancel(robot, 3) == (CancelGoal.Response.ERROR_GOAL_TERMINATED, [])
 
 
-def test_states_are_published_for_late_subscribers_too(robot):
+def test_states_are_published_for_late_subscribers_too(robot: Robot) -> None:
     stop_time(robot.chassis)
     states = robot.echo(GoalStatusArray, f"{NAME}/_action/status")
     first = step(robot, 20.0)

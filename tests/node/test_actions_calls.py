@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from tests.harness import Client, GoalClient, fill
+from tests.harness import Client, GoalClient, Robot, fill
 from tests.node.goals import (
     ABORTED,
     CALL_ACTION,
@@ -50,7 +51,9 @@ def running(client: Client, value: float = 500.0) -> GoalClient:
         (lambda client: move_base(client, 0.5), "MoveBase"),
     ],
 )
-def test_each_action_succeeds_with_feedback(robot, start, name):
+def test_each_action_succeeds_with_feedback(
+    robot: Robot, start: Callable[[Client], GoalClient], name: str
+) -> None:
     goal = start(robot)
     status, ret = goal.result()
     assert (status, ret.state.value) == (SUCCEEDED, 1)
@@ -62,14 +65,16 @@ def test_each_action_succeeds_with_feedback(robot, start, name):
 
 
 @pytest.mark.parametrize(("state", "status"), [(1, SUCCEEDED), (-1, ABORTED), (5, ABORTED)])
-def test_goal_ends_with_the_state_and_text_of_the_chassis(robot, state, status):
+def test_goal_ends_with_the_state_and_text_of_the_chassis(
+    robot: Robot, state: int, status: int
+) -> None:
     goal = running(robot)
     robot.chassis.push(feedbacks(state, "as it is"))
     ended, ret = goal.result()
     assert (ended, ret.state.value, ret.msg, ret.action) == (status, state, "as it is", STEP)
 
 
-def test_states_before_the_end_are_feedback_and_other_reports_are_ignored(robot):
+def test_states_before_the_end_are_feedback_and_other_reports_are_ignored(robot: Robot) -> None:
     goal = running(robot)
     for state in (3, 4, 10, 2):
         robot.chassis.push(feedbacks(state, f"state {state}"))
@@ -84,20 +89,20 @@ def test_states_before_the_end_are_feedback_and_other_reports_are_ignored(robot)
     assert not {"wifi", "{}", "failed"} & {fb.msg for fb in goal.feedback.messages}
 
 
-def test_refusal_reaches_the_client(robot):
+def test_refusal_reaches_the_client(robot: Robot) -> None:
     robot.chassis.refuse(CALL_ACTION, "the lift is locked")
     status, ret = lift(robot).result()
     assert (status, ret.state.value, ret.msg) == (ABORTED, -1, "the lift is locked")
     assert ret.action == "woosh.ros.action.LiftControl"
 
 
-def test_nan_is_not_sent(robot):
+def test_nan_is_not_sent(robot: Robot) -> None:
     ret = step(robot, math.nan).wait_aborted("arg.steps[0].value", "nothing was sent")
     assert ret.state.value == -1
     assert robot.chassis.counts[CALL_ACTION] == 0
 
 
-def test_poses_without_a_target_are_driven_to(robot):
+def test_poses_without_a_target_are_driven_to(robot: Robot) -> None:
     poses = [Pose2D(**in_front(ahead)) for ahead in (0.2, 0.4)]
     goal = fill(MoveBase.Goal(), arg={"poses": poses, "action": EXECUTE})
     assert robot.send_goal(MoveBase, "ros/MoveBase", goal).result()[0] == SUCCEEDED
@@ -129,7 +134,7 @@ HINT = "action: {value: 1}"
 
 
 @pytest.mark.parametrize("member", CANCELS)
-def test_cancel_moves_nothing_whatever_else_the_goal_contains(robot, member):
+def test_cancel_moves_nothing_whatever_else_the_goal_contains(robot: Robot, member: str) -> None:
     before = robot.chassis.state
     goal = CANCELS[member](robot)
     status, ret = goal.result()
@@ -147,7 +152,7 @@ def test_cancel_moves_nothing_whatever_else_the_goal_contains(robot, member):
     [[], [StepControlStep()], [StepControlStep(value=math.nan)]],
     ids=["empty", "zeros", "a value that must not be sent"],
 )
-def test_cancel_with_any_command_cancels_the_running_goal(robot, steps):
+def test_cancel_with_any_command_cancels_the_running_goal(robot: Robot, steps: list[Any]) -> None:
     """A public teleoperation node cancels by a step of zeros."""
     goal = running(robot)
     cancel = StepControl.Goal()
@@ -159,13 +164,15 @@ def test_cancel_with_any_command_cancels_the_running_goal(robot, steps):
     assert (status, ret.state.value) == (ABORTED, -2), "not the client of the goal asked for it"
 
 
-def test_cancel_that_a_chassis_accepts_although_nothing_runs_is_aborted(robot):
+def test_cancel_that_a_chassis_accepts_although_nothing_runs_is_aborted(robot: Robot) -> None:
     robot.set_goal_timing(cancel_report_timeout=0.2)
     robot.chassis.intercept(lenient)
     assert move_base(robot, 0.5, CANCEL).wait_aborted("reported no end", HINT).state.value == -1
 
 
-def test_cancel_of_an_action_that_the_agent_does_not_know_succeeds_with_its_end(robot):
+def test_cancel_of_an_action_that_the_agent_does_not_know_succeeds_with_its_end(
+    robot: Robot,
+) -> None:
     """Another client started it before the agent, and the robot has not reported on it since."""
     robot.chassis.intercept(lenient)
     goal = step(robot, action=CANCEL)
@@ -174,13 +181,13 @@ def test_cancel_of_an_action_that_the_agent_does_not_know_succeeds_with_its_end(
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_cancel_of_a_goal_that_runs_succeeds_with_the_answer(robot):
+def test_cancel_of_a_goal_that_runs_succeeds_with_the_answer(robot: Robot) -> None:
     running(robot)
     robot.chassis.intercept(lambda out: [] if out.type == FEEDBACKS and not out.sn else [out])
     assert step(robot, action=CANCEL).result()[0] == SUCCEEDED
 
 
-def test_goal_goes_on_after_pause_and_resume(robot):
+def test_goal_goes_on_after_pause_and_resume(robot: Robot) -> None:
     slow_down(robot.chassis)  # so that it reports once a second
     goal = running(robot, 3.0)
     for order, reported in ((PAUSE, 3), (RESUME, 2)):
@@ -197,11 +204,11 @@ def test_goal_goes_on_after_pause_and_resume(robot):
     assert [call.step_control.action for call in sent] == [EXECUTE, PAUSE, RESUME]
 
 
-def test_pause_without_a_running_goal_is_refused(robot):
+def test_pause_without_a_running_goal_is_refused(robot: Robot) -> None:
     step(robot, action=PAUSE).wait_aborted("not running")
 
 
-def test_unanswered_pause_does_not_delay_a_cancel(robot):
+def test_unanswered_pause_does_not_delay_a_cancel(robot: Robot) -> None:
     goal = running(robot)
     robot.chassis.mute(CALL_ACTION)
     pause = step(robot, action=PAUSE)
@@ -219,7 +226,7 @@ def lenient(out: Outgoing) -> list[Outgoing]:
 
 @pytest.mark.parametrize("late", [0.0, 0.2])
 @pytest.mark.parametrize("count", [3, 8])
-def test_last_goal_of_a_burst_wins(robot, count, late):
+def test_last_goal_of_a_burst_wins(robot: Robot, count: int, late: float) -> None:
     """The ends of all goals that it replaces come before the answer to its start request."""
     robot.chassis.delay(CALL_ACTION, late)
     slow_down(robot.chassis)

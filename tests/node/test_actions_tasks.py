@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from tests.harness import wait_until
+from tests.harness import Robot, wait_until
 from tests.node.goals import (
     ABORTED,
     CANCELED,
@@ -24,7 +24,7 @@ from tests.node.goals import (
 from woosh_robot_agent.ros.actions.run import REPLACED
 
 
-def test_task_succeeds_with_each_report_as_feedback(robot):
+def test_task_succeeds_with_each_report_as_feedback(robot: Robot) -> None:
     before = int(time.time())
     goal = task(robot)
     status, ret = goal.result()
@@ -40,7 +40,7 @@ def test_task_succeeds_with_each_report_as_feedback(robot):
     assert {fb.robot_task_id for fb in goal.feedback.messages} == {sent.task_id}
 
 
-def test_task_id_is_the_clients_or_a_new_one(robot):
+def test_task_id_is_the_clients_or_a_new_one(robot: Robot) -> None:
     assert short_task(robot, 0.05, task_id=77).result()[1].robot_task_id == 77
     ids = [short_task(robot, x).result()[1].robot_task_id for x in (0.1, 0.2, 0.3)]
     assert len(set(ids)) == 3
@@ -50,7 +50,7 @@ def test_task_id_is_the_clients_or_a_new_one(robot):
     ]
 
 
-def test_refusal_reaches_the_client(robot):
+def test_refusal_reaches_the_client(robot: Robot) -> None:
     robot.chassis.refuse(EXEC_TASK, "robot is in manual mode: turn the key switch")
     goal = task(robot, task_id=5)
     ret = goal.wait_aborted()
@@ -60,12 +60,12 @@ def test_refusal_reaches_the_client(robot):
     assert not goal.feedback.messages
 
 
-def test_refusal_without_a_reason_is_explained(robot):
+def test_refusal_without_a_reason_is_explained(robot: Robot) -> None:
     robot.chassis.refuse(EXEC_TASK, "")
     task(robot).wait_aborted("refused")
 
 
-def test_newer_task_with_the_same_id_replaces_the_older_one(robot):
+def test_newer_task_with_the_same_id_replaces_the_older_one(robot: Robot) -> None:
     slow_down(robot.chassis)
     old = task(robot, task_id=9)
     old.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -76,7 +76,7 @@ def test_newer_task_with_the_same_id_replaces_the_older_one(robot):
     assert (status, ret.dest) == (SUCCEEDED, "U5")
 
 
-def test_last_of_two_simultaneous_tasks_wins(robot):
+def test_last_of_two_simultaneous_tasks_wins(robot: Robot) -> None:
     slow_down(robot.chassis)
     with ThreadPoolExecutor() as pool:
         goals = list(pool.map(lambda number: task(robot, task_id=number), (1, 2)))
@@ -88,7 +88,7 @@ def test_last_of_two_simultaneous_tasks_wins(robot):
     assert ends[ABORTED].msg == REPLACED
 
 
-def test_paused_task_is_polled_at_the_poll_period(robot):
+def test_paused_task_is_polled_at_the_poll_period(robot: Robot) -> None:
     robot.set_goal_timing(poll_period=0.2)
     slow_down(robot.chassis)
     goal = task(robot)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 import pytest
 from action_msgs.srv import CancelGoal
 
-from tests.harness import Client, GoalClient, Robot, wait_until
+from tests.harness import Client, GoalClient, Logs, Robot, wait_until
 from tests.node.goals import (
     ACTION,
     ACTION_ORDER,
@@ -23,6 +24,7 @@ from tests.node.goals import (
     TASK_CANCELED,
     TASK_PROC,
     Held,
+    Kind,
     each_kind,
     hurry,
     lift,
@@ -67,7 +69,9 @@ def cancel_everything(client: Client, name: str) -> CancelGoal.Response:
         (lambda client: lift3(client, 0.4), "lift_control3"),
     ],
 )
-def test_action_can_be_cancelled(robot, start, member):
+def test_action_can_be_cancelled(
+    robot: Robot, start: Callable[[Client], GoalClient], member: str
+) -> None:
     """tasks/test_special_cases.py has the same for tasks."""
     goal = until(start(robot), ACTION.runs)
     goal.cancel()
@@ -77,7 +81,7 @@ def test_action_can_be_cancelled(robot, start, member):
     assert [getattr(call, member).action for call in sent] == [EXECUTE, CANCEL]
 
 
-def test_action_can_be_cancelled_before_its_first_report(robot):
+def test_action_can_be_cancelled_before_its_first_report(robot: Robot) -> None:
     robot.chassis.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
     goal = step(robot, 20.0)
     robot.chassis.wait_received(CALL_ACTION)
@@ -86,7 +90,7 @@ def test_action_can_be_cancelled_before_its_first_report(robot):
     assert robot.chassis.counts[FEEDBACKS] == 0, "the end is known without a poll"
 
 
-def test_goal_ends_only_when_the_chassis_says_so(robot):
+def test_goal_ends_only_when_the_chassis_says_so(robot: Robot) -> None:
     def without_the_cancel(out: Outgoing) -> list[Outgoing]:
         state = getattr(out.body, "state", 0)
         return [out] if out.sn or (out.type, state) != (TASK_PROC, TASK_CANCELED) else []
@@ -101,7 +105,7 @@ def test_goal_ends_only_when_the_chassis_says_so(robot):
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.2], ids=["after the refusal", "before the refusal"])
-def test_refused_cancel_can_be_repeated(robot, delay):
+def test_refused_cancel_can_be_repeated(robot: Robot, delay: float) -> None:
     robot.chassis.refuse(ACTION_ORDER, "not on the lift")
     robot.chassis.delay(ACTION_ORDER, delay)
     goal = driving(robot)
@@ -114,7 +118,7 @@ def test_refused_cancel_can_be_repeated(robot, delay):
     assert robot.chassis.counts[ACTION_ORDER] == 2
 
 
-def test_refused_cancel_lets_the_goal_succeed(robot, logs):
+def test_refused_cancel_lets_the_goal_succeed(robot: Robot, logs: Logs) -> None:
     robot.chassis.refuse(ACTION_ORDER, "not on the lift")
     goal = driving(robot)
     goal.cancel()
@@ -125,7 +129,7 @@ def test_refused_cancel_lets_the_goal_succeed(robot, logs):
     assert [each.name for each in told] == ["woosh_robot_agent.ros.actions.giving_up"]
 
 
-def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot):
+def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot: Robot) -> None:
     """The chassis may still execute another goal, which an early cancel would end."""
     answered = threading.Event()
 
@@ -145,7 +149,7 @@ def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot):
     assert robot.chassis.counts[ACTION_ORDER] == 1
 
 
-def test_cancel_of_a_refused_goal_is_not_sent(robot):
+def test_cancel_of_a_refused_goal_is_not_sent(robot: Robot) -> None:
     other = driving(robot)
     robot.chassis.refuse(EXEC_TASK, "busy")
     held = Held(robot.chassis, EXEC_TASK)
@@ -160,7 +164,7 @@ def test_cancel_of_a_refused_goal_is_not_sent(robot):
 
 
 @pytest.mark.parametrize("both", [False, True], ids=["old one", "both"])
-def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot, both):
+def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot: Robot, both: bool) -> None:
     robot.set_goal_timing(poll_period=0.5)
     old = driving(robot)
     remove = robot.chassis.intercept(without_reports)
@@ -180,7 +184,7 @@ def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot, both):
 
 
 @pytest.mark.parametrize("turn", range(5))
-def test_cancel_near_the_end_of_the_goal_gives_one_result(robot, turn):
+def test_cancel_near_the_end_of_the_goal_gives_one_result(robot: Robot, turn: int) -> None:
     hurry(robot.chassis)
     goal = short_task(robot, 0.05)
     if turn:
@@ -195,7 +199,7 @@ def test_cancel_near_the_end_of_the_goal_gives_one_result(robot, turn):
 
 
 @each_kind
-def test_cancel_without_a_link_is_sent_once_when_it_is_back(robot, kind):
+def test_cancel_without_a_link_is_sent_once_when_it_is_back(robot: Robot, kind: Kind) -> None:
     goal = kind.running(robot)
     sent = robot.chassis.counts[kind.cancels]
     robot.chassis.stop_listening()
@@ -206,7 +210,7 @@ def test_cancel_without_a_link_is_sent_once_when_it_is_back(robot, kind):
     assert robot.chassis.counts[kind.cancels] == sent + 1
 
 
-def test_refused_cancel_is_not_sent_again_after_a_lost_link(robot):
+def test_refused_cancel_is_not_sent_again_after_a_lost_link(robot: Robot) -> None:
     """A refusal is an answer, so only the client may repeat the cancel."""
     goal = driving(robot)
     robot.chassis.refuse(ACTION_ORDER, "later")
@@ -221,7 +225,7 @@ def test_refused_cancel_is_not_sent_again_after_a_lost_link(robot):
     assert robot.chassis.counts[ACTION_ORDER] == 1
 
 
-def test_all_goals_of_an_action_can_be_cancelled_at_once(robot):
+def test_all_goals_of_an_action_can_be_cancelled_at_once(robot: Robot) -> None:
     goal = driving(robot)
     assert len(cancel_everything(robot, "robot/ExecTask").goals_canceling) == 1
     assert goal.result()[0] == CANCELED

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from tests.harness import Robot
 from woosh_robot_agent.pb.robot import robot_count_pb2 as pb
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_msgs.msg import StatusCode
@@ -32,7 +33,9 @@ def sent(simulator: SimulatorThread) -> list[tuple[int, int]]:
 
 
 @pytest.mark.parametrize("rate", [COUNT, 0], ids=["in a second", "at once"])
-def test_every_code_of_a_burst_arrives_in_order(robot, sent, rate):
+def test_every_code_of_a_burst_arrives_in_order(
+    robot: Robot, sent: list[tuple[int, int]], rate: int
+) -> None:
     codes = robot.echo(StatusCode, "robot/StatusCode", depth=1000)
     robot.chassis.push(pb.StatusCode(code=FIRST))  # the publisher keeps it for late subscribers
     codes.wait(lambda each: each.code == FIRST)  # now it has discovered this one

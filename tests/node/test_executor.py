@@ -203,7 +203,7 @@ MAIN = threading.main_thread().name
 # The order of a turn
 
 
-def test_order_of_a_turn(rig):
+def test_order_of_a_turn(rig: Rig) -> None:
     makes = [
         rig.service("service"),
         rig.guard("guard").trigger,
@@ -219,7 +219,7 @@ def test_order_of_a_turn(rig):
     assert rig.spin(6) == ["urgent", "task", "timer", "subscription", "guard", "service"]
 
 
-def test_of_one_kind_the_one_that_has_not_run_longest_comes_first(rig):
+def test_of_one_kind_the_one_that_has_not_run_longest_comes_first(rig: Rig) -> None:
     makes = {name: rig.subscription(name) for name in "abc"}
     rig.use(*makes.values())
     for name in "cab":
@@ -231,7 +231,7 @@ def test_of_one_kind_the_one_that_has_not_run_longest_comes_first(rig):
     assert rig.spin(3) == [*"cab", *"cab"]
 
 
-def test_urgent_entities_wait_for_one_callback_at_most(rig):
+def test_urgent_entities_wait_for_one_callback_at_most(rig: Rig) -> None:
     urgent = rig.subscription("urgent", callback_group=UrgentCallbackGroup())
     makes = [rig.subscription(name) for name in ("first", "second")]
     rig.use(urgent, *makes)
@@ -242,7 +242,7 @@ def test_urgent_entities_wait_for_one_callback_at_most(rig):
     assert rig.spin(2) == ["first", "urgent", "second"]
 
 
-def test_all_requests_of_a_service_run_in_one_turn(rig, waits):
+def test_all_requests_of_a_service_run_in_one_turn(rig: Rig, waits: Counter[str]) -> None:
     call = rig.service("service")
     rig.use(call)
     for _ in range(5):
@@ -252,7 +252,7 @@ def test_all_requests_of_a_service_run_in_one_turn(rig, waits):
     assert waits[MAIN] == 1
 
 
-def test_services_with_many_requests_take_turns(rig):
+def test_services_with_many_requests_take_turns(rig: Rig) -> None:
     makes = [rig.service("a"), rig.service("b")]
     rig.use(*makes)
     for make in makes * 3:
@@ -260,7 +260,7 @@ def test_services_with_many_requests_take_turns(rig):
     assert rig.spin(6) == [*"ababab"]
 
 
-def test_a_turn_with_many_requests_ends(rig):
+def test_a_turn_with_many_requests_ends(rig: Rig) -> None:
     """A service with a request after each other does not keep other entities from running."""
     call = rig.service(
         "service", lambda _, response: (rig.ran.append("service"), call(), response)[2]
@@ -273,7 +273,7 @@ def test_a_turn_with_many_requests_ends(rig):
     rig.spin_until(lambda: "subscription" in rig.ran)
 
 
-def test_many_ready_entities_all_run(rig):
+def test_many_ready_entities_all_run(rig: Rig) -> None:
     makes = [rig.subscription(f"topic_{number}") for number in range(30)]
     makes += [rig.guard(f"guard_{number}").trigger for number in range(30)]
     for make in makes:
@@ -286,7 +286,7 @@ def test_many_ready_entities_all_run(rig):
 # Which entities are in use
 
 
-def test_an_entity_that_was_ready_is_not_idle(busy_rig, waits):
+def test_an_entity_that_was_ready_is_not_idle(busy_rig: Rig, waits: Counter[str]) -> None:
     call = busy_rig.service("service")
     busy_rig.use(call)
     wait_until(lambda: busy_rig.executor.spin_once(QUIET) or waits[IDLE])
@@ -297,7 +297,7 @@ def test_an_entity_that_was_ready_is_not_idle(busy_rig, waits):
     assert waits[IDLE] == before
 
 
-def test_entities_that_are_no_longer_used_become_idle_and_still_run(busy_rig):
+def test_entities_that_are_no_longer_used_become_idle_and_still_run(busy_rig: Rig) -> None:
     makes = [busy_rig.subscription(f"topic_{number}") for number in range(60)]
     for _ in range(3):
         busy_rig.use(*makes)
@@ -305,7 +305,7 @@ def test_entities_that_are_no_longer_used_become_idle_and_still_run(busy_rig):
     assert busy_rig.spin(1) == ["topic_0"]
 
 
-def test_events_of_an_idle_subscription_run(rig):
+def test_events_of_an_idle_subscription_run(rig: Rig) -> None:
     """Defaults of rclpy: a publisher with an incompatible profile is reported in the log."""
     rig.subscription("topic")
     handlers = [h for each in rig.node.subscriptions for h in each.event_handlers]
@@ -317,7 +317,9 @@ def test_events_of_an_idle_subscription_run(rig):
     rig.spin_until(lambda: rig.ran == ["event"])
 
 
-def test_a_defect_of_the_second_thread_is_logged_and_nothing_is_lost(busy_rig, monkeypatch, caplog):
+def test_a_defect_of_the_second_thread_is_logged_and_nothing_is_lost(
+    busy_rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     wait = WaitSet.wait
     failed = threading.Event()
 
@@ -339,7 +341,7 @@ def test_a_defect_of_the_second_thread_is_logged_and_nothing_is_lost(busy_rig, m
 # Entities, nodes and the executor come and go
 
 
-def test_entities_are_added_and_removed_while_it_spins(rig):
+def test_entities_are_added_and_removed_while_it_spins(rig: Rig) -> None:
     rig.start()
     for number in range(3):
         name = f"topic_{number}"
@@ -351,7 +353,7 @@ def test_entities_are_added_and_removed_while_it_spins(rig):
 
 
 @pytest.mark.parametrize("destroyed", ["entities", "node"])
-def test_what_is_destroyed_leaves_the_graph_when_nobody_spins(rig, destroyed):
+def test_what_is_destroyed_leaves_the_graph_when_nobody_spins(rig: Rig, destroyed: str) -> None:
     rig.use(rig.subscription("used"))
     rig.subscription("unused")
     rig.spin_quietly()
@@ -365,7 +367,7 @@ def test_what_is_destroyed_leaves_the_graph_when_nobody_spins(rig, destroyed):
         wait_until(lambda name=name: not rig.other.count_subscribers(name), "its end")
 
 
-def test_an_entity_that_is_destroyed_in_its_turn_does_not_run(rig):
+def test_an_entity_that_is_destroyed_in_its_turn_does_not_run(rig: Rig) -> None:
     def destroy(*_: Any) -> None:
         rig.node.destroy_subscription(list(rig.node.subscriptions)[-1])
 
@@ -378,7 +380,7 @@ def test_an_entity_that_is_destroyed_in_its_turn_does_not_run(rig):
     assert rig.spin_quietly() == ["first"]
 
 
-def test_two_nodes(rig):
+def test_two_nodes(rig: Rig) -> None:
     second = Node("second", context=rig.context)
     second.create_service(Trigger, "second", rig.named("second"))
     assert rig.executor.add_node(second)
@@ -398,7 +400,7 @@ def test_two_nodes(rig):
     second.destroy_node()
 
 
-def test_shutdown_from_another_thread_ends_spin(rig):
+def test_shutdown_from_another_thread_ends_spin(rig: Rig) -> None:
     thread = threading.Thread(target=rig.executor.spin)
     thread.start()
     rig.executor.create_task(rig.named("task"))
@@ -409,12 +411,12 @@ def test_shutdown_from_another_thread_ends_spin(rig):
     assert rig.executor.get_nodes() == []
 
 
-def test_shutdown_in_a_callback_ends_spin(rig):
+def test_shutdown_in_a_callback_ends_spin(rig: Rig) -> None:
     rig.guard("guard", rig.executor.shutdown).trigger()
     rig.executor.spin()
 
 
-def test_shutdown_waits_for_a_callback(rig):
+def test_shutdown_waits_for_a_callback(rig: Rig) -> None:
     running, release = threading.Event(), threading.Event()
 
     def callback() -> None:
@@ -429,13 +431,13 @@ def test_shutdown_waits_for_a_callback(rig):
     assert rig.executor.shutdown()
 
 
-def test_shutdown_of_the_context_ends_spin(rig):
+def test_shutdown_of_the_context_ends_spin(rig: Rig) -> None:
     threading.Timer(QUIET, rclpy.try_shutdown, kwargs={"context": rig.context}).start()
     with pytest.raises(ExternalShutdownException):
         rig.executor.spin()
 
 
-def test_the_second_thread_ends(busy_rig):
+def test_the_second_thread_ends(busy_rig: Rig) -> None:
     def ended() -> bool:
         return IDLE not in {thread.name for thread in threading.enumerate()}
 
@@ -452,7 +454,7 @@ def test_the_second_thread_ends(busy_rig):
     wait_until(ended)
 
 
-def test_sigint_ends_spin(domain):
+def test_sigint_ends_spin(domain: int) -> None:
     program = subprocess.Popen(
         [sys.executable, "-c", SPIN],
         stdout=subprocess.PIPE,
@@ -491,7 +493,7 @@ print("ended")
 # Waking up, and not spinning
 
 
-def test_another_thread_wakes_it(rig):
+def test_another_thread_wakes_it(rig: Rig) -> None:
     guard = rig.guard("guard")
     rig.start()
     for wake in (guard.trigger, lambda: rig.executor.create_task(rig.named("task"))):
@@ -500,7 +502,7 @@ def test_another_thread_wakes_it(rig):
         wait_until(lambda: rig.ran)
 
 
-def test_it_waits_while_nothing_is_ready(rig, waits):
+def test_it_waits_while_nothing_is_ready(rig: Rig, waits: Counter[str]) -> None:
     rig.use(rig.service("service"), rig.subscription("subscription"), rig.guard("guard").trigger)
     rig.spin_quietly()
     waits.clear()
@@ -509,7 +511,7 @@ def test_it_waits_while_nothing_is_ready(rig, waits):
     assert waits == {MAIN: 3}
 
 
-def test_it_waits_while_a_coroutine_awaits_something(rig, waits):
+def test_it_waits_while_a_coroutine_awaits_something(rig: Rig, waits: Counter[str]) -> None:
     future: Future = Future()
 
     async def work() -> None:
@@ -527,7 +529,7 @@ def test_it_waits_while_a_coroutine_awaits_something(rig, waits):
     assert rig.spin(1) == ["work"]
 
 
-def test_spin_once_ends_after_its_timeout(rig):
+def test_spin_once_ends_after_its_timeout(rig: Rig) -> None:
     rig.executor.spin_once(0.0)
     rig.executor.spin_once(timeout_sec=0.01)
     call = rig.service("service")
@@ -540,7 +542,7 @@ def test_spin_once_ends_after_its_timeout(rig):
 # Callbacks
 
 
-def test_an_exception_leaves_spin_once_and_the_rest_of_the_turn_follows(rig):
+def test_an_exception_leaves_spin_once_and_the_rest_of_the_turn_follows(rig: Rig) -> None:
     def fail(*_: Any) -> None:
         raise RuntimeError("mistake")
 
@@ -567,7 +569,7 @@ def test_an_exception_leaves_spin_once_and_the_rest_of_the_turn_follows(rig):
     assert str(task.exception()) == "late mistake"
 
 
-def test_timers(rig):
+def test_timers(rig: Rig) -> None:
     timer = rig.node.create_timer(0.01, rig.named("timer"))
     assert rig.spin(5) == ["timer"] * 5
     timer.cancel()
@@ -581,7 +583,7 @@ def test_timers(rig):
 @pytest.mark.skipif(
     not hasattr(rclpy.timer, "TimerInfo"), reason="this release has no information about timers"
 )
-def test_timers_with_information(rig):
+def test_timers_with_information(rig: Rig) -> None:
     def callback(info: Any) -> None:
         rig.ran.append(type(info).__name__)
 
@@ -590,7 +592,7 @@ def test_timers_with_information(rig):
     assert rig.spin(2) == ["TimerInfo"] * 2
 
 
-def test_messages_with_information(rig):
+def test_messages_with_information(rig: Rig) -> None:
     infos: list[Any] = []
     publish = rig.subscription("topic", lambda _message, info: infos.append(info))
     publish()
@@ -598,7 +600,7 @@ def test_messages_with_information(rig):
     assert infos[0]["source_timestamp"] > 0
 
 
-def test_raw_messages(rig):
+def test_raw_messages(rig: Rig) -> None:
     received: list[Any] = []
     rig.subscription("topic", received.append, raw=True)()
     rig.spin_until(lambda: received)
@@ -612,7 +614,7 @@ def _called(rig: Rig, client: Any) -> Any:
     return future.result()
 
 
-def test_a_client(rig):
+def test_a_client(rig: Rig) -> None:
     rig.service("service")
     client = rig.client("service")
     assert _called(rig, client).success
@@ -625,7 +627,7 @@ def test_a_client(rig):
     assert done[0].name == "spinner"
 
 
-def test_a_deferred_service(rig):
+def test_a_deferred_service(rig: Rig) -> None:
     replies: list[Reply] = []
     DeferredService(rig.node, Trigger, "service", lambda _, reply: replies.append(reply))
     client = rig.client("service")
@@ -639,7 +641,7 @@ def test_a_deferred_service(rig):
     assert future.result().message == "late"
 
 
-def test_a_deferred_service_refuses_another_executor(rig):
+def test_a_deferred_service_refuses_another_executor(rig: Rig) -> None:
     DeferredService(rig.other, Trigger, "service", lambda *_: None)
     client = rig.client("service")
     client.call_async(Trigger.Request())
@@ -650,7 +652,7 @@ def test_a_deferred_service_refuses_another_executor(rig):
     executor.shutdown()
 
 
-def test_an_action(rig):
+def test_an_action(rig: Rig) -> None:
     """Goals of rclpy's server and client, which are made of waitables."""
     steps: list[Any] = []
 
@@ -689,7 +691,7 @@ def test_an_action(rig):
         each.destroy()
 
 
-def test_a_coroutine_keeps_its_group_busy(rig):
+def test_a_coroutine_keeps_its_group_busy(rig: Rig) -> None:
     future: Future = Future()
 
     async def wait(_request: Any, response: Any) -> Any:
@@ -718,7 +720,7 @@ def test_a_coroutine_keeps_its_group_busy(rig):
     assert sorted(rig.ran[1:]) == ["guard", "same"]
 
 
-def test_coroutines_of_subscriptions_and_timers(rig):
+def test_coroutines_of_subscriptions_and_timers(rig: Rig) -> None:
     rig.service("service", callback_group=ReentrantCallbackGroup())
     client = rig.client("service", callback_group=ReentrantCallbackGroup())
 
@@ -732,7 +734,7 @@ def test_coroutines_of_subscriptions_and_timers(rig):
     timer.cancel()
 
 
-def test_tasks(rig):
+def test_tasks(rig: Rig) -> None:
     assert not rig.executor.create_task(lambda: None).done()
     value = rig.executor.create_task(lambda factor, *, number: factor * number, 3, number=4)
 
@@ -747,7 +749,7 @@ def test_tasks(rig):
     assert rig.spin_quietly() == []
 
 
-def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig):
+def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig: Rig) -> None:
     def again() -> None:
         rig.executor.create_task(again)
 
@@ -757,7 +759,7 @@ def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig):
     rig.spin_until(lambda: rig.ran)
 
 
-def test_spin_until_future_complete_ends_with_the_future_or_its_timeout(rig):
+def test_spin_until_future_complete_ends_with_the_future_or_its_timeout(rig: Rig) -> None:
     future: Future = Future()
     rig.executor.spin_until_future_complete(future, QUIET)
     assert not future.done()
@@ -766,7 +768,7 @@ def test_spin_until_future_complete_ends_with_the_future_or_its_timeout(rig):
     assert future.result() == 1
 
 
-def test_rclpys_functions_take_it(rig):
+def test_rclpys_functions_take_it(rig: Rig) -> None:
     rig.guard("guard").trigger()
     rclpy.spin_once(rig.node, executor=rig.executor, timeout_sec=TIMEOUT)
     assert rig.ran == ["guard"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.harness import Client, GoalClient, fill, wait_until
+from tests.harness import Client, GoalClient, Robot, fill, wait_until
 from tests.node.goals import (
     CALL_ACTION,
     CANCELED,
@@ -47,7 +47,7 @@ def battery(simulator: SimulatorThread) -> int:
 # ChargeControl and LiftControl2: as the other actions
 
 
-def test_lift_moves_to_its_height(robot):
+def test_lift_moves_to_its_height(robot: Robot) -> None:
     goal = fill(LiftControl2.Goal(), arg={"height": 0.1, "action": EXECUTE})
     sent = robot.send_goal(LiftControl2, "ros/LiftControl2", goal)
     status, ret = sent.result()
@@ -57,7 +57,7 @@ def test_lift_moves_to_its_height(robot):
     assert robot.chassis.state.column == pytest.approx(0.1, abs=0.01)
 
 
-def test_charging_can_be_cancelled_and_the_charger_left(robot):
+def test_charging_can_be_cancelled_and_the_charger_left(robot: Robot) -> None:
     stand_at_charger(robot)
     goal = charge(robot)
     goal.feedback.wait(lambda fb: fb.state.value == RUNNING)
@@ -70,14 +70,14 @@ def test_charging_can_be_cancelled_and_the_charger_left(robot):
     assert battery(robot.chassis) == Battery.kNot
 
 
-def test_charging_away_from_a_charger_is_refused(robot):
+def test_charging_away_from_a_charger_is_refused(robot: Robot) -> None:
     assert charge(robot).wait_aborted("charger").state.value == FAILED
 
 
 # NavigationMode: a setting of the navigation under way, which nothing can cancel
 
 
-def test_navigation_mode_is_set_while_a_task_navigates(robot):
+def test_navigation_mode_is_set_while_a_task_navigates(robot: Robot) -> None:
     slow_down(robot.chassis)
     task(robot).feedback.wait(lambda fb: fb.state.value == EXECUTING)
     status, ret = set_mode(robot).result()
@@ -87,7 +87,7 @@ def test_navigation_mode_is_set_while_a_task_navigates(robot):
     assert (sent.mode, sent.max_speed) == (sent.kAccurateAvoid, 0.25)
 
 
-def test_the_default_navigation_mode_is_sent_too(robot):
+def test_the_default_navigation_mode_is_sent_too(robot: Robot) -> None:
     """All its fields are at their defaults, which are no reason to take it for a cancel."""
     slow_down(robot.chassis)
     task(robot).feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -96,7 +96,7 @@ def test_the_default_navigation_mode_is_sent_too(robot):
     assert robot.chassis.last(CALL_ACTION).WhichOneof("action") == "nav_mode"
 
 
-def test_a_navigation_mode_without_an_answer_is_aborted_with_the_link(robot):
+def test_a_navigation_mode_without_an_answer_is_aborted_with_the_link(robot: Robot) -> None:
     robot.chassis.mute(CALL_ACTION)
     goal = set_mode(robot)
     robot.chassis.wait_received(CALL_ACTION)

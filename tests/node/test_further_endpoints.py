@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
-from tests.harness import fill, wait_future
+from tests.harness import Client, Robot, RunningAgent, fill, wait_future
 from tests.node.goals import Held, answer_with_json, replace_answers
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import BuildMap as BuildMapMsg
 from woosh_robot_msgs.msg import BuildMapBuildType
 from woosh_robot_msgs.srv import BuildMap, PlanNavPath, RobotState
@@ -24,8 +27,12 @@ def planned() -> NavPath:
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
 @pytest.mark.parametrize("named", [PLAN, "woosh.robot.NavPath"])
 def test_a_planned_path_is_read_whatever_type_the_answer_names(
-    simulator, connect, client, named, encoding
-):
+    simulator: SimulatorThread,
+    connect: Callable[..., RunningAgent],
+    client: Client,
+    named: str,
+    encoding: str,
+) -> None:
     connect(encoding=encoding)
     replace_answers(simulator, PLAN, ok=True, msg="", type=named, body=planned())
     response = client.call(PlanNavPath, "robot/PlanNavPath")
@@ -33,14 +40,14 @@ def test_a_planned_path_is_read_whatever_type_the_answer_names(
     assert [(pose.x, pose.y) for pose in response.ret.path.poses] == [(1.0, 2.0), (3.0, 4.0)]
 
 
-def test_an_echo_of_the_request_is_an_empty_path(robot):
+def test_an_echo_of_the_request_is_an_empty_path(robot: Robot) -> None:
     replace_answers(robot.chassis, PLAN, ok=True, msg="", type=PLAN, body=None)
     response = robot.call(PlanNavPath, "robot/PlanNavPath")
     assert (response.ok, list(response.ret.path.poses)) == (True, [])
 
 
 @pytest.mark.parametrize("named", ["woosh.robot.Battery", "woosh.robot.Unheard"])
-def test_a_read_without_a_usable_answer_fails(robot, named):
+def test_a_read_without_a_usable_answer_fails(robot: Robot, named: str) -> None:
     replace_answers(robot.chassis, PLAN, ok=True, msg="", type=named, body=None)
     response = robot.call(PlanNavPath, "robot/PlanNavPath")
     assert not response.ok
@@ -49,14 +56,14 @@ def test_a_read_without_a_usable_answer_fails(robot, named):
     )
 
 
-def test_a_read_whose_answer_cannot_be_read_fails(robot):
+def test_a_read_whose_answer_cannot_be_read_fails(robot: Robot) -> None:
     answer_with_json(robot.chassis, PLAN, type="woosh.robot.NavPath", body={"path": 7})
     response = robot.call(PlanNavPath, "robot/PlanNavPath")
     assert not response.ok
     assert response.msg.startswith("no usable answer: the answer cannot be read: woosh.robot.NavPa")
 
 
-def test_a_long_request_delays_no_other(robot):
+def test_a_long_request_delays_no_other(robot: Robot) -> None:
     """A real robot once took 236 s to save a map."""
     assert robot.link.timeout_of(BUILD_MAP) == 600.0
     held = Held(robot.chassis, BUILD_MAP)

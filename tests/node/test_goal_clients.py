@@ -7,9 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.harness import TIMEOUT, Client, RunningAgent, wait_future, wait_until
+from tests.harness import TIMEOUT, Client, Logs, RunningAgent, wait_future, wait_until
 from tests.node.goals import CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
 from woosh_robot_agent.ros.actions.run import STOPPING
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import Mode
 
 
@@ -21,7 +22,7 @@ def agent(connect: Callable[..., RunningAgent]) -> RunningAgent:
 pytestmark = pytest.mark.usefixtures("agent")
 
 
-def test_result_is_kept_for_late_clients_until_the_timeout(client):
+def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> None:
     goal = step(client, 0.2)
     assert goal.result()[0] == SUCCEEDED
 
@@ -33,7 +34,9 @@ def test_result_is_kept_for_late_clients_until_the_timeout(client):
     assert step(client, 0.2).result()[0] == SUCCEEDED
 
 
-def test_other_clients_are_served_after_one_vanishes(client, simulator, domain, logs):
+def test_other_clients_are_served_after_one_vanishes(
+    client: Client, simulator: SimulatorThread, domain: int, logs: Logs
+) -> None:
     """Clients leave while goals are running and responses are pending."""
     simulator.delay("woosh.robot.Mode", 0.2)
     gone = Client(domain)
@@ -46,13 +49,20 @@ def test_other_clients_are_served_after_one_vanishes(client, simulator, domain, 
     assert not [record for record in logs.messages if record.levelname == "ERROR"]
 
 
-def test_goal_during_shutdown_is_aborted(agent, client, simulator):
+def test_goal_during_shutdown_is_aborted(
+    agent: RunningAgent, client: Client, simulator: SimulatorThread
+) -> None:
     agent.agent.robot.thread.run(agent.agent.actions.stop(), TIMEOUT)
     assert step(client, 0.2).wait_aborted().msg == STOPPING
     assert simulator.counts[CALL_ACTION] == 0
 
 
-def test_agent_can_be_restarted_with_open_goals(agent, client, simulator, start_agent):
+def test_agent_can_be_restarted_with_open_goals(
+    agent: RunningAgent,
+    client: Client,
+    simulator: SimulatorThread,
+    start_agent: Callable[..., RunningAgent],
+) -> None:
     slow_down(simulator)
     goals = [step(client, 100.0), lift3(client, 0.4, speed=0.001)]
     for goal in goals:

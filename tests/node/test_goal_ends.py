@@ -61,7 +61,7 @@ def wait_polled(simulator: SimulatorThread, kind: Kind, more: int) -> None:
 # The chassis sends no report
 
 
-def test_goal_never_reported_on_is_given_up(robot):
+def test_goal_never_reported_on_is_given_up(robot: Robot) -> None:
     robot.chassis.intercept(hide_actions)
     ret = ACTION.start(robot).wait_aborted("accepted the goal", "no report on it")
     assert ret.state.value == ACTION.failed
@@ -71,7 +71,7 @@ def test_goal_never_reported_on_is_given_up(robot):
 
 
 @pytest.mark.parametrize("refused", [False, True])
-def test_goal_reported_on_once_goes_on(robot, refused):
+def test_goal_reported_on_once_goes_on(robot: Robot, refused: bool) -> None:
     """A chassis rarely reports on a long step, and may omit it from its answers to polls."""
     goal = ACTION.running(robot)
     remove = robot.chassis.intercept(hide_actions)
@@ -88,7 +88,7 @@ def test_goal_reported_on_once_goes_on(robot, refused):
 
 
 @each_kind
-def test_goal_is_given_up_if_polls_are_not_answered(robot, kind):
+def test_goal_is_given_up_if_polls_are_not_answered(robot: Robot, kind: Kind) -> None:
     goal = kind.running(robot)
     robot.chassis.intercept(without_reports)
     robot.chassis.mute(kind.polls)
@@ -106,7 +106,9 @@ def test_goal_is_given_up_if_polls_are_not_answered(robot, kind):
 
 @pytest.mark.parametrize("told", [False, True], ids=["silent", "reported as running"])
 @each_kind
-def test_goal_is_given_up_if_an_accepted_cancel_has_no_effect(robot, kind, told):
+def test_goal_is_given_up_if_an_accepted_cancel_has_no_effect(
+    robot: Robot, kind: Kind, told: bool
+) -> None:
     goal = kind.running(robot)
     robot.chassis.call(ignore_cancels)
     if not told:
@@ -138,7 +140,7 @@ def ignore_cancels(sim: Any) -> None:
 @pytest.mark.parametrize("link_timeout", [10.0])
 @pytest.mark.parametrize("lost", ["answer", "link"])
 @each_kind
-def test_cancel_is_repeated_only_after_a_report(robot, kind, lost):
+def test_cancel_is_repeated_only_after_a_report(robot: Robot, kind: Kind, lost: str) -> None:
     """A cancel of a task names no task, so it could end another client's newer task."""
     goal = kind.running(robot)
     sent = robot.chassis.counts[kind.cancels] + 1

@@ -25,7 +25,7 @@ def short(robot: Robot, kind: Kind) -> GoalClient:
 
 
 @each_kind
-def test_newer_goal_replaces_an_older_one(robot, kind):
+def test_newer_goal_replaces_an_older_one(robot: Robot, kind: Kind) -> None:
     slow_down(robot.chassis)
     old = kind.running(robot)
     new = short(robot, kind)
@@ -37,7 +37,7 @@ def test_newer_goal_replaces_an_older_one(robot, kind):
 
 
 @each_kind
-def test_refused_newer_goal_does_not_replace_the_older_one(robot, kind):
+def test_refused_newer_goal_does_not_replace_the_older_one(robot: Robot, kind: Kind) -> None:
     slow_down(robot.chassis)
     old = until(task(robot) if kind is TASK else step(robot, 5.0), kind.runs)
     if kind is TASK:
@@ -52,7 +52,7 @@ def test_refused_newer_goal_does_not_replace_the_older_one(robot, kind):
 
 
 @each_kind
-def test_lost_end_is_found_by_polling(robot, kind):
+def test_lost_end_is_found_by_polling(robot: Robot, kind: Kind) -> None:
     """Also that of a second goal, which ends with exactly the same report."""
 
     def without_the_end(out: Outgoing) -> list[Outgoing]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import RunningAgent, wait_future, wait_until
+from tests.harness import Robot, RunningAgent, wait_future, wait_until
 from tests.node.goals import EXEC_TASK, EXECUTING, lift3, slow_down, step, task
 from tests.node.test_services_load import speak
 from woosh_robot_agent.simulator import SimulatorThread
@@ -30,7 +30,7 @@ def agent(
 
 
 @pytest.mark.timeout(600)
-def test_a_half_open_link_is_noticed_and_reported(robot):
+def test_a_half_open_link_is_noticed_and_reported(robot: Robot) -> None:
     slow_down(robot.chassis)
     goals = [lift3(robot, 0.4, speed=0.001), task(robot, mark="A23")]
     goals[1].feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -62,7 +62,7 @@ def test_a_half_open_link_is_noticed_and_reported(robot):
 
 
 @pytest.mark.parametrize("agent", ["websocket"], indirect=True)
-def test_a_short_interruption_is_not_noticed(robot):
+def test_a_short_interruption_is_not_noticed(robot: Robot) -> None:
     goal = step(robot, 8.0)
     goal.feedback.wait_count(2)
     injection = robot.chassis.inject("half_open")

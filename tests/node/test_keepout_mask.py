@@ -11,7 +11,7 @@ from nav_msgs.msg import OccupancyGrid
 from PIL import Image
 
 from tests.fact_files import FOLDER
-from tests.harness import RunningAgent
+from tests.harness import Client, Logs, RunningAgent
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
@@ -31,7 +31,9 @@ def cells(grid: OccupancyGrid) -> np.ndarray[Any, np.dtype[np.int8]]:
     return np.array(grid.data, np.int8).reshape(grid.info.height, grid.info.width)
 
 
-def test_mask_is_the_robots_picture(office, start_agent, client):
+def test_mask_is_the_robots_picture(
+    office: SimulatorThread, start_agent: StartAgent, client: Client
+) -> None:
     start_agent(ip="127.0.0.1", port=office.port)
     mask = client.echo(OccupancyGrid, "keepout_mask").wait_count(1)[0]
     with Image.open(SCENE / "Wego_Robotics_503" / "keepout.png") as picture:
@@ -43,14 +45,16 @@ def test_mask_is_the_robots_picture(office, start_agent, client):
     assert office.counts["woosh.map.SceneData"] == 1
 
 
-def test_map_without_keep_out_areas_has_an_empty_mask(agent, client):
+def test_map_without_keep_out_areas_has_an_empty_mask(agent: RunningAgent, client: Client) -> None:
     mask = client.echo(OccupancyGrid, "keepout_mask").wait_count(1)[0]
     area = client.echo(OccupancyGrid, "map").wait_count(1)[0]
     assert mask.info == area.info
     assert not cells(mask).any()
 
 
-def test_mask_that_cannot_be_read_does_not_withhold_the_map(office, start_agent, client, logs):
+def test_mask_that_cannot_be_read_does_not_withhold_the_map(
+    office: SimulatorThread, start_agent: StartAgent, client: Client, logs: Logs
+) -> None:
     def damage(frame: Outgoing) -> list[Outgoing]:
         if isinstance(frame.body, SceneData):
             frame.body.maps[0].keepout_png = b"no picture"
@@ -64,7 +68,9 @@ def test_mask_that_cannot_be_read_does_not_withhold_the_map(office, start_agent,
     assert logs.wait_text("no keepout_mask, ")
 
 
-def test_mask_follows_the_map(office, start_agent, client):
+def test_mask_follows_the_map(
+    office: SimulatorThread, start_agent: StartAgent, client: Client
+) -> None:
     start_agent(ip="127.0.0.1", port=office.port)
     masks = client.echo(OccupancyGrid, "keepout_mask")
     masks.wait_count(1)

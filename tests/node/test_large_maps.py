@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.harness import RunningAgent, wait_future
+from tests.harness import Client, RunningAgent, wait_future
 from tests.node.goals import replace_answers
 from woosh_common_msgs.msg import FileData
 from woosh_map_msgs.msg import Download as DownloadMsg
@@ -37,7 +37,7 @@ def linked_agent(
 
 
 @pytest.mark.usefixtures("linked_agent")
-def test_a_large_map_is_downloaded_unchanged(simulator, client):
+def test_a_large_map_is_downloaded_unchanged(simulator: SimulatorThread, client: Client) -> None:
     data = random.Random(1).randbytes(SIZE)
     scene = DownloadResponse()
     scene.file_datas.add(name="map.png", data=data)
@@ -53,7 +53,7 @@ def test_a_large_map_is_downloaded_unchanged(simulator, client):
 
 
 @pytest.mark.usefixtures("linked_agent")
-def test_a_large_map_is_uploaded_unchanged(simulator, client):
+def test_a_large_map_is_uploaded_unchanged(simulator: SimulatorThread, client: Client) -> None:
     data = random.Random(2).randbytes(SIZE)
     replace_answers(simulator, UPLOAD, ok=True, msg="", type=UPLOAD, body=None)
     scene = UploadMsg(
@@ -65,4 +65,4 @@ def test_a_large_map_is_uploaded_unchanged(simulator, client):
     assert response.ok, response.msg
     received = simulator.last(UPLOAD)
     assert received is not None
-    assert received.file_datas[0].data == data
+    assert received.file_datas[0].data == data  # type: ignore[attr-defined]

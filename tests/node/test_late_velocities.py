@@ -7,7 +7,7 @@ import time
 
 from geometry_msgs.msg import PoseStamped
 
-from tests.harness import wait_future, wait_until
+from tests.harness import Client, Program, wait_future, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.goals import ABORTED, step_goal
 from woosh_robot_agent.motion.requests import may_move
@@ -26,7 +26,9 @@ def velocities(simulator: SimulatorThread) -> list[float]:
     return [each.message.linear for each in simulator.received if each.type == TWIST]
 
 
-def test_a_stream_whose_sender_has_died_meanwhile_moves_nothing(program, simulator, client):
+def test_a_stream_whose_sender_has_died_meanwhile_moves_nothing(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
     sender = Sender(client)
     sender.repeat(50.0, x=0.2)
     wait_until(lambda: len(velocities(simulator)) > 3, "the first velocities")
@@ -40,7 +42,9 @@ def test_a_stream_whose_sender_has_died_meanwhile_moves_nothing(program, simulat
     program.wait_says("old")
 
 
-def test_a_goal_pose_during_the_pause_moves_nothing(program, simulator, client):
+def test_a_goal_pose_during_the_pause_moves_nothing(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
     publisher = client.publisher(PoseStamped, "goal_pose")
     message = PoseStamped()
     message.header.frame_id = "map"
@@ -53,7 +57,9 @@ def test_a_goal_pose_during_the_pause_moves_nothing(program, simulator, client):
     assert not any(may_move(each.message) for each in simulator.received)
 
 
-def test_calls_and_goals_during_the_pause_move_nothing_and_say_why(program, simulator, client):
+def test_calls_and_goals_during_the_pause_move_nothing_and_say_why(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
     service = client.service(Twist, "robot/Twist")
     action = client.action(StepControl, "ros/StepControl")
     program.process.send_signal(signal.SIGSTOP)

@@ -81,7 +81,7 @@ def medium(robot: Robot, kind: Kind) -> GoalClient:
 
 
 @each_kind
-def test_goal_goes_on_after_a_reconnect(robot, kind):
+def test_goal_goes_on_after_a_reconnect(robot: Robot, kind: Kind) -> None:
     slow_down(robot.chassis)
     goal = medium(robot, kind)
     goal.feedback.wait_count(3)
@@ -93,7 +93,7 @@ def test_goal_goes_on_after_a_reconnect(robot, kind):
     assert robot.chassis.counts[kind.starts] == 1, "nothing is replayed"
 
 
-def test_action_that_ended_without_a_link_succeeds(robot):
+def test_action_that_ended_without_a_link_succeeds(robot: Robot) -> None:
     """tasks/test_sequences.py has the same for tasks."""
     goal = until(step(robot, 2.0), ACTION.runs)
     switch_off(robot.chassis)
@@ -106,7 +106,7 @@ def test_action_that_ended_without_a_link_succeeds(robot):
 
 @short_timeouts
 @each_kind
-def test_goal_unknown_to_the_chassis_is_aborted(robot, kind):
+def test_goal_unknown_to_the_chassis_is_aborted(robot: Robot, kind: Kind) -> None:
     goal = kind.running(robot)
     switch_off(robot.chassis)
     with SimulatorThread(quick_config(port=robot.chassis.port, tcp_port=0)):
@@ -120,14 +120,14 @@ def test_goal_unknown_to_the_chassis_is_aborted(robot, kind):
 
 @short_timeouts
 @each_kind
-def test_goal_is_aborted_if_the_link_stays_lost(robot, kind):
+def test_goal_is_aborted_if_the_link_stays_lost(robot: Robot, kind: Kind) -> None:
     slow_down(robot.chassis)
     goal = kind.running(robot)
     robot.chassis.stop_listening()
     assert goal.wait_aborted("link was lost", "0.8 s").state.value == kind.failed
 
 
-def test_new_goal_without_a_link_is_aborted_and_not_sent_later(robot):
+def test_new_goal_without_a_link_is_aborted_and_not_sent_later(robot: Robot) -> None:
     switch_off(robot.chassis)
     task(robot).wait_aborted("not connected to ws://127.0.0.1")
     robot.chassis.listen()
@@ -140,7 +140,7 @@ def test_new_goal_without_a_link_is_aborted_and_not_sent_later(robot):
 
 @medium_timeouts
 @each_kind
-def test_goal_is_aborted_if_the_chassis_hangs(robot, kind):
+def test_goal_is_aborted_if_the_chassis_hangs(robot: Robot, kind: Kind) -> None:
     """It answers pings, which keeps the link, and nothing else."""
     slow_down(robot.chassis)
     goal = kind.running(robot)
@@ -149,7 +149,7 @@ def test_goal_is_aborted_if_the_chassis_hangs(robot, kind):
 
 
 @each_kind
-def test_goal_goes_on_if_the_chassis_hung_for_a_while(robot, kind):
+def test_goal_goes_on_if_the_chassis_hung_for_a_while(robot: Robot, kind: Kind) -> None:
     goal = medium(robot, kind)
     goal.feedback.wait_count(2)
     mute = robot.chassis.inject("lose_answer", type=kind.polls, count=1)
@@ -171,7 +171,7 @@ def ignore(simulator: SimulatorThread, request: str) -> None:
 
 @pytest.mark.parametrize("told", [True, False], ids=["by reports", "by polls"])
 @each_kind
-def test_goal_goes_on_without_an_answer_to_its_start(robot, kind, told):
+def test_goal_goes_on_without_an_answer_to_its_start(robot: Robot, kind: Kind, told: bool) -> None:
     robot.chassis.mute(kind.starts)
     if not told:
         robot.chassis.intercept(without_reports)
@@ -186,7 +186,7 @@ def test_goal_goes_on_without_an_answer_to_its_start(robot, kind, told):
 
 @short_timeouts
 @each_kind
-def test_goal_that_never_arrived_is_aborted(robot, kind):
+def test_goal_that_never_arrived_is_aborted(robot: Robot, kind: Kind) -> None:
     """The chassis reports the end of an earlier goal with the same name."""
 
     def start() -> GoalClient:
@@ -198,7 +198,7 @@ def test_goal_that_never_arrived_is_aborted(robot, kind):
 
 
 @short_timeouts
-def test_newer_action_that_never_arrived_does_not_replace_the_older_one(robot):
+def test_newer_action_that_never_arrived_does_not_replace_the_older_one(robot: Robot) -> None:
     old = ACTION.running(robot)
     ignore(robot.chassis, CALL_ACTION)
     step(robot, 1.0).wait_aborted("no answer to the goal")
@@ -207,7 +207,7 @@ def test_newer_action_that_never_arrived_does_not_replace_the_older_one(robot):
     assert old.result()[0] == SUCCEEDED
 
 
-def test_goal_is_not_polled_before_its_answer(robot):
+def test_goal_is_not_polled_before_its_answer(robot: Robot) -> None:
     """A report before the answer may be on an earlier goal."""
     robot.set_goal_timing(poll_period=0.02)
     robot.chassis.mute(CALL_ACTION)
@@ -221,7 +221,7 @@ def test_goal_is_not_polled_before_its_answer(robot):
     assert goal.result()[0] == SUCCEEDED
 
 
-def test_goal_goes_on_if_the_link_is_lost_before_its_answer(robot):
+def test_goal_goes_on_if_the_link_is_lost_before_its_answer(robot: Robot) -> None:
     robot.chassis.mute(EXEC_TASK)
     robot.chassis.intercept(without_reports)
     goal = task(robot)

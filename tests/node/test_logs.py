@@ -45,7 +45,9 @@ def say(logger: logging.Logger) -> None:
         logger.exception("failed")
 
 
-def test_a_message_is_one_line_of_bounded_length_and_a_traceback_is_whole(lines, logger):
+def test_a_message_is_one_line_of_bounded_length_and_a_traceback_is_whole(
+    lines: list[Any], logger: logging.Logger
+) -> None:
     context_of(get_logger("one")).run(say, logger)
     assert lines[0][:3] == ("WARN", "one", "the chassis said a\\n\\x1b[31mb")
     assert lines[1][:3] == ("ERROR", "one", "x" * 2000 + "... (3000 characters)")
@@ -55,7 +57,7 @@ def test_a_message_is_one_line_of_bounded_length_and_a_traceback_is_whole(lines,
     assert text.endswith("ZeroDivisionError: once")
 
 
-def test_each_context_has_its_logger_and_a_line_comes_once(lines):
+def test_each_context_has_its_logger_and_a_line_comes_once(lines: list[Any]) -> None:
     log_to_ros()
     log_to_ros()
     logger = logging.getLogger("woosh_robot_agent.a_test")
@@ -72,14 +74,16 @@ def test_each_context_has_its_logger_and_a_line_comes_once(lines):
     ]
 
 
-def test_a_line_says_where_in_the_source_it_comes_from(lines, logger):
+def test_a_line_says_where_in_the_source_it_comes_from(
+    lines: list[Any], logger: logging.Logger
+) -> None:
     context_of(get_logger("one")).run(say, logger)
     function, path, line = lines[0][3]
     assert (function, path) == ("say", __file__)
     assert line == say.__code__.co_firstlineno + 1
 
 
-def test_what_is_below_the_loggers_level_is_left_out(lines):
+def test_what_is_below_the_loggers_level_is_left_out(lines: list[Any]) -> None:
     log_to_ros()
     quiet = get_logger("quiet")
     quiet.set_level(LoggingSeverity.WARN)

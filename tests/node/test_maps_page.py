@@ -12,7 +12,7 @@ import pytest
 import yaml
 from nav_msgs.msg import OccupancyGrid
 
-from tests.harness import Client, wait_until
+from tests.harness import Client, Robot, wait_until
 from tests.quick_chassis import quick_config
 from tests.ros2_commands import parse
 from woosh_robot_agent.robot.maps import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
@@ -56,7 +56,13 @@ def execute(client: Client, line: str) -> Any:
     return result
 
 
-def test_the_commands_of_the_page_work_in_its_order(first, robot, tmp_path, monkeypatch, capsys):
+def test_the_commands_of_the_page_work_in_its_order(
+    first: SimulatorThread,
+    robot: Robot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.chdir(tmp_path)
     robots = {"172.20.8.74": first, "172.20.8.75": robot.chassis}
     printed = ""
@@ -90,7 +96,7 @@ def test_the_commands_of_the_page_work_in_its_order(first, robot, tmp_path, monk
     assert robot.chassis.state.pose.y == pytest.approx(2.0, abs=0.1)
 
 
-def test_saved_map_equals_the_topic_map(robot, tmp_path):
+def test_saved_map_equals_the_topic_map(robot: Robot, tmp_path: Path) -> None:
     """The files for map_server say what the agent publishes."""
     topic = robot.echo(OccupancyGrid, "map").wait_count(1)[0]
     where = ["--ip", f"127.0.0.1:{robot.chassis.port}"]

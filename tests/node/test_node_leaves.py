@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.harness import Client, wait_until
+from tests.harness import Client, RunningAgent, wait_until
 from woosh_robot_msgs.srv import PoseSpeed
 from woosh_ros_msgs.action import StepControl
 
@@ -21,7 +21,10 @@ def no_collection() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("no_collection")
-def test_agent_and_client_leave_the_graph_when_they_are_closed(domain, connect):
+def test_agent_and_client_leave_the_graph_when_they_are_closed(
+    domain: int,
+    connect: Callable[..., RunningAgent],
+) -> None:
     agent = connect(publish_tf=True)
     user = Client(domain)
     user.call(PoseSpeed, "robot/PoseSpeed")

@@ -81,7 +81,7 @@ def velocity(linear: float) -> Twist:
     return message
 
 
-def test_only_reads_reach_the_chassis_whatever_clients_send(observer, logs):
+def test_only_reads_reach_the_chassis_whatever_clients_send(observer: Robot, logs: Logs) -> None:
     for query in QUERIES:
         observer.call(class_of(query.srv, "srv"), query.name)
         assert observer.chassis.counts[query.request], query.name
@@ -130,7 +130,7 @@ def test_only_reads_reach_the_chassis_whatever_clients_send(observer, logs):
         assert [level for level in told if level != "DEBUG"] == ["WARNING"], "it is logged once"
 
 
-def test_diagnostics_show_it(observer):
+def test_diagnostics_show_it(observer: Robot) -> None:
     def link(message: Any) -> Any:
         return next(s for s in message.status if s.name.endswith(": link"))
 
@@ -142,7 +142,7 @@ def test_diagnostics_show_it(observer):
     seen.wait(lambda m: {v.key: v.value for v in link(m).values}["observe only"] == "no")
 
 
-def test_what_others_do_is_observed(observer, logs):
+def test_what_others_do_is_observed(observer: Robot, logs: Logs) -> None:
     seen = diagnostics(observer)
     observer.chassis.push(StatusCode(code=110301000042, level=StatusCode.kWarn))
     logs.wait_text("left motor is too hot")
@@ -153,7 +153,7 @@ def test_what_others_do_is_observed(observer, logs):
     assert received(observer.chassis) <= READS
 
 
-def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot):
+def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot: Robot) -> None:
     set_speed(robot.chassis, 1.0)
     goal = task(robot, task_id=7)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -163,7 +163,7 @@ def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot):
     diagnostics(robot).wait(lambda m: text in [s.message for s in m.status])
 
 
-def test_commands_are_sent_again_when_it_is_turned_off(observer):
+def test_commands_are_sent_again_when_it_is_turned_off(observer: Robot) -> None:
     assert not observer.call(Speak, "robot/Speak").ok
     assert change(observer, observe_only=False) == (True, "")
     assert observer.call(Speak, "robot/Speak").ok
@@ -173,18 +173,18 @@ def test_commands_are_sent_again_when_it_is_turned_off(observer):
     assert observer.chassis.counts["woosh.robot.RobotInfo"] == 1, "it does not reconnect"
 
 
-def test_a_driving_robot_is_stopped_when_it_is_turned_on(robot):
+def test_a_driving_robot_is_stopped_when_it_is_turned_on(robot: Robot) -> None:
     robot.set_motion_timing(driving=3600.0)
     assert robot.command("robot/Twist", linear=0.3).ok
     assert change(robot, observe_only=True) == (True, "")
     robot.chassis.wait_received(TWIST, 2)
-    assert robot.chassis.last(TWIST).linear == 0.0
+    assert robot.chassis.last(TWIST).linear == 0.0  # type: ignore[union-attr]
     assert not robot.command("robot/Twist", linear=0.3).ok
     robot.agent.close()
     assert robot.chassis.counts[TWIST] == 2, "an observer sends no zero at its end"
 
 
-def test_open_goals_end_when_it_is_turned_on(robot):
+def test_open_goals_end_when_it_is_turned_on(robot: Robot) -> None:
     stop_time(robot.chassis)
     goal = task(robot)
     wait_until(lambda: robot.chassis.counts["woosh.robot.ExecTask"])
@@ -193,7 +193,7 @@ def test_open_goals_end_when_it_is_turned_on(robot):
     assert robot.chassis.counts["woosh.robot.ActionOrder"] == 0
 
 
-def test_turning_it_on_precedes_the_velocity_that_follows(robot, logs):
+def test_turning_it_on_precedes_the_velocity_that_follows(robot: Robot, logs: Logs) -> None:
     """Also if the link thread is busy while both arrive."""
     publisher = publish(robot, "cmd_vel", velocity(0.0))
     released = threading.Event()
@@ -208,7 +208,9 @@ def test_turning_it_on_precedes_the_velocity_that_follows(robot, logs):
     assert robot.chassis.counts[TWIST] == 0
 
 
-def test_each_robot_of_a_process_has_its_own(domain, simulator, start_agent):
+def test_each_robot_of_a_process_has_its_own(
+    domain: int, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+) -> None:
     for namespace, observe_only in (("/r1", True), ("/r2", False)):
         start_agent(
             namespace=namespace, ip="127.0.0.1", port=simulator.port, observe_only=observe_only

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from std_msgs.msg import Bool
 
-from tests.harness import Robot, wait_until
+from tests.harness import Logs, Robot, wait_until
 from tests.node.goals import ABORTED, EXECUTING, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
@@ -35,7 +35,9 @@ def long_drive(robot: Robot) -> None:
     robot.set_motion_timing(driving=3600.0)
 
 
-def test_another_robot_is_refused_and_the_first_one_taken_back(robot, other, logs):
+def test_another_robot_is_refused_and_the_first_one_taken_back(
+    robot: Robot, other: SimulatorThread, logs: Logs
+) -> None:
     connected = robot.echo(Bool, "connected")
     told = diagnostics(robot)
     goal = task(robot)
@@ -61,8 +63,8 @@ def test_another_robot_is_refused_and_the_first_one_taken_back(robot, other, log
 @pytest.mark.usefixtures("long_drive")
 @pytest.mark.parametrize("parameter", ["ip", "port", "robot_id"])
 def test_a_robot_gets_a_zero_before_its_link_closes_and_another_one_nothing(
-    robot, other, parameter
-):
+    robot: Robot, other: SimulatorThread, parameter: str
+) -> None:
     new = {"ip": "localhost", "port": other.port, "robot_id": 5}[parameter]
     answers([drive(robot, 0.3)])
     assert change(robot, **{parameter: new}) == (True, "")
@@ -74,7 +76,7 @@ def test_a_robot_gets_a_zero_before_its_link_closes_and_another_one_nothing(
     assert speeds(other) == []
 
 
-def test_the_same_robot_over_another_encoding_keeps_its_topics(robot):
+def test_the_same_robot_over_another_encoding_keeps_its_topics(robot: Robot) -> None:
     batteries = robot.echo(class_of("woosh_robot_msgs/Battery", "msg"), "robot/Battery")
     batteries.wait_count(1)
     assert change(robot, encoding="protobuf") == (True, "")

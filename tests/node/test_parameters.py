@@ -16,7 +16,7 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import Parameter
 
-from tests.harness import Client, RunningAgent, wait_until
+from tests.harness import Client, Robot, RunningAgent, wait_until
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARAMETERS, check_names
 from woosh_robot_agent.simulator import SimulatorThread
@@ -59,7 +59,7 @@ def unconnected(start_agent: Callable[..., RunningAgent]) -> RunningAgent:
 
 
 @pytest.mark.usefixtures("unconnected")
-def test_each_parameter_is_described_with_its_range(client):
+def test_each_parameter_is_described_with_its_range(client: Client) -> None:
     names = [parameter.name for parameter in PARAMETERS]
     listed = client.call(ListParameters, "agent/list_parameters").result.names
     assert set(names) <= set(listed)
@@ -70,7 +70,9 @@ def test_each_parameter_is_described_with_its_range(client):
         assert len(ranges) == (type(parameter.default) in (int, float))
 
 
-def test_parameters_have_their_defaults(start_agent, client):
+def test_parameters_have_their_defaults(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
     start_agent()
     for name, default in DEFAULTS.items():
         assert value(client, name) == default
@@ -99,7 +101,7 @@ BAD = [
 
 
 @pytest.mark.usefixtures("unconnected")
-def test_bad_value_is_refused_with_the_reason(client):
+def test_bad_value_is_refused_with_the_reason(client: Client) -> None:
     for values, reason in BAD:
         before = {name: value(client, name) for name in values}
         successful, told = change(client, **values)
@@ -120,26 +122,30 @@ def test_bad_value_is_refused_with_the_reason(client):
         ),
     ],
 )
-def test_bad_value_at_the_start_is_refused(start_agent, parameter, reason):
+def test_bad_value_at_the_start_is_refused(
+    start_agent: Callable[..., RunningAgent], parameter: dict[str, Any], reason: str
+) -> None:
     with pytest.raises(ValueError, match=reason):
         start_agent(**parameter)
 
 
-def test_parameters_without_effect_are_named():
+def test_parameters_without_effect_are_named() -> None:
     executor, misspelt = check_names(["executor", "publish_tff", "other_rate", "publish_tf"])
     assert executor.startswith("setting executor has no effect: the agent has one executor")
     assert misspelt.startswith("there is no parameter publish_tff")
     assert misspelt.endswith("did you mean publish_tf?")
 
 
-def test_integer_is_accepted_for_a_floating_point_parameter(start_agent, client):
+def test_integer_is_accepted_for_a_floating_point_parameter(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
     start_agent(goal_link_timeout=3)
     assert value(client, "goal_link_timeout") == 3
     assert change(client, goal_link_timeout=4) == (True, "")
 
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
-def test_change_of_the_address_reconnects(robot, transport):
+def test_change_of_the_address_reconnects(robot: Robot, transport: str) -> None:
     with SimulatorThread(quick_config(port=0, tcp_port=0, seed=1)) as other:
         port = other.port if transport == "websocket" else other.tcp_port
         assert change(robot, port=port, transport=transport) == (True, "")
@@ -150,7 +156,7 @@ def test_change_of_the_address_reconnects(robot, transport):
         assert (other.counts[MODE], robot.chassis.counts[MODE]) == (1, 0)
 
 
-def test_change_unrelated_to_the_link_does_not_reconnect(robot):
+def test_change_unrelated_to_the_link_does_not_reconnect(robot: Robot) -> None:
     assert change(robot, poll_timeout=200, goal_link_timeout=1.0) == (True, "")
     assert change(robot, port=robot.chassis.port) == (True, ""), "the same as before"
     robot.chassis.mute("woosh.robot.Speak")
@@ -159,7 +165,7 @@ def test_change_unrelated_to_the_link_does_not_reconnect(robot):
 
 
 @pytest.mark.parametrize("changed", [{"ip": "localhost"}, {"robot_id": 5}], ids=str)
-def test_other_changes_of_the_link_reconnect(robot, changed):
+def test_other_changes_of_the_link_reconnect(robot: Robot, changed: dict[str, Any]) -> None:
     assert change(robot, **changed) == (True, "")
     robot.agent.wait_connected(2)
     robot.call(Mode, "robot/Mode")
@@ -168,7 +174,7 @@ def test_other_changes_of_the_link_reconnect(robot, changed):
         assert robot.chassis.last(name).robot_id == changed.get("robot_id", 0)
 
 
-def test_several_changes_at_once_are_checked_one_by_one(robot):
+def test_several_changes_at_once_are_checked_one_by_one(robot: Robot) -> None:
     """ROS tools set parameters one by one, so each change must be valid on its own."""
     response = robot.call(
         SetParameters,

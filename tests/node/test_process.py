@@ -23,6 +23,7 @@ from tests.harness import TIMEOUT, Client, Program, wait_until
 from tests.node.goals import ABORTED, EXECUTING, lift3, slow_down, step, stop_time, task
 from woosh_robot_agent import agent
 from woosh_robot_agent.parameters import PARAMETERS
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing.agents import domain_variables
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
@@ -43,7 +44,7 @@ def start_program(start_program: Callable[..., Program]) -> Callable[..., Progra
     return partial(start_program, **LONG)
 
 
-def test_rclpy_does_not_warn(domain):
+def test_rclpy_does_not_warn(domain: int) -> None:
     """The executor of rclpy prints its warnings to stdout."""
     program = subprocess.Popen(
         [sys.executable, "-m", "woosh_robot_agent.agent"]
@@ -83,18 +84,20 @@ agent.main()
     )
 
 
-def test_the_garbage_collector_ignores_objects_of_the_start(domain):
+def test_the_garbage_collector_ignores_objects_of_the_start(domain: int) -> None:
     run = in_first_turn(domain, "print(gc.isenabled(), gc.get_freeze_count() > 10_000)")
     assert "True True" in run.stdout.splitlines()  # Fast DDS may print to stdout as well
 
 
-def test_all_threads_share_one_heap(domain):
+def test_all_threads_share_one_heap(domain: int) -> None:
     """glibc returns the unused memory of the first heap only."""
     run = in_first_turn(domain, "ctypes.CDLL(None).malloc_stats()")
     assert set(re.findall(r"^Arena \d+:", run.stderr, re.MULTILINE)) == {"Arena 0:"}
 
 
-def test_error_in_a_callback_is_logged_and_does_not_end_the_program(caplog, monkeypatch):
+def test_error_in_a_callback_is_logged_and_does_not_end_the_program(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(logging.getLogger("woosh_robot_agent"), "propagate", True)
 
     class Failing:
@@ -105,7 +108,9 @@ def test_error_in_a_callback_is_logged_and_does_not_end_the_program(caplog, monk
     assert "mistake" in caplog.text
 
 
-def test_program_ends_while_driving_a_frozen_chassis_with_an_open_goal(program, simulator, client):
+def test_program_ends_while_driving_a_frozen_chassis_with_an_open_goal(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
     """In this slowest case every step of the shutdown runs into its timeout."""
     goal = lift3(client, 0.4, speed=0.001)
     goal.feedback.wait_count(1)
@@ -115,7 +120,7 @@ def test_program_ends_while_driving_a_frozen_chassis_with_an_open_goal(program, 
     assert goal.result()[0] == ABORTED
 
 
-def test_program_ends_while_connecting(start_program):
+def test_program_ends_while_connecting(start_program: Callable[..., Program]) -> None:
     """The server accepts the connection and never answers."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         program = start_program(ip="127.0.0.1", port=silent.getsockname()[1])
@@ -126,7 +131,7 @@ def test_program_ends_while_connecting(start_program):
 
 
 @pytest.mark.parametrize("loaded", ["", "_rclpy_pybind11", "librmw_fastrtps_cpp"])
-def test_program_ends_while_starting(start_program, loaded):
+def test_program_ends_while_starting(start_program: Callable[..., Program], loaded: str) -> None:
     program = start_program(ip="127.0.0.1", port=1)
     process = Path(f"/proc/{program.process.pid}")
 
@@ -140,7 +145,9 @@ def test_program_ends_while_starting(start_program, loaded):
     program.end(signal.SIGTERM)
 
 
-def test_program_ends_cleanly_after_further_signals(program, simulator, client):
+def test_program_ends_cleanly_after_further_signals(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
     drive(client)
     simulator.inject("half_open")
     program.process.send_signal(signal.SIGINT)
@@ -150,7 +157,7 @@ def test_program_ends_cleanly_after_further_signals(program, simulator, client):
     program.end(signal.SIGTERM)
 
 
-def test_program_ends_cleanly_though_signals_arrive_until_it_has_ended(program):
+def test_program_ends_cleanly_though_signals_arrive_until_it_has_ended(program: Program) -> None:
     """A signal must not end the interpreter while it shuts down."""
     process = program.process
     while process.poll() is None:
@@ -160,7 +167,7 @@ def test_program_ends_cleanly_though_signals_arrive_until_it_has_ended(program):
     assert process.returncode == 0, program.output
 
 
-def test_open_goal_is_aborted(program, simulator, client):
+def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, client: Client) -> None:
     slow_down(simulator)
     goals = [task(client, mark="A23"), step(client, 100.0)]
     goals[1].result()  # refused because a task is running, so not an open goal
@@ -171,7 +178,9 @@ def test_open_goal_is_aborted(program, simulator, client):
     assert simulator.call(lambda sim: sim.chassis.tasks.active), "the task is the robot's own"
 
 
-def test_robot_is_stopped_though_a_client_goes_on_driving(program, simulator, client):
+def test_robot_is_stopped_though_a_client_goes_on_driving(
+    program: Program, simulator: SimulatorThread, client: Client
+) -> None:
     stop = threading.Event()
 
     def repeat() -> None:
@@ -192,7 +201,9 @@ def test_robot_is_stopped_though_a_client_goes_on_driving(program, simulator, cl
 
 
 @pytest.mark.parametrize("speeds", [[], [0.2], [0.2, 0.0]], ids=["untouched", "driven", "stopped"])
-def test_robot_is_stopped_only_if_the_agent_drove_it(program, simulator, client, speeds):
+def test_robot_is_stopped_only_if_the_agent_drove_it(
+    program: Program, simulator: SimulatorThread, client: Client, speeds: list[float]
+) -> None:
     for speed in speeds:
         drive(client, speed)
     program.end(signal.SIGTERM)
@@ -201,7 +212,9 @@ def test_robot_is_stopped_only_if_the_agent_drove_it(program, simulator, client,
     assert twists == pytest.approx([0.2, 0.0] if speeds else [])
 
 
-def test_program_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(start_program):
+def test_program_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
+    start_program: Callable[..., Program],
+) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     simulator = subprocess.Popen(
@@ -235,20 +248,24 @@ def test_program_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(star
         ("goal_link_timeout:=.nan", "goal_link_timeout"),
     ],
 )
-def test_bad_parameter_ends_the_program_with_one_line(start_program, argument, complaint):
+def test_bad_parameter_ends_the_program_with_one_line(
+    start_program: Callable[..., Program], argument: str, complaint: str
+) -> None:
     said = start_program("-p", argument).wait_refused()
     assert len(said.strip().splitlines()) == 1, said
     assert re.search(rf"\b{complaint}\b", said), said
     assert "('" not in said, "a tuple instead of a text"
 
 
-def test_malformed_arguments_end_the_program_with_one_line(start_program):
+def test_malformed_arguments_end_the_program_with_one_line(
+    start_program: Callable[..., Program],
+) -> None:
     said = start_program("-p", "port").wait_refused().splitlines()
     assert [line for line in said if line.startswith("agent: ")] == said[-1:]
     assert len(said) <= 2, "rcl logs an error, too"
 
 
-def test_unknown_arguments_are_named(start_program):
+def test_unknown_arguments_are_named(start_program: Callable[..., Program]) -> None:
     said = start_program("--parms-file", "my.yaml").wait_refused()
     assert re.search(r"unknown arguments.*--parms-file", said), said
 
@@ -273,7 +290,7 @@ def run_agent(*arguments: str, **options: Any) -> tuple[int, str, str]:
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--ip", "1", "--help"]])
-def test_help_names_the_parameters_that_matter(arguments):
+def test_help_names_the_parameters_that_matter(arguments: list[str]) -> None:
     status, out, err = run_agent(*arguments)
     assert (status, err) == (0, "")
     assert "--ros-args -r __ns:=/woosh_robot -p ip:=" in out
@@ -284,7 +301,7 @@ def test_help_names_the_parameters_that_matter(arguments):
     assert "docs/" in out
 
 
-def test_help_and_version_need_no_ros():
+def test_help_and_version_need_no_ros() -> None:
     for argument in ("--help", "--version"):
         # -S: without the folder in which rclpy is installed
         bare = [sys.executable, "-S", "-m", "woosh_robot_agent.agent", argument]
@@ -296,7 +313,7 @@ def test_help_and_version_need_no_ros():
         assert "agent" in done.stdout
 
 
-def test_version_is_that_of_the_package():
+def test_version_is_that_of_the_package() -> None:
     root = Path(agent.__file__).parents[1]
     declared = re.search(r"<version>(.*)</version>", (root / "package.xml").read_text())
     assert declared
@@ -318,7 +335,9 @@ def test_version_is_that_of_the_package():
         ("--ros-args -p port:=1 -- --ip 127.0.0.1", "agent --ros-args -p ip:=127.0.0.1"),
     ],
 )
-def test_arguments_that_ros_ignores_are_refused_with_the_right_way(arguments, right):
+def test_arguments_that_ros_ignores_are_refused_with_the_right_way(
+    arguments: str, right: str
+) -> None:
     """The agent would connect to a robot at the default address."""
     words = arguments.split()
     # at the end, so that an agent that starts nevertheless stays on this computer
@@ -342,8 +361,12 @@ def test_arguments_that_ros_ignores_are_refused_with_the_right_way(arguments, ri
     ],
 )
 def test_agent_runs_where_logs_cannot_be_written(
-    start_program, monkeypatch, tmp_path, variable, arguments
-):
+    start_program: Callable[..., Program],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    variable: str,
+    arguments: list[str],
+) -> None:
     file = tmp_path / "file"
     file.touch()
     for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR"):
@@ -357,7 +380,9 @@ def test_agent_runs_where_logs_cannot_be_written(
     assert "set ROS_LOG_DIR" in warning
 
 
-def test_log_files_are_written_where_possible(start_program, monkeypatch, tmp_path):
+def test_log_files_are_written_where_possible(
+    start_program: Callable[..., Program], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "new" / "logs"))
     program = start_program(ip="127.0.0.1", port=1)
     program.wait_says("cannot connect")
@@ -371,7 +396,7 @@ def test_log_files_are_written_where_possible(start_program, monkeypatch, tmp_pa
     ("limit", "parameter", "needed"),
     [(16, "port:=1", 64), (40, "port:=1", 64), (63, "port:=1", 64), (64, "robots:=[a, b, c]", 66)],
 )
-def test_too_few_file_descriptors_are_named(limit, parameter, needed):
+def test_too_few_file_descriptors_are_named(limit: int, parameter: str, needed: int) -> None:
     arguments = ["--ros-args", "-p", "ip:=127.0.0.1", "-p", parameter]
     status, out, err = run_agent(
         *arguments, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
@@ -382,7 +407,7 @@ def test_too_few_file_descriptors_are_named(limit, parameter, needed):
     assert len(err.splitlines()) == 1
 
 
-def test_a_folder_of_messages_that_cannot_be_read_is_not_omitted():
+def test_a_folder_of_messages_that_cannot_be_read_is_not_omitted() -> None:
     """Otherwise each message in it would be unknown, and nothing would tell why."""
     code = """
 import os, resource

@@ -59,7 +59,7 @@ def _count(path: Path, topic: str, _size: int) -> int:
     return found
 
 
-def test_ros_topics_are_recorded(tmp_path, simulator, connect, client):
+def test_ros_topics_are_recorded(tmp_path: Path, simulator: Any, connect: Any, client: Any) -> None:
     connect()
     path, ros = tmp_path / "a.mcap", tmp_path / "a_ros.mcap"
     mode = client.path("robot/Mode")
@@ -148,7 +148,9 @@ def end(process: subprocess.Popen[str]) -> tuple[int, str, str]:
 LARGE = String(data="x" * 1_000_000)
 
 
-def test_lost_ros_messages_fail_the_recording(tmp_path, simulator, publisher_node):
+def test_lost_ros_messages_fail_the_recording(
+    tmp_path: Path, simulator: Any, publisher_node: Node
+) -> None:
     path, ros = tmp_path / "a.mcap", tmp_path / "a_ros.mcap"
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = publisher_node.create_publisher(String, "large", qos)
@@ -167,8 +169,8 @@ def test_lost_ros_messages_fail_the_recording(tmp_path, simulator, publisher_nod
     HUMBLE, reason="Humble has no matched events, with which the test replaces them"
 )
 def test_latched_messages_replaced_while_the_recorder_subscribes_are_not_lost(
-    tmp_path, simulator, publisher_node
-):
+    tmp_path: Path, simulator: Any, publisher_node: Node
+) -> None:
     path, ros = tmp_path / "a.mcap", tmp_path / "a_ros.mcap"
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publishers: list[Publisher] = []
@@ -197,7 +199,9 @@ def has_frames(path: Path) -> bool:
         return False
 
 
-def test_a_recording_without_ros_messages_fails(tmp_path, simulator, domain):
+def test_a_recording_without_ros_messages_fails(
+    tmp_path: Path, simulator: Any, domain: int
+) -> None:
     path = tmp_path / "a.mcap"
     with recorder(simulator, path, "/nobody") as process:
         wait_until(lambda: has_frames(path), "a frame", TIMEOUT)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from typing import Any
 
 import pytest
 
-from tests.harness import TIMEOUT, Client, wait_until
+from tests.harness import TIMEOUT, Client, Program, wait_until
 from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, pause_task, short_task, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Speak as SpeakMsg
@@ -41,7 +41,12 @@ def command_counts(simulator: SimulatorThread) -> dict[str, int]:
 
 
 @pytest.mark.timeout(600)
-def test_agent_killed_during_a_goal_repeats_no_command(program, start_connected, simulator, client):
+def test_agent_killed_during_a_goal_repeats_no_command(
+    program: Program,
+    start_connected: Callable[[], Program],
+    simulator: SimulatorThread,
+    client: Client,
+) -> None:
     texts = (f"text {number}" for number in itertools.count())
     speak_until_answered(client, texts)
     goal = task(client, mark="A23", task_id=77)
@@ -72,7 +77,12 @@ def test_agent_killed_during_a_goal_repeats_no_command(program, start_connected,
 
 
 @pytest.mark.timeout(600)
-def test_agent_killed_while_driving_repeats_no_command(program, start_connected, simulator, client):
+def test_agent_killed_while_driving_repeats_no_command(
+    program: Program,
+    start_connected: Callable[[], Program],
+    simulator: SimulatorThread,
+    client: Client,
+) -> None:
     assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.1)).ok
     calls: list[Any] = []
     for number in range(20):

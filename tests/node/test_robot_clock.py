@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.qos import QoSProfile
 
-from tests.harness import wait_until
+from tests.harness import Client, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.goals import SUCCEEDED, short_task, step
 from tests.quick_chassis import quick_config
@@ -50,7 +50,12 @@ def stamps(message: Any) -> Iterator[float]:
             yield from stamps(getattr(message, name))
 
 
-def test_everything_works_and_no_stamp_comes_from_the_robot(simulator, connect, client, offset):
+def test_everything_works_and_no_stamp_comes_from_the_robot(
+    simulator: SimulatorThread,
+    connect: Callable[..., RunningAgent],
+    client: Client,
+    offset: float,
+) -> None:
     begin = time.time()
     echoes = {}
     for entry in STAMPED:

@@ -87,7 +87,9 @@ def started(script: Path, domain: int, *arguments: str) -> tuple[subprocess.Pope
 
 
 @pytest.mark.parametrize("release", ["", "-kilted"])
-def test_the_address_of_the_page_comes_before_the_commands(tmp_path, domain, release):
+def test_the_address_of_the_page_comes_before_the_commands(
+    tmp_path: Path, domain: int, release: str
+) -> None:
     with running(checkout(tmp_path, release), domain) as (process, output):
         address = re.search(r"in your browser: (http://127\.0\.0\.1:\d+/)\n", output)
         assert address, output
@@ -104,7 +106,7 @@ def test_the_address_of_the_page_comes_before_the_commands(tmp_path, domain, rel
 
 
 @pytest.mark.skipif(mosquitto_path() is None, reason="mosquitto is not installed")
-def test_a_fleet_is_sent_round_and_ends_with_ctrl_c(tmp_path, domain):
+def test_a_fleet_is_sent_round_and_ends_with_ctrl_c(tmp_path: Path, domain: int) -> None:
     with running(checkout(tmp_path), domain, "--fleet", "2") as (process, output):
         address = re.search(r"http://127\.0\.0\.1:\d+/\n", output)
         broker = re.search(r"mosquitto_sub -p (\d+)", output)

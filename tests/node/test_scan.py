@@ -83,7 +83,7 @@ def test_scan_goes_on_after_a_lost_answer(simulator, start_agent, client):
     assert simulator.counts[SCANNER] > 1
 
 
-def test_scan_shows_the_walls(simulator, agent, client):
+def test_scan_shows_the_walls(simulator: SimulatorThread, agent, client):
     scan = scans(client).wait_count(1)[0]
     assert scan.header.frame_id == "laser"
 

@@ -6,6 +6,7 @@ import importlib.util
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as xml
@@ -17,7 +18,7 @@ from nav2_msgs import msg as nav2_messages
 from nav2_msgs import srv as nav2_services
 
 from scripts import sros2_policies
-from tests.harness import HUMBLE, Client, wait_until
+from tests.harness import HUMBLE, Client, RunningAgent, wait_until
 from tests.node.goals import replace_answers
 from tests.node.nav2.goals import Nav2Client, ahead
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
@@ -91,7 +92,9 @@ def used(client: Client, node: str, namespace: str) -> dict[str, set[str]]:
     }
 
 
-def test_the_agent_has_exactly_what_its_policy_allows(start_agent, client):
+def test_the_agent_has_exactly_what_its_policy_allows(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
     start_agent(ip="127.0.0.1", port=1, publish_tf=True, nav2=True)
     # from the first goal in another frame on, the agent subscribes to /tf
     Nav2Client(client, "navigate_to_pose", pose=ahead(1.0, "nowhere"))
@@ -113,14 +116,14 @@ def test_the_agent_has_exactly_what_its_policy_allows(start_agent, client):
         assert used(client, "agent", "/woosh_robot") == allowed
 
 
-def test_every_node_has_the_endpoints_that_the_policy_assumes(client):
+def test_every_node_has_the_endpoints_that_the_policy_assumes(client: Client) -> None:
     nothing = permissions(sros2_policies.client_policy(read_only=True, only=["robot/General"]))
     nothing["publish"].remove("rq/woosh_robot/robot/GeneralRequest")
     nothing["subscribe"].remove("rr/woosh_robot/robot/GeneralReply")
     wait_until(lambda: used(client, "client", "/") == nothing, "the endpoints of a node")
 
 
-def test_policies_of_agent_and_client_match():
+def test_policies_of_agent_and_client_match() -> None:
     agent = permissions(sros2_policies.agent_policy())
     client = permissions(sros2_policies.client_policy())
     common = {"rt/rosout", "rt/parameter_events"}
@@ -162,7 +165,9 @@ def secured(keystore: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @needs_sros2
 @pytest.mark.timeout(900)
-def test_agent_and_clients_work_under_sros2(domain, client, secured, tmp_path):
+def test_agent_and_clients_work_under_sros2(
+    domain: int, client: Client, secured: None, tmp_path: Path
+) -> None:
     """`client` is started without security, so it must not see the agent."""
     from woosh_robot_msgs.srv import PoseSpeed
 

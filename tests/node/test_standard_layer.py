@@ -8,7 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from tests.harness import Client, wait_until
+from tests.harness import Client, Logs, wait_until
 from woosh_robot_agent.parameters import PARTS, StandardSettings
 from woosh_robot_agent.ros.standard import diagnostics
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
@@ -83,7 +83,9 @@ def test_each_part_can_be_used_alone(part, start_agent, client):
     wait_for_endpoints(client, {entry.name for entry in STANDARD if entry.part == part})
 
 
-def test_a_part_that_failed_runs_again(monkeypatch, start_agent, client, logs):
+def test_a_part_that_failed_runs_again(
+    monkeypatch: pytest.MonkeyPatch, start_agent: Any, client: Client, logs: Logs
+) -> None:
     link_status = diagnostics.link_status
     failures = iter([ZeroDivisionError("once")])
 

@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from google.protobuf.message import Message
 from std_srvs.srv import Trigger
 
-from tests.harness import wait_future, wait_until
+from tests.harness import Logs, Robot, wait_future, wait_until
 from tests.motion.moving import MOVING
 from tests.motion.test_requests import COMMAND_MOTION
 from tests.node.cmd_vel import Sender
@@ -33,7 +33,7 @@ def is_standing(simulator: SimulatorThread) -> bool:
 
 
 @pytest.mark.parametrize("kind", ["task", "StepControl"])
-def test_stop_ends_every_goal(robot, kind):
+def test_stop_ends_every_goal(robot: Robot, kind: str):
     goal = task(robot) if kind == "task" else step(robot, 20.0)
     wait_until(lambda: not is_standing(robot.chassis))
     answer = robot.call(Trigger, "stop")
@@ -42,7 +42,7 @@ def test_stop_ends_every_goal(robot, kind):
     wait_until(lambda: is_standing(robot.chassis))
 
 
-def test_stop_ends_a_velocity(robot):
+def test_stop_ends_a_velocity(robot: Robot):
     assert robot.command("robot/Twist", angular=0.5).ok
     answer = robot.call(Trigger, "stop")
     assert (answer.success, answer.message) == (True, "stopped")
@@ -50,7 +50,7 @@ def test_stop_ends_a_velocity(robot):
     assert (last.linear, last.angular) == (0.0, 0.0)
 
 
-def test_stop_without_a_link_says_what_to_do(robot):
+def test_stop_without_a_link_says_what_to_do(robot: Robot):
     robot.chassis.stop_listening()
     robot.wait_lost()
     answer = robot.call(Trigger, "stop")
@@ -68,7 +68,7 @@ def test_stop_is_sent_even_when_too_many_requests_are_in_flight(simulator, conne
 
 
 @pytest.mark.parametrize("turn", range(3))
-def test_a_goal_requested_before_the_stop_does_not_move_the_robot(robot, turn):
+def test_a_goal_requested_before_the_stop_does_not_move_the_robot(robot: Robot, turn: int):
     """The goal may arrive before or after the stop."""
     robot.set_motion_timing(hold=3600.0)  # however slow the machine is
     action = robot.action(StepControl, "ros/StepControl")
@@ -80,7 +80,7 @@ def test_a_goal_requested_before_the_stop_does_not_move_the_robot(robot, turn):
     wait_until(lambda: is_standing(robot.chassis))
 
 
-def test_after_a_stop_no_request_moves_the_robot(robot, logs):
+def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Logs):
     robot.set_motion_timing(hold=3600.0)
     velocities = Sender(robot)
     poses = robot.publisher(PoseStamped, "goal_pose")

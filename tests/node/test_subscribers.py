@@ -63,7 +63,9 @@ def listen(client: Client, msg: Any, name: str) -> tuple[Collector, Callable[[],
     return collector, lambda: client.unsubscribe(subscription)
 
 
-def test_topics_are_published_only_while_there_are_subscribers(start, client, published):
+def test_topics_are_published_only_while_there_are_subscribers(
+    start: Callable[..., RunningAgent], client: Client, published: Counter[str]
+) -> None:
     start()
     wait_until(lambda: published["footprint"], "the first value, which is latched")
     assert published["/diagnostics"] == 0
@@ -110,7 +112,9 @@ def pass_a_period(client: Client, name: str) -> None:
     leave()
 
 
-def test_each_publisher_is_created_once(start, monkeypatch):
+def test_each_publisher_is_created_once(
+    start: Callable[..., RunningAgent], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Subscribers may not discover a publisher that follows a destroyed one of the same topic."""
     created: Counter[str] = Counter()
     create = Node.create_publisher
@@ -125,7 +129,9 @@ def test_each_publisher_is_created_once(start, monkeypatch):
     assert {topic: number for topic, number in created.items() if number > 1} == {}
 
 
-def test_odom_is_published_as_soon_as_it_has_a_subscriber(start, client):
+def test_odom_is_published_as_soon_as_it_has_a_subscriber(
+    start: Callable[..., RunningAgent], client: Client
+) -> None:
     """The first message does not wait for the next period: ten periods of /diagnostics."""
     start(odom_rate=0.1)
     diagnostics, _ = listen(client, DiagnosticArray, "/diagnostics")

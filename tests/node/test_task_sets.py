@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.harness import Client, GoalClient, wait_until
+from tests.harness import Client, GoalClient, Robot, wait_until
 from tests.node.goals import (
     ACTION_ORDER,
     COMPLETED,
@@ -29,7 +29,7 @@ def send(client: Client, number: int) -> GoalClient:
 @pytest.mark.parametrize(
     ("number", "tasks"), [(666, [66601, 66602]), (1735291765, [173529176501] * 2)]
 )
-def test_a_set_runs_to_its_end(robot, number, tasks):
+def test_a_set_runs_to_its_end(robot: Robot, number: int, tasks: list[int]) -> None:
     """The second set is one task, twice."""
     goal = send(robot, number)
     status, ret = goal.result()
@@ -39,7 +39,7 @@ def test_a_set_runs_to_its_end(robot, number, tasks):
 
 
 @pytest.mark.parametrize("newer", ["a task", "a set"])
-def test_a_newer_goal_replaces_an_older_one_of_the_other_kind(robot, newer):
+def test_a_newer_goal_replaces_an_older_one_of_the_other_kind(robot: Robot, newer: str) -> None:
     slow_down(robot.chassis)
     older = send(robot, 666) if newer == "a task" else task(robot, "A2")
     older.feedback.wait(lambda fb: fb.state.value == EXECUTING)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
@@ -46,7 +47,7 @@ def run_pytest(folder: Path, *arguments: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-def test_the_documented_example_passes(tmp_path):
+def test_the_documented_example_passes(tmp_path: Path) -> None:
     for file in EXAMPLES:
         shutil.copy(file, tmp_path)
     status, said = run_pytest(tmp_path)
@@ -56,7 +57,7 @@ def test_the_documented_example_passes(tmp_path):
 
 
 @pytest.mark.parametrize("file", [EXAMPLES[0], EXAMPLES[2]], ids=lambda file: str(file.name))
-def test_the_docs_show_the_example_unchanged(file):
+def test_the_docs_show_the_example_unchanged(file: Path) -> None:
     assert f"```python\n{file.read_text()}```" in (DOCS / "testing.md").read_text()
 
 
@@ -67,7 +68,7 @@ def test_the_docs_show_the_example_unchanged(file):
         "from woosh_robot_agent.testing import simulated_chassis, woosh_agent",
     ],
 )
-def test_fixtures_work_as_plugin_and_as_import(tmp_path, conftest):
+def test_fixtures_work_as_plugin_and_as_import(tmp_path: Path, conftest: str) -> None:
     (tmp_path / "conftest.py").write_text(conftest)
     (tmp_path / "test_it.py").write_text(
         "def test_it(woosh_agent, simulated_chassis):\n"
@@ -79,7 +80,7 @@ def test_fixtures_work_as_plugin_and_as_import(tmp_path, conftest):
     assert status == 0, said
 
 
-def test_marks_configure_the_fixtures(tmp_path):
+def test_marks_configure_the_fixtures(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text("pytest_plugins = ['woosh_robot_agent.testing']")
     (tmp_path / "test_it.py").write_text(
         "import pytest\n"
@@ -108,7 +109,7 @@ def agent(request: pytest.FixtureRequest) -> Iterator[RunningAgent]:
         yield agent
 
 
-def test_a_node_of_the_test_can_call_the_agent(agent):
+def test_a_node_of_the_test_can_call_the_agent(agent: RunningAgent) -> None:
     rclpy.init()
     try:
         node = rclpy.create_node("visitor")
@@ -123,19 +124,19 @@ def test_a_node_of_the_test_can_call_the_agent(agent):
 
 
 @pytest.mark.parametrize("process", [False, True])
-def test_an_agent_connects_again(process):
+def test_an_agent_connects_again(process: bool) -> None:
     with running_chassis() as chassis, running_agent(chassis, process=process) as agent:
         chassis.drop()
         agent.wait_connected(2)
 
 
-def test_an_agent_connects_over_tcp():
+def test_an_agent_connects_over_tcp() -> None:
     with running_chassis() as chassis, running_agent(chassis, transport="tcp"):
         assert chassis.connections == 1
 
 
 @pytest.mark.parametrize("process", [False, True])
-def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process):
+def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process: bool) -> None:
     with (
         running_chassis() as chassis,
         pytest.raises((ValueError, AssertionError), match="encoding"),
@@ -145,12 +146,12 @@ def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process):
 
 
 @pytest.mark.parametrize(("options", "name"), [({}, "instant"), ({"profile": "tr200"}, "tr200")])
-def test_chassis_answers_without_delay_by_default(options, name):
+def test_chassis_answers_without_delay_by_default(options: dict[str, str], name: str) -> None:
     with running_chassis(**options) as chassis:
         assert chassis.call(lambda simulator: simulator.chassis.profile.name) == name
 
 
-def test_two_robots_can_share_a_domain():
+def test_two_robots_can_share_a_domain() -> None:
     with (
         own_domain() as domain,
         running_chassis(robot_id=1) as one,
@@ -161,7 +162,7 @@ def test_two_robots_can_share_a_domain():
         assert (one.connections, two.connections) == (1, 1)
 
 
-def test_domains_differ_and_the_environment_is_restored(monkeypatch):
+def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     ((variable, value),) = this_computer_only().items()
     monkeypatch.delenv(variable, raising=False)
@@ -173,7 +174,7 @@ def test_domains_differ_and_the_environment_is_restored(monkeypatch):
     assert variable not in os.environ
 
 
-def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain():
+def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain() -> None:
     script = """
 import os
 from woosh_robot_agent.testing import agents
@@ -193,7 +194,7 @@ with agents.own_domain() as domain:
         os.kill(process, signal.SIGKILL)
 
 
-def test_the_exception_of_a_callback_reaches_the_test():
+def test_the_exception_of_a_callback_reaches_the_test() -> None:
     with own_domain():
         rclpy.init()
         try:
@@ -211,7 +212,7 @@ def test_the_exception_of_a_callback_reaches_the_test():
             rclpy.shutdown()
 
 
-def test_the_chassis_fixture_works_without_ros(tmp_path):
+def test_the_chassis_fixture_works_without_ros(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text(
         "import sys\n"
         "sys.modules['rclpy'] = None\n"  # an import of it fails
@@ -233,7 +234,7 @@ def test_the_chassis_fixture_works_without_ros(tmp_path):
     assert status == 0, said
 
 
-def test_the_driver_does_not_need_pytest():
+def test_the_driver_does_not_need_pytest() -> None:
     """The driver must not import this package either."""
     program = (
         "import sys, woosh_robot_agent.agent, woosh_robot_agent.ros.node\n"

@@ -228,7 +228,9 @@ def run_once(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
         ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"],
     ],
 )
-def test_once_prints_the_state(domain, agent, simulator, arguments):
+def test_once_prints_the_state(
+    domain: int, agent: Any, simulator: Any, arguments: list[str]
+) -> None:
     done = run_once(domain, "--timeout", str(TIMEOUT), *arguments)
     assert (done.returncode, done.stderr) == (0, "")
     assert "robot at /woosh_robot" in done.stdout
@@ -236,19 +238,19 @@ def test_once_prints_the_state(domain, agent, simulator, arguments):
     assert f"x {simulator.state.pose.x:.3f} m" in done.stdout
 
 
-def test_once_without_an_agent_fails(domain):
+def test_once_without_an_agent_fails(domain: int) -> None:
     done = run_once(domain, "--timeout", "1")
     assert (done.returncode, done.stderr) == (1, "")
     assert "no agent found in namespace /woosh_robot" in done.stdout
 
 
-def test_invalid_namespace_is_refused(domain):
+def test_invalid_namespace_is_refused(domain: int) -> None:
     done = run_once(domain, "--namespace", "a b")
     assert done.returncode == 2
     assert "monitor: error:" in done.stderr
 
 
-def test_ctrl_c_ends_it(domain):
+def test_ctrl_c_ends_it(domain: int) -> None:
     process = subprocess.Popen(
         PROGRAM,
         stdout=subprocess.PIPE,

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -63,8 +64,8 @@ def _of_task(message: Any) -> bool:
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
 def test_a_recorded_task_is_replayed_identically(
-    tmp_path, simulator, start_agent, client, transport
-):
+    tmp_path: Path, simulator: Any, start_agent: Any, client: Any, transport: str
+) -> None:
     path = tmp_path / "field.mcap"
     port = simulator.tcp_port if transport == "tcp" else simulator.port
     there = ["--ip", f"127.0.0.1:{port}", "--transport", transport]

@@ -13,10 +13,10 @@ from google.protobuf.message import Message
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from tests.convert.random_messages import random_proto
-from tests.harness import HUMBLE, Client, Collector, wait_until
+from tests.harness import HUMBLE, Client, Collector, Robot, RunningAgent, wait_until
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS
+from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS, Topic
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
@@ -227,7 +227,7 @@ def stop_listening(client: Client) -> None:
 
 
 @pytest.mark.parametrize("topic", ON_DEMAND, ids=lambda topic: topic.name)
-def test_the_chassis_is_asked_while_there_is_a_subscriber(robot, topic):
+def test_the_chassis_is_asked_while_there_is_a_subscriber(robot: Robot, topic: Topic) -> None:
     robot.chassis.wait_received("woosh.Subscription")
     assert "woosh.robot.PoseSpeed" in subscribed(robot.chassis)
     assert topic.push not in subscribed(robot.chassis)
@@ -238,7 +238,7 @@ def test_the_chassis_is_asked_while_there_is_a_subscriber(robot, topic):
     collector.wait_count(1)
 
 
-def test_the_chassis_is_no_longer_asked_after_the_last_subscriber(robot):
+def test_the_chassis_is_no_longer_asked_after_the_last_subscriber(robot: Robot) -> None:
     first = echo_on_demand(robot, robot.chassis)
     second = robot.echo(BuildMapDataMsg, BUILD_MAP_DATA)
     wait_until(lambda: robot.node.count_subscribers(robot.path(BUILD_MAP_DATA)) == 2)
@@ -251,7 +251,7 @@ def test_the_chassis_is_no_longer_asked_after_the_last_subscriber(robot):
     assert late.wait_count(1)[0].width == 1, "the last value is kept"
 
 
-def test_it_is_asked_again_after_a_lost_link_and_by_another_robot(robot):
+def test_it_is_asked_again_after_a_lost_link_and_by_another_robot(robot: Robot) -> None:
     collector = echo_on_demand(robot, robot.chassis)
     robot.chassis.drop()
     robot.agent.wait_connected(2)
@@ -264,12 +264,14 @@ def test_it_is_asked_again_after_a_lost_link_and_by_another_robot(robot):
 # AgentInfo, which says if the agent has a link
 
 
-def test_agent_info_is_false_before_the_first_link(start_agent, client):
+def test_agent_info_is_false_before_the_first_link(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
     start_agent(ip="127.0.0.1", port=1, disabled_parts=["connected"])
     assert [m.online for m in client.echo(AgentInfo, AGENT_INFO.name).wait_count(1)] == [False]
 
 
-def test_agent_info_follows_the_link_and_late_subscribers_get_it(robot):
+def test_agent_info_follows_the_link_and_late_subscribers_get_it(robot: Robot) -> None:
     early = robot.echo(AgentInfo, AGENT_INFO.name)
     early.wait(lambda m: m.online)
     robot.chassis.stop_listening()
@@ -282,7 +284,7 @@ def test_agent_info_follows_the_link_and_late_subscribers_get_it(robot):
     assert [m.online for m in early.messages][-3:] == [True, False, True]
 
 
-def test_agent_info_is_false_when_the_agent_ends(robot):
+def test_agent_info_is_false_when_the_agent_ends(robot: Robot) -> None:
     echo = robot.echo(AgentInfo, AGENT_INFO.name)
     echo.wait(lambda m: m.online)
     robot.agent.close()

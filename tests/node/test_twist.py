@@ -8,7 +8,7 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from tests.harness import Client, wait_future, wait_until
+from tests.harness import Client, Logs, Robot, wait_future, wait_until
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
@@ -31,7 +31,7 @@ def speeds(simulator: SimulatorThread) -> list[float]:
     return [round(twist.linear, 4) for twist in twists]
 
 
-def test_the_last_velocity_is_not_repeated(robot):
+def test_the_last_velocity_is_not_repeated(robot: Robot) -> None:
     before = robot.chassis.state.odometer
     answers([drive(robot, 0.4)])
     wait_until(lambda: robot.chassis.state.odometer > before)
@@ -41,7 +41,9 @@ def test_the_last_velocity_is_not_repeated(robot):
 
 @pytest.mark.parametrize("field", ["linear", "linear_y", "angular"])
 @pytest.mark.parametrize("value", [3e38, -10.5])
-def test_a_velocity_that_no_robot_reaches_is_not_sent(robot, field, value):
+def test_a_velocity_that_no_robot_reaches_is_not_sent(
+    robot: Robot, field: str, value: float
+) -> None:
     answer = robot.call(Twist, "robot/Twist", arg=TwistMsg(**{field: value}))
     assert not answer.ok
     assert f"arg.{field} is {value:g}" in answer.msg
@@ -49,7 +51,7 @@ def test_a_velocity_that_no_robot_reaches_is_not_sent(robot, field, value):
     assert robot.chassis.counts[TWIST] == 0
 
 
-def test_the_limits_of_cmd_vel_hold_for_calls(robot):
+def test_the_limits_of_cmd_vel_hold_for_calls(robot: Robot) -> None:
     def sent(**velocity: float) -> tuple[Any, ...]:
         answer = robot.call(Twist, "robot/Twist", arg=TwistMsg(**velocity))
         assert answer.ok
@@ -73,7 +75,9 @@ def test_the_limits_of_cmd_vel_hold_for_calls(robot):
 
 
 @pytest.mark.parametrize("linked", [False, True], ids=["without a link", "zero refused"])
-def test_the_end_of_the_agent_while_the_robot_cannot_be_stopped_is_an_error(robot, logs, linked):
+def test_the_end_of_the_agent_while_the_robot_cannot_be_stopped_is_an_error(
+    robot: Robot, logs: Logs, linked: bool
+) -> None:
     robot.set_motion_timing(driving=3600.0)
     assert wait_future(drive(robot, 0.1)).ok
     if linked:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from tests.harness import HUMBLE, Client, Collector, Program, wait_until
+from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.test_states import diagnostics, values
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -114,7 +114,9 @@ def test_a_clock_that_is_off_is_a_warning(simulator, agent, arrays):
 
 
 class TestSecondAgent:
-    def test_it_is_named_until_it_ends(self, simulator, agent, client, arrays, start_program, logs):
+    def test_it_is_named_until_it_ends(
+        self, simulator, agent: RunningAgent, client, arrays, start_program, logs
+    ):
         assert find(arrays.wait_count(1)[0], "agents").message == "OK"
         for _ in range(2):  # it is logged again when it comes back
             logs.messages.clear()

@@ -6,7 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,13 +18,14 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.qos import QoSProfile
 
-from tests.harness import TIMEOUT, Client, wait_until
+from tests.harness import TIMEOUT, Client, Program, wait_until
 from tests.node.fleet.robots import NAMES, ROBOTS, logger_of, running_fleet, write_parameters
 from tests.node.goals import EXECUTING, SUCCEEDED, slow_down, stop_time, task
 from tests.node.test_process import TWIST, drive
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros.fleet import Fleet
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing.agents import domain_variables
 from woosh_robot_msgs.msg import PoseSpeed
 from woosh_robot_msgs.srv import RobotInfo, Speak
@@ -41,7 +44,11 @@ NO_TIMEOUT = """<?xml version="1.0" encoding="UTF-8"?>
 """Profile of Fast DDS: others believe for an hour that a process exists that has vanished."""
 
 
-def test_each_agent_reaches_its_own_chassis(start_fleet, chassis, clients):
+def test_each_agent_reaches_its_own_chassis(
+    start_fleet: Callable[..., Program],
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+) -> None:
     start_fleet()
     for name, client in clients.items():
         assert client.call(Speak, "robot/Speak").ok
@@ -57,7 +64,9 @@ def test_each_agent_reaches_its_own_chassis(start_fleet, chassis, clients):
         assert simulator.counts[TWIST] == 2, name
 
 
-def test_each_agent_has_its_own_frames_and_parameters(fleet, clients):
+def test_each_agent_has_its_own_frames_and_parameters(
+    fleet: Program, clients: dict[str, Client]
+) -> None:
     found = {}
     for name, client in clients.items():
         values = client.call(
@@ -75,7 +84,12 @@ def _agents(client: Client) -> set[str]:
     return {f"{space}/{name}" for name, space in nodes if name == "agent"}
 
 
-def test_each_robot_has_its_own_observers(fleet, chassis, clients, domain):
+def test_each_robot_has_its_own_observers(
+    fleet: Program,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    domain: int,
+) -> None:
     one, other = ROBOTS
     arrays = clients[one].echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
 
@@ -100,7 +114,9 @@ def test_each_robot_has_its_own_observers(fleet, chassis, clients, domain):
     assert logger_of(one) in told[0]
 
 
-def test_a_lost_link_affects_only_one_robot(fleet, chassis, clients):
+def test_a_lost_link_affects_only_one_robot(
+    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+) -> None:
     lost, other = ROBOTS
     goal = task(clients[other])
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -115,7 +131,9 @@ def test_a_lost_link_affects_only_one_robot(fleet, chassis, clients):
     assert len(set(told)) == len(told)
 
 
-def test_unanswered_calls_do_not_delay_the_other_robot(fleet, chassis, clients):
+def test_unanswered_calls_do_not_delay_the_other_robot(
+    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+) -> None:
     flooded, other = ROBOTS
     chassis[flooded].mute(SPEAK)
     waiting = [clients[flooded].call_async(Speak, "robot/Speak") for _ in range(500)]
@@ -126,7 +144,9 @@ def test_unanswered_calls_do_not_delay_the_other_robot(fleet, chassis, clients):
     wait_until(lambda: sum(not each.done() for each in waiting) == limit)
 
 
-def test_log_lines_come_once_with_the_robots_name(fleet, chassis, clients):
+def test_log_lines_come_once_with_the_robots_name(
+    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+) -> None:
     for name, simulator in chassis.items():
         lines = [line for line in fleet.lines if f":{simulator.port}" in line]
         assert len(lines) == 1, lines
@@ -134,8 +154,12 @@ def test_log_lines_come_once_with_the_robots_name(fleet, chassis, clients):
 
 
 def test_an_error_is_logged_by_the_robot_that_has_it(
-    tmp_path, chassis, clients, monkeypatch, capfd
-):
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     """Errors in the executor thread and in the link thread are both attributed."""
     with running_fleet(tmp_path, chassis) as fleet:
         failing, other = ROBOTS
@@ -162,8 +186,11 @@ def test_an_error_is_logged_by_the_robot_that_has_it(
 
 
 def test_a_failing_shutdown_of_one_robot_still_stops_the_others(
-    tmp_path, chassis, clients, monkeypatch
-):
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with running_fleet(tmp_path, chassis) as fleet:
         for client in clients.values():
             drive(client)
@@ -177,7 +204,9 @@ def test_a_failing_shutdown_of_one_robot_still_stops_the_others(
 
 
 @pytest.mark.parametrize("robots", [["/r1"], ["/r1", "/r2"]], ids=["one robot", "two robots"])
-def test_program_runs_without_standard_streams(domain, simulator, tmp_path, robots):
+def test_program_runs_without_standard_streams(
+    domain: int, simulator: SimulatorThread, tmp_path: Path, robots: list[str]
+) -> None:
     ids = {name: {"robot_id": number} for number, name in enumerate(robots, start=1)}
     address = {"ip": "127.0.0.1", "port": simulator.port}
     file = write_parameters(tmp_path, robots, address, **ids)
@@ -192,7 +221,9 @@ def test_program_runs_without_standard_streams(domain, simulator, tmp_path, robo
     assert simulator.bad_frames == 0
 
 
-def test_a_signal_during_the_start_ends_it(domain, chassis, tmp_path):
+def test_a_signal_during_the_start_ends_it(
+    domain: int, chassis: dict[str, SimulatorThread], tmp_path: Path
+) -> None:
     own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
     file = write_parameters(tmp_path, list(ROBOTS), {}, **own)
     context = Context()
@@ -206,7 +237,12 @@ def test_a_signal_during_the_start_ends_it(domain, chassis, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_all_agents(fleet, chassis, clients, number):
+def test_a_signal_ends_all_agents(
+    fleet: Program,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    number: int,
+) -> None:
     at_work, driven = ROBOTS
     slow_down(chassis[at_work])
     goal = task(clients[at_work], mark="A23")
@@ -220,7 +256,12 @@ def test_a_signal_ends_all_agents(fleet, chassis, clients, number):
     wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
 
 
-def test_all_endpoints_are_withdrawn_at_the_end(start_fleet, clients, tmp_path, monkeypatch):
+def test_all_endpoints_are_withdrawn_at_the_end(
+    start_fleet: Callable[..., Program],
+    clients: dict[str, Client],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The program exits without destroying them, so others must not depend on a timeout."""
     profile = tmp_path / "no_timeout.xml"
     profile.write_text(NO_TIMEOUT)
@@ -237,7 +278,9 @@ def test_all_endpoints_are_withdrawn_at_the_end(start_fleet, clients, tmp_path, 
     wait_until(lambda: not node.get_publishers_info_by_topic(f"{ROBOTS[0]}/robot/PoseSpeed"))
 
 
-def test_a_frozen_chassis_does_not_keep_another_from_being_stopped(fleet, chassis, clients):
+def test_a_frozen_chassis_does_not_keep_another_from_being_stopped(
+    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+) -> None:
     for client in clients.values():
         drive(client)
     frozen, other = ROBOTS
@@ -246,7 +289,7 @@ def test_a_frozen_chassis_does_not_keep_another_from_being_stopped(fleet, chassi
     assert not chassis[other].last(TWIST).ListFields()
 
 
-def test_colliding_frames_cause_a_warning(start_fleet):
+def test_colliding_frames_cause_a_warning(start_fleet: Callable[..., Program]) -> None:
     program = start_fleet(frame_prefix="same/")
     said = [line for line in program.lines if "frame_prefix" in line]
     assert len(said) == 1

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from tests.harness import Program
 from tests.node.fleet.robots import logger_of, write_parameters
 from woosh_robot_agent.ros.fleet import namespaces
+from woosh_robot_agent.simulator import SimulatorThread
 
 A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
 
@@ -28,8 +32,13 @@ A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
     ],
 )
 def test_an_invalid_list_ends_the_program_with_one_line(
-    start_program, tmp_path, robots, common, own, complaints
-):
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    robots: Any,
+    common: dict[str, Any],
+    own: dict[str, Any],
+    complaints: list[str],
+) -> None:
     program = start_program("--params-file", str(write_parameters(tmp_path, robots, common, **own)))
     said = program.wait_refused()
     assert program.process.returncode == 2
@@ -39,14 +48,21 @@ def test_an_invalid_list_ends_the_program_with_one_line(
 
 
 @pytest.mark.parametrize("robots", [[], [""]])
-def test_an_empty_list_means_one_robot(start_program, tmp_path, chassis, robots):
+def test_an_empty_list_means_one_robot(
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    robots: list[str],
+) -> None:
     port = chassis["/r1"].port
     file = write_parameters(tmp_path, robots, {"ip": "127.0.0.1", "port": port})
     program = start_program("--params-file", str(file))
     program.wait_says(f"{logger_of('/woosh_robot')}]: connected to")
 
 
-def test_robots_behind_one_gateway_differ_by_robot_id(start_program, tmp_path, chassis):
+def test_robots_behind_one_gateway_differ_by_robot_id(
+    start_program: Callable[..., Program], tmp_path: Path, chassis: dict[str, SimulatorThread]
+) -> None:
     one = {"ip": "127.0.0.1", "port": chassis["/r1"].port}
     own = {"/a": {"robot_id": 0}, "/b": {"robot_id": 30001}}
     program = start_program(
@@ -56,12 +72,16 @@ def test_robots_behind_one_gateway_differ_by_robot_id(start_program, tmp_path, c
         program.wait_says(f"{logger_of(name)}]: connected to")
 
 
-def test_robot_names_may_be_relative_or_absolute():
+def test_robot_names_may_be_relative_or_absolute() -> None:
     assert namespaces(["a", "b/c", "/d"], "/") == {"a": "/a", "b/c": "/b/c", "/d": "/d"}
     assert namespaces(["a", "/d"], "/hall") == {"a": "/hall/a", "/d": "/d"}
 
 
-def test_the_example_file_works(start_program, tmp_path, chassis):
+def test_the_example_file_works(
+    start_program: Callable[..., Program],
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+) -> None:
     """config/robots.yaml with the ports of the simulated chassis."""
     text = (Path(__file__).parents[3] / "config/robots.yaml").read_text()
     for wanted, simulator in zip(("5480", "5490"), chassis.values(), strict=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -46,13 +47,13 @@ def moved(simulator: SimulatorThread) -> tuple[float, float]:
     return cos * (here.x - x) + sin * (here.y - y), turned
 
 
-def test_a_spin_by_nothing_succeeds_at_once(client, simulator):
+def test_a_spin_by_nothing_succeeds_at_once(client: Client, simulator: SimulatorThread) -> None:
     assert Nav2Client(client, "spin", target_yaw=0.0).result()[0] == SUCCEEDED
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
 @pytest.mark.parametrize("angle", [1.5, -0.7, 4.0])
-def test_spin(client, simulator, angle):
+def test_spin(client: Client, simulator: SimulatorThread, angle: float) -> None:
     goal = Nav2Client(client, "spin", target_yaw=angle)
     status, result = goal.result()
     assert (status, error_code(result)) == (SUCCEEDED, 0)
@@ -72,7 +73,14 @@ def test_spin(client, simulator, angle):
         ("drive_on_heading", -0.3, -0.2, -0.3),
     ],
 )
-def test_straight_moves(client, simulator, name, distance, speed, ahead):
+def test_straight_moves(
+    client: Client,
+    simulator: SimulatorThread,
+    name: str,
+    distance: float,
+    speed: float,
+    ahead: float,
+) -> None:
     goal = step(client, name, distance, speed)
     status, result = goal.result()
     assert (status, error_code(result)) == (SUCCEEDED, 0)
@@ -93,12 +101,14 @@ def test_straight_moves(client, simulator, name, distance, speed, ahead):
         ("backup", Point(x=0.3), 0.0),
     ],
 )
-def test_moves_that_are_not_possible(client, simulator, name, target, speed):
+def test_moves_that_are_not_possible(
+    client: Client, simulator: SimulatorThread, name: str, target: Point, speed: float
+) -> None:
     Nav2Client(client, name, target=target, speed=speed).wait_aborted(code="INVALID_INPUT")
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
-def test_speeds_obey_the_limits_of_cmd_vel(client, simulator):
+def test_speeds_obey_the_limits_of_cmd_vel(client: Client, simulator: SimulatorThread) -> None:
     assert step(client, "backup", 0.1, 5.0).result()[0] == SUCCEEDED
     assert last_step(simulator).steps[0].speed == 1.0
 
@@ -107,7 +117,7 @@ def test_speeds_obey_the_limits_of_cmd_vel(client, simulator):
     "disable_collision_checks" not in nav2_actions.Spin.Goal.get_fields_and_field_types(),
     reason="this release has no such field",
 )
-def test_disabled_collision_checks(client, simulator):
+def test_disabled_collision_checks(client: Client, simulator: SimulatorThread) -> None:
     goal = Nav2Client(
         client, "backup", target=Point(x=0.1), speed=0.1, disable_collision_checks=True
     )
@@ -115,7 +125,7 @@ def test_disabled_collision_checks(client, simulator):
     assert last_step(simulator).avoid == 1
 
 
-def test_the_time_allowance_ends_a_move(client, simulator):
+def test_the_time_allowance_ends_a_move(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     step(client, "drive_on_heading", 3.0, 0.1, allowance=1).wait_aborted(
         "time_allowance", code="TIMEOUT"
@@ -124,7 +134,7 @@ def test_the_time_allowance_ends_a_move(client, simulator):
     assert 0.0 < moved(simulator)[0] < 1.0
 
 
-def test_a_move_is_cancelled(client, simulator):
+def test_a_move_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goal = Nav2Client(client, "spin", target_yaw=50.0)
     goal.feedback.wait(lambda each: each.angular_distance_traveled > 0.3)
@@ -133,7 +143,7 @@ def test_a_move_is_cancelled(client, simulator):
     assert stands(simulator)
 
 
-def test_a_new_move_stops_the_running_one(client, simulator):
+def test_a_new_move_stops_the_running_one(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     first = Nav2Client(client, "spin", target_yaw=50.0)
     first.feedback.wait(lambda each: each.angular_distance_traveled > 0.1)
@@ -142,12 +152,12 @@ def test_a_new_move_stops_the_running_one(client, simulator):
     assert second.result()[0] == SUCCEEDED
 
 
-def test_an_obstacle_aborts_a_move(client, simulator):
+def test_an_obstacle_aborts_a_move(client: Client, simulator: SimulatorThread) -> None:
     simulator.inject("obstacle", ahead=1.0)
     step(client, "drive_on_heading", 2.0, 0.5).wait_aborted("obstacle", code="UNKNOWN")
 
 
-def test_wait(client):
+def test_wait(client: Client) -> None:
     goal = Nav2Client(client, "wait", time=Duration(nanosec=300_000_000))
     status, result = goal.result()
     assert status == SUCCEEDED
@@ -156,7 +166,9 @@ def test_wait(client):
     assert left == sorted(left, reverse=True)
 
 
-def test_waiting_and_driving_do_not_disturb_each_other(client, simulator):
+def test_waiting_and_driving_do_not_disturb_each_other(
+    client: Client, simulator: SimulatorThread
+) -> None:
     slow_down(simulator)
     drive = go(client, 3.0)
     wait = Nav2Client(client, "wait", time=Duration(sec=100))
@@ -188,7 +200,9 @@ class TestAssistedTeleop:
 
         wait_until(drives, "the robot drives")
 
-    def test_it_drives_by_velocities_until_it_is_cancelled(self, client, simulator, velocities):
+    def test_it_drives_by_velocities_until_it_is_cancelled(
+        self, client: Client, simulator: SimulatorThread, velocities: Any
+    ) -> None:
         goal = Nav2Client(client, "assisted_teleop")
         self.drive(velocities, simulator)
         goal.feedback.wait(lambda each: each.current_teleop_duration.nanosec)
@@ -196,7 +210,9 @@ class TestAssistedTeleop:
         assert goal.result()[0] == CANCELED
         assert stands(simulator)
 
-    def test_without_a_goal_velocities_move_nothing(self, client, simulator, velocities):
+    def test_without_a_goal_velocities_move_nothing(
+        self, client: Client, simulator: SimulatorThread, velocities: Any
+    ) -> None:
         velocity = Twist()
         velocity.linear.x = 0.3
         for _ in range(10):
@@ -204,11 +220,11 @@ class TestAssistedTeleop:
         assert Nav2Client(client, "wait").result()[0] == SUCCEEDED
         assert ChassisTwist.DESCRIPTOR.full_name not in simulator.counts
 
-    def test_the_time_allowance_ends_it(self, client):
+    def test_the_time_allowance_ends_it(self, client: Client) -> None:
         goal = Nav2Client(client, "assisted_teleop", time_allowance=Duration(nanosec=200_000_000))
         goal.wait_aborted(code="TIMEOUT")
 
-    def test_preempt_teleop_ends_it_with_success(self, client):
+    def test_preempt_teleop_ends_it_with_success(self, client: Client) -> None:
         preempt = client.publisher(Empty, "preempt_teleop")
         goal = Nav2Client(client, "assisted_teleop")
         goal.feedback.wait(lambda _: True)
@@ -226,21 +242,30 @@ class TestAssistedTeleop:
         ids=["emergency stop", "key switch", "link", "stop"],
     )
     def test_it_ends_when_something_stops_the_robot(
-        self, client, simulator, velocities, prevent, reason
-    ):
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        velocities: Any,
+        prevent: Callable[[Client, SimulatorThread], object],
+        reason: str,
+    ) -> None:
         goal = Nav2Client(client, "assisted_teleop")
         self.drive(velocities, simulator)
         prevent(client, simulator)
         goal.wait_aborted(reason, code="UNKNOWN")
 
-    def test_it_ends_when_something_else_drives_the_robot(self, client, simulator, velocities):
+    def test_it_ends_when_something_else_drives_the_robot(
+        self, client: Client, simulator: SimulatorThread, velocities: Any
+    ) -> None:
         slow_down(simulator)
         goal = Nav2Client(client, "assisted_teleop")
         goal.feedback.wait(lambda _: True)
         task(client)
         goal.wait_aborted("drives the robot")
 
-    def test_a_navigation_replaces_it(self, client, simulator, velocities):
+    def test_a_navigation_replaces_it(
+        self, client: Client, simulator: SimulatorThread, velocities: Any
+    ) -> None:
         teleop = Nav2Client(client, "assisted_teleop")
         self.drive(velocities, simulator)
         drive = go(client, 1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.harness import wait_until
+from tests.harness import Client, wait_until
 from tests.node.goals import slow_down
 from tests.node.nav2.goals import (
     CANCELED,
@@ -40,7 +40,7 @@ def chargers(simulator: SimulatorThread) -> list[tuple[str, float, float]]:
     ]
 
 
-def test_the_robot_docks_and_undocks(client, simulator):
+def test_the_robot_docks_and_undocks(client: Client, simulator: SimulatorThread) -> None:
     mark = chargers(simulator)[0][0]
     goal = Nav2Client(client, "dock_robot", dock_id=mark)
     status, result = goal.result()
@@ -57,7 +57,9 @@ def test_the_robot_docks_and_undocks(client, simulator):
 
 
 @pytest.mark.parametrize("use_dock_id", [True, False])
-def test_the_charger_is_found(client, simulator, use_dock_id):
+def test_the_charger_is_found(
+    client: Client, simulator: SimulatorThread, use_dock_id: bool
+) -> None:
     """Without an id it is the nearest one; a pose stands for the charger near it."""
     here = simulator.state.pose
     mark, x, y = min(chargers(simulator), key=lambda each: here.distance(each[1:]))
@@ -67,7 +69,7 @@ def test_the_charger_is_found(client, simulator, use_dock_id):
     assert task.mark_no == mark
 
 
-def test_there_is_no_such_charger(client, simulator):
+def test_there_is_no_such_charger(client: Client, simulator: SimulatorThread) -> None:
     for goal in (
         Nav2Client(client, "dock_robot", dock_id="Z99"),
         Nav2Client(client, "dock_robot", use_dock_id=False, dock_pose=pose(0.0, 0.0)),
@@ -76,7 +78,7 @@ def test_there_is_no_such_charger(client, simulator):
     assert ExecTask.DESCRIPTOR.full_name not in simulator.counts
 
 
-def test_docking_is_cancelled(client, simulator):
+def test_docking_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goal = Nav2Client(client, "dock_robot")
     goal.feedback.wait(lambda _: True)
@@ -87,7 +89,9 @@ def test_docking_is_cancelled(client, simulator):
 
 
 @pytest.mark.parametrize("prevention", PREVENTIONS)
-def test_docking_ends_when_something_stops_the_robot(client, simulator, prevention):
+def test_docking_ends_when_something_stops_the_robot(
+    client: Client, simulator: SimulatorThread, prevention: str
+) -> None:
     prevent, permit = PREVENTIONS[prevention]
     slow_down(simulator)
     goal = Nav2Client(client, "dock_robot")
@@ -98,14 +102,14 @@ def test_docking_ends_when_something_stops_the_robot(client, simulator, preventi
     wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active), "the task ends")
 
 
-def test_a_robot_that_charges_is_docked(client, simulator):
+def test_a_robot_that_charges_is_docked(client: Client, simulator: SimulatorThread) -> None:
     for _ in range(2):
         status, result = Nav2Client(client, "dock_robot").result()
         assert (status, result.success) == (SUCCEEDED, True)
     assert simulator.counts[ExecTask.DESCRIPTOR.full_name] == 1
 
 
-def test_undocking_is_cancelled(client, simulator):
+def test_undocking_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
     assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
     slow_down(simulator)
     goal = Nav2Client(client, "undock_robot")
@@ -116,27 +120,29 @@ def test_undocking_is_cancelled(client, simulator):
     assert stands(simulator)
 
 
-def test_the_way_to_the_charger_takes_too_long(client, simulator):
+def test_the_way_to_the_charger_takes_too_long(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     Nav2Client(client, "dock_robot", max_staging_time=0.2).wait_aborted(code="FAILED_TO_STAGE")
     assert not simulator.call(lambda sim: sim.chassis.tasks.active)
 
 
-def test_a_robot_in_no_charger_is_not_undocked(client, simulator):
+def test_a_robot_in_no_charger_is_not_undocked(client: Client, simulator: SimulatorThread) -> None:
     """The chassis might back out of where it is."""
     goal = Nav2Client(client, "undock_robot")
     assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
-def test_a_robot_that_charges_no_more_is_undocked(client, simulator):
+def test_a_robot_that_charges_no_more_is_undocked(
+    client: Client, simulator: SimulatorThread
+) -> None:
     assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
     simulator.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kNot))
     assert Nav2Client(client, "undock_robot").result()[0] == SUCCEEDED
     assert simulator.call(lambda sim: sim.chassis.charger) is None
 
 
-def test_a_refusal_is_explained(client, simulator):
+def test_a_refusal_is_explained(client: Client, simulator: SimulatorThread) -> None:
     assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
     simulator.set_emergency_stop(True)
     for name in ("dock_robot", "undock_robot"):

@@ -10,7 +10,7 @@ import pytest
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from tests.harness import Client
+from tests.harness import Client, Logs, RunningAgent
 from tests.node.goals import START
 from tests.node.nav2.goals import SUCCEEDED, Nav2Client, ahead, pose
 from woosh_robot_agent.convert.mapping import class_of
@@ -64,21 +64,25 @@ def near(*numbers: float) -> Any:
 
 @pytest.mark.usefixtures("agent")
 class TestFrames:
-    def test_the_robots_own_frame(self, client, simulator):
+    def test_the_robots_own_frame(self, client: Client, simulator: SimulatorThread) -> None:
         assert go(client, pose(0.5, 0.0, 0.3, "base_link")).result()[0] == SUCCEEDED
         assert target(simulator) == near(0.5, 0.0, 0.3)
 
-    def test_the_frame_of_the_odometry(self, client, simulator):
+    def test_the_frame_of_the_odometry(self, client: Client, simulator: SimulatorThread) -> None:
         """Its origin is where the robot was first."""
         for x in (0.5, 0.2):
             assert go(client, pose(x, 0.0, frame="odom")).result()[0] == SUCCEEDED
             assert target(simulator) == near(x, 0.0, 0.0)
 
-    def test_a_slash_before_a_name_is_ignored(self, client, simulator):
+    def test_a_slash_before_a_name_is_ignored(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
         assert go(client, ahead(0.5, "/map")).result()[0] == SUCCEEDED
         assert target(simulator) == near(0.5, 0.0, 0.0)
 
-    def test_a_chain_on_tf(self, client, simulator, static):
+    def test_a_chain_on_tf(
+        self, client: Client, simulator: SimulatorThread, static: Callable[..., None]
+    ) -> None:
         """A camera on a mast: its optical axis z looks ahead, x to the right."""
         optical = (-0.5, 0.5, -0.5, 0.5)
         static(
@@ -93,7 +97,9 @@ class TestFrames:
         assert go(client, seen).result()[0] == SUCCEEDED
         assert target(simulator) == near(0.7, 0.1, 0.0)
 
-    def test_a_frame_above_the_robot(self, client, simulator, static):
+    def test_a_frame_above_the_robot(
+        self, client: Client, simulator: SimulatorThread, static: Callable[..., None]
+    ) -> None:
         half = math.pi / 4
         static(
             transform("base_footprint", "base_link", (0.1, 0.0, 0.2)),
@@ -109,7 +115,15 @@ class TestFrames:
     @pytest.mark.parametrize(
         ("frame", "text"), [("nowhere", "the frame nowhere with"), ("shelf", "world, which is")]
     )
-    def test_an_unknown_frame_is_refused(self, client, simulator, logs, static, frame, text):
+    def test_an_unknown_frame_is_refused(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        logs: Logs,
+        static: Any,
+        frame: str,
+        text: str,
+    ) -> None:
         static(transform("world", "shelf"))
         goal = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0), ahead(1.0, frame)])
         refusal = goal.refusal(logs)
@@ -119,7 +133,9 @@ class TestFrames:
         assert text in path.refusal(logs)
         assert simulator.counts["woosh.ros.CallAction"] == 0
 
-    def test_other_actions_bring_their_poses_too(self, client, simulator):
+    def test_other_actions_bring_their_poses_too(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
         goal = Nav2Client(
             client,
             "compute_path_to_pose",
@@ -134,7 +150,9 @@ class TestFrames:
         assert math.dist((end.x, end.y), START[:2]) == pytest.approx(2.0, abs=0.01)
 
 
-def test_frames_with_a_prefix(client, connect, logs):
+def test_frames_with_a_prefix(
+    client: Client, connect: Callable[..., RunningAgent], logs: Logs
+) -> None:
     connect(nav2=True, frame_prefix="r1/")
     goal = go(client, ahead(0.5, "r1/map"))
     goal.feedback.wait(lambda each: each.current_pose.header.frame_id == "r1/map")

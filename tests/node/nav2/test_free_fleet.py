@@ -6,6 +6,7 @@ The adapter sends requests of the action's services itself, without an action cl
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -14,10 +15,11 @@ from action_msgs.srv import CancelGoal
 from sensor_msgs.msg import BatteryState
 from unique_identifier_msgs.msg import UUID
 
-from tests.harness import Client, Collector, wait_future
+from tests.harness import Client, Collector, RunningAgent, wait_future
 from tests.node.goals import START, hurry, slow_down
 from tests.node.nav2.goals import ahead
 from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.simulator import SimulatorThread
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 parts = nav2_actions.NavigateToPose.Impl
@@ -59,7 +61,9 @@ class Adapter:
         return self._client.service(srv, name).call_async(request)
 
 
-def test_the_calls_of_the_adapter(client, simulator, start_agent):
+def test_the_calls_of_the_adapter(
+    client: Client, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
+) -> None:
     agent = start_agent(ip="127.0.0.1", port=simulator.port, nav2=True, publish_tf=True)
     agent.wait_connected()
     slow_down(simulator)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 
 import pytest
 from rcl_interfaces.srv import GetParameters
 
-from tests.harness import HUMBLE, Client, wait_until
+from tests.harness import HUMBLE, Client, Program, RunningAgent, wait_until
 from tests.node.goals import slow_down
 from tests.node.nav2.goals import Nav2Client, go
 from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
+from woosh_robot_agent.simulator import SimulatorThread
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 nav2_services = pytest.importorskip("nav2_msgs.srv")
@@ -27,7 +29,7 @@ def services(client: Client) -> dict[str, str]:
     }
 
 
-def test_there_is_everything_in_the_table(client, agent):
+def test_there_is_everything_in_the_table(client: Client, agent: RunningAgent) -> None:
     wait_until(lambda: "map_server/load_map" in services(client), "the services")
     found = services(client)
 
@@ -47,7 +49,7 @@ def test_there_is_everything_in_the_table(client, agent):
             assert topics()[client.path(each.name)] == [f"{package}/msg/{name}"]
 
 
-def test_there_are_the_definitions_that_basic_navigator_imports():
+def test_there_are_the_definitions_that_basic_navigator_imports() -> None:
     """They are those of this repository if ROS has none."""
     actions, services = ["FollowPath", "SmoothPath"], ["ClearEntireCostmap", "GetCostmap"]
     if not HUMBLE:
@@ -59,7 +61,7 @@ def test_there_are_the_definitions_that_basic_navigator_imports():
     assert [name for name in services if not hasattr(nav2_services, name)] == []
 
 
-def test_it_is_off_by_default(client, connect):
+def test_it_is_off_by_default(client: Client, connect: Callable[..., RunningAgent]) -> None:
     connect()
     wait_until(lambda: "agent/get_parameters" in services(client), "the agent")
     client.wait_known(GetParameters, client.path("agent/get_parameters"))
@@ -67,7 +69,12 @@ def test_it_is_off_by_default(client, connect):
     assert not [name for name in services(client) if "navigate" in name]
 
 
-def test_without_its_definitions_there_is_one_clear_line(client, connect, monkeypatch, capfd):
+def test_without_its_definitions_there_is_one_clear_line(
+    client: Client,
+    connect: Callable[..., RunningAgent],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.setitem(sys.modules, "nav2_msgs", None)
     connect(nav2=True)
     wait_until(lambda: "agent/get_parameters" in services(client), "the agent")
@@ -76,14 +83,18 @@ def test_without_its_definitions_there_is_one_clear_line(client, connect, monkey
     assert said.count("nav2_msgs is not installed: apt install") == 1
 
 
-def test_an_agent_that_observes_sends_no_goals(client, simulator, connect):
+def test_an_agent_that_observes_sends_no_goals(
+    client: Client, simulator: SimulatorThread, connect: Callable[..., RunningAgent]
+) -> None:
     connect(nav2=True, observe_only=True)
     for goal in (go(client, 1.0), Nav2Client(client, "spin", target_yaw=1.0)):
         goal.wait_aborted("only observes")
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
-def test_a_lost_link_aborts_a_goal(client, simulator, connect):
+def test_a_lost_link_aborts_a_goal(
+    client: Client, simulator: SimulatorThread, connect: Callable[..., RunningAgent]
+) -> None:
     connect(nav2=True, goal_link_timeout=0.2)
     slow_down(simulator)
     goal = go(client, 5.0)
@@ -92,7 +103,9 @@ def test_a_lost_link_aborts_a_goal(client, simulator, connect):
     goal.wait_aborted("the link was lost")
 
 
-def test_a_program_with_it_ends_cleanly(client, simulator, start_program):
+def test_a_program_with_it_ends_cleanly(
+    client: Client, simulator: SimulatorThread, start_program: Callable[..., Program]
+) -> None:
     program = start_program(ip="127.0.0.1", port=simulator.port, nav2=True)
     program.wait_says("connected to")
     slow_down(simulator)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, wait_until
+from tests.harness import Client, Logs, RunningAgent, wait_until
 from tests.node.goals import (
     CALL_ACTION,
     CANCEL,
@@ -74,7 +76,7 @@ def driving(
     return goal
 
 
-def test_the_robot_drives_to_the_pose(client, simulator):
+def test_the_robot_drives_to_the_pose(client: Client, simulator: SimulatorThread) -> None:
     goal = go(client, 1.0)
     status, result = goal.result()
     assert (status, error_code(result)) == (SUCCEEDED, 0)
@@ -82,7 +84,7 @@ def test_the_robot_drives_to_the_pose(client, simulator):
     assert drives(simulator) == [action_pb2.kExecute]
 
 
-def test_feedback_falls_while_the_robot_drives(client, simulator):
+def test_feedback_falls_while_the_robot_drives(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
     goal = go(client, 1.0)
     assert goal.result()[0] == SUCCEEDED
@@ -109,7 +111,9 @@ def test_feedback_falls_while_the_robot_drives(client, simulator):
         ("follow_waypoints", {"poses": [ahead(5.0), ahead(1.0)]}),
     ],
 )
-def test_a_cancel_ends_cancelled_and_the_robot_stands(client, simulator, name, fields):
+def test_a_cancel_ends_cancelled_and_the_robot_stands(
+    client: Client, simulator: SimulatorThread, name: str, fields: dict[str, Any]
+) -> None:
     goal = driving(client, simulator, name, **fields)
     assert goal.cancel().goals_canceling
     status, result = goal.result()
@@ -119,7 +123,9 @@ def test_a_cancel_ends_cancelled_and_the_robot_stands(client, simulator, name, f
     assert drives(simulator) == [action_pb2.kExecute, action_pb2.kCancel]
 
 
-def test_a_new_goal_replaces_the_running_one_without_a_stop(client, simulator):
+def test_a_new_goal_replaces_the_running_one_without_a_stop(
+    client: Client, simulator: SimulatorThread
+) -> None:
     first = driving(client, simulator)
     second = go(client, 1.0)
     hurry(simulator)
@@ -129,7 +135,9 @@ def test_a_new_goal_replaces_the_running_one_without_a_stop(client, simulator):
     assert distance_to(simulator, 1.0) < 0.01
 
 
-def test_goals_of_different_actions_replace_each_other(client, simulator):
+def test_goals_of_different_actions_replace_each_other(
+    client: Client, simulator: SimulatorThread
+) -> None:
     waypoints = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
     to_pose = go(client, 0.5)
     assert waypoints.result()[0] == ABORTED
@@ -139,7 +147,9 @@ def test_goals_of_different_actions_replace_each_other(client, simulator):
     assert drives(simulator) == [action_pb2.kExecute] * 2 + [action_pb2.kCancel]
 
 
-def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(client, simulator):
+def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(
+    client: Client, simulator: SimulatorThread
+) -> None:
     first = driving(client, simulator)
     simulator.inject("refuse", type=CALL_ACTION, text="not there", count=1)
     go(client, 1.0).wait_aborted("not there")
@@ -162,13 +172,20 @@ def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(
     ],
     ids=["stop", "MoveBase", "another client"],
 )
-def test_a_cancel_of_others_is_explained(client, simulator, cancel, text):
+def test_a_cancel_of_others_is_explained(
+    client: Client,
+    simulator: SimulatorThread,
+    cancel: Callable[[Client, SimulatorThread], Any],
+    text: str,
+) -> None:
     goal = driving(client, simulator)
     cancel(client, simulator)
     goal.wait_aborted(text)
 
 
-def test_a_goal_of_the_agents_own_action_replaces_it(client, simulator):
+def test_a_goal_of_the_agents_own_action_replaces_it(
+    client: Client, simulator: SimulatorThread
+) -> None:
     goal = driving(client, simulator)
     other = move_base(client, 1.0)
     goal.wait_aborted("newer goal")
@@ -190,13 +207,19 @@ def deploy(client: Client) -> None:
     ],
     ids=["emergency stop", "key switch", "deployment mode", "lost"],
 )
-def test_a_refusal_is_explained(client, simulator, logs, prevent, reason):
+def test_a_refusal_is_explained(
+    client: Client,
+    simulator: SimulatorThread,
+    logs: Logs,
+    prevent: Callable[[Client, SimulatorThread], None],
+    reason: str,
+) -> None:
     prevent(client, simulator)
     go(client, 1.0).wait_aborted(reason, code="UNKNOWN")
     logs.wait_text(reason)
 
 
-def test_a_task_is_not_replaced(client, simulator):
+def test_a_task_is_not_replaced(client: Client, simulator: SimulatorThread) -> None:
     """Neither one of the agent nor one of another program, such as the VDA 5050 connector."""
     slow_down(simulator)
     running = task(client, mark="A23", task_id=11)
@@ -206,7 +229,9 @@ def test_a_task_is_not_replaced(client, simulator):
     running.cancel()
 
 
-def test_all_goals_are_aborted_when_the_agent_stops(client, simulator, agent):
+def test_all_goals_are_aborted_when_the_agent_stops(
+    client: Client, simulator: SimulatorThread, agent: RunningAgent
+) -> None:
     stop_time(simulator)
     goals = [
         Nav2Client(client, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)]),
@@ -227,7 +252,9 @@ def test_all_goals_are_aborted_when_the_agent_stops(client, simulator, agent):
         ({"x": 1e300}, "too large"),
     ],
 )
-def test_a_pose_that_is_none_is_refused(client, simulator, logs, wrong, text):
+def test_a_pose_that_is_none_is_refused(
+    client: Client, simulator: SimulatorThread, logs: Logs, wrong: dict[str, float], text: str
+) -> None:
     """What runs goes on."""
     stop_time(simulator)
     running = go(client, 5.0)
@@ -240,7 +267,7 @@ def test_a_pose_that_is_none_is_refused(client, simulator, logs, wrong, text):
     assert drives(simulator) == [action_pb2.kExecute]
 
 
-def test_a_field_without_an_effect_is_said_once(client, logs):
+def test_a_field_without_an_effect_is_said_once(client: Client, logs: Logs) -> None:
     for _ in range(2):
         assert go(client, 0.1, behavior_tree="tree.xml").result()[0] == SUCCEEDED
     said = logs.with_text("behavior_tree has no effect")
@@ -252,7 +279,7 @@ def through_poses(client: Client, poses: list[Any]) -> Nav2Client:
     return Nav2Client(client, "navigate_through_poses", poses=field)
 
 
-def test_the_robot_drives_through_poses(client, simulator):
+def test_the_robot_drives_through_poses(client: Client, simulator: SimulatorThread) -> None:
     goal = through_poses(client, [ahead(1.0), ahead(1.0, left=-1.0), ahead(2.0, left=-1.0)])
     status, result = goal.result()
     assert status == SUCCEEDED
@@ -266,17 +293,17 @@ def test_the_robot_drives_through_poses(client, simulator):
         assert states == [type(result.waypoint_statuses[0]).COMPLETED] * 3
 
 
-def test_poses_outside_of_the_map_are_not_reached(client):
+def test_poses_outside_of_the_map_are_not_reached(client: Client) -> None:
     through_poses(client, [ahead(1.0), pose(*OUTSIDE)]).wait_aborted("no free path")
 
 
-def test_a_refusal_that_may_be_due_to_the_number_of_poses_says_so(client):
+def test_a_refusal_that_may_be_due_to_the_number_of_poses_says_so(client: Client) -> None:
     through_poses(client, [ahead(n / 100) for n in range(201)]).wait_aborted(
         "the goal has 201 poses, which may be too many: send fewer"
     )
 
 
-def test_no_poses_are_no_goal(client):
+def test_no_poses_are_no_goal(client: Client) -> None:
     assert through_poses(client, []).result()[0] == ABORTED
     Nav2Client(client, "follow_waypoints", poses=[]).wait_aborted(code="NO_VALID_WAYPOINTS")
 
@@ -291,7 +318,9 @@ def missed(result: Any) -> list[int]:
     ]
 
 
-def test_waypoints_that_cannot_be_reached_are_missed(client, simulator):
+def test_waypoints_that_cannot_be_reached_are_missed(
+    client: Client, simulator: SimulatorThread
+) -> None:
     goal = Nav2Client(client, "follow_waypoints", poses=[ahead(0.5), pose(*OUTSIDE), ahead(1.0)])
     status, result = goal.result()
     assert (status, missed(result)) == (SUCCEEDED, [1])
@@ -301,7 +330,9 @@ def test_waypoints_that_cannot_be_reached_are_missed(client, simulator):
 
 @pytest.mark.parametrize("fault", ["none", "half_open", "off"])
 @pytest.mark.parametrize("prevention", PREVENTIONS)
-def test_waypoints_end_when_something_stops_the_robot(client, simulator, prevention, fault):
+def test_waypoints_end_when_something_stops_the_robot(
+    client: Client, simulator: SimulatorThread, prevention: str, fault: str
+) -> None:
     """Also if the robot could drive again by the time that the agent hears of it."""
     prevent, permit = PREVENTIONS[prevention]
     goal = driving(
@@ -317,7 +348,9 @@ def test_waypoints_end_when_something_stops_the_robot(client, simulator, prevent
     wait_until(lambda: stands(simulator), "the robot stands")
 
 
-def test_waypoints_end_when_one_was_reached_during_a_loss_of_the_link(client, simulator):
+def test_waypoints_end_when_one_was_reached_during_a_loss_of_the_link(
+    client: Client, simulator: SimulatorThread
+) -> None:
     """Nobody knows how long the robot has stood there, and what happened to it meanwhile."""
     goal = driving(client, simulator, "follow_waypoints", poses=[ahead(1.0), ahead(2.0)])
     injected = simulator.inject("off")
@@ -341,7 +374,9 @@ def test_waypoints_end_when_one_was_reached_during_a_loss_of_the_link(client, si
         ({}, False),
     ],
 )
-def test_a_waypoint_is_missed_only_for_its_pose(client, simulator, report, is_missed):
+def test_a_waypoint_is_missed_only_for_its_pose(
+    client: Client, simulator: SimulatorThread, report: dict[str, Any], is_missed: bool
+) -> None:
     goal = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(0.3)])
     end = ros_pack_pb2.Feedback(
         action="woosh.ros.action.MoveBase", state=ros_pack_pb2.kRosFailure, **report
@@ -351,13 +386,15 @@ def test_a_waypoint_is_missed_only_for_its_pose(client, simulator, report, is_mi
     assert (status, missed(result)) == ((SUCCEEDED, [0]) if is_missed else (ABORTED, []))
 
 
-def test_a_robot_that_accepts_no_tasks_misses_no_waypoints(client, simulator):
+def test_a_robot_that_accepts_no_tasks_misses_no_waypoints(
+    client: Client, simulator: SimulatorThread
+) -> None:
     simulator.set_key_switch(True)
     goal = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0)] * 3)
     assert missed(goal.wait_aborted("manual")) == []
 
 
-def test_a_frozen_chassis_is_no_standing_robot(client, simulator):
+def test_a_frozen_chassis_is_no_standing_robot(client: Client, simulator: SimulatorThread) -> None:
     goal = driving(client, simulator)
     frozen = simulator.inject("freeze")
     goal.feedback.wait_count(len(goal.feedback.messages) + 12)  # no report for more than 1 s
@@ -368,7 +405,9 @@ def test_a_frozen_chassis_is_no_standing_robot(client, simulator):
 
 
 @pytest.mark.parametrize("place", [ahead(1.0, ""), pose(1e20, 0.0)], ids=["no frame", "far away"])
-def test_a_pose_that_means_no_place_moves_nothing(client, simulator, logs, place):
+def test_a_pose_that_means_no_place_moves_nothing(
+    client: Client, simulator: SimulatorThread, logs: Logs, place: PoseStamped
+) -> None:
     goal = Nav2Client(client, "navigate_to_pose", pose=place)
     if place.header.frame_id:
         result = goal.wait_aborted()
@@ -379,7 +418,7 @@ def test_a_pose_that_means_no_place_moves_nothing(client, simulator, logs, place
     assert stands(simulator)
 
 
-def test_the_service_stop_ends_waypoints(client, simulator):
+def test_the_service_stop_ends_waypoints(client: Client, simulator: SimulatorThread) -> None:
     goal = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
     assert client.call(Trigger, "stop").success
     assert missed(goal.wait_aborted()) == []
@@ -391,7 +430,7 @@ def test_the_service_stop_ends_waypoints(client, simulator):
     "number_of_loops" not in nav2_actions.FollowWaypoints.Goal.get_fields_and_field_types(),
     reason="Humble has no loops",
 )
-def test_loops_of_waypoints(client, simulator):
+def test_loops_of_waypoints(client: Client, simulator: SimulatorThread) -> None:
     goal = Nav2Client(
         client,
         "follow_waypoints",

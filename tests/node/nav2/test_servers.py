@@ -14,7 +14,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, wait_until
+from tests.harness import Client, Logs, wait_until
 from tests.node.goals import START, hurry, move_base, slow_down, task
 from tests.node.nav2.goals import SUCCEEDED, go, stands
 from woosh_map_msgs.srv import SceneList
@@ -37,28 +37,36 @@ def is_active(client: Client, manager: str) -> bool:
 
 @pytest.mark.usefixtures("agent")
 class TestLifecycle:
-    def test_a_robot_that_accepts_tasks_is_active(self, client):
+    def test_a_robot_that_accepts_tasks_is_active(self, client: Client) -> None:
         assert [state(client, node) for node in ("bt_navigator", "amcl")] == ["active"] * 2
         assert [is_active(client, manager) for manager in MANAGERS] == [True] * 2
 
-    def test_a_robot_that_executes_a_task_is_active(self, client, simulator):
+    def test_a_robot_that_executes_a_task_is_active(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
         slow_down(simulator)
         running = task(client)
         running.feedback.wait(lambda _: True)
         assert state(client, "bt_navigator") == "active"
 
-    def test_a_robot_that_accepts_no_tasks_is_not(self, client, simulator):
+    def test_a_robot_that_accepts_no_tasks_is_not(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
         simulator.set_emergency_stop(True)
         wait_until(lambda: state(client, "bt_navigator") == "inactive", "the state")
         assert not is_active(client, MANAGERS[0])
 
-    def test_amcl_is_active_while_the_robot_is_lost(self, client, simulator):
+    def test_amcl_is_active_while_the_robot_is_lost(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
         """Clients set the pose only after that."""
         simulator.lose_localisation()
         wait_until(lambda: state(client, "bt_navigator") == "inactive", "the state")
         assert state(client, "amcl") == "active"
 
-    def test_without_a_link_nothing_is_active(self, client, simulator):
+    def test_without_a_link_nothing_is_active(
+        self, client: Client, simulator: SimulatorThread
+    ) -> None:
         simulator.inject("off")
         wait_until(lambda: state(client, "amcl") == "inactive", "the state")
         assert state(client, "bt_navigator") == "inactive"
@@ -73,7 +81,9 @@ class TestLifecycle:
             ("SHUTDOWN", False),
         ],
     )
-    def test_managers_answer_what_is_true(self, client, logs, command, success):
+    def test_managers_answer_what_is_true(
+        self, client: Client, logs: Logs, command: str, success: bool
+    ) -> None:
         manage = class_of("nav2_msgs/ManageLifecycleNodes", "srv")
         number = getattr(manage.Request, command)
         for manager in MANAGERS:
@@ -95,12 +105,14 @@ class TestMapServer:
         scenes = client.call(SceneList, "map/SceneList").info.scenes
         return next(name for scene in scenes for name in scene.maps if name != current)
 
-    def test_the_map_that_the_robot_uses(self, client):
+    def test_the_map_that_the_robot_uses(self, client: Client) -> None:
         grid = client.call(GetMap, "map_server/map").map
         assert grid.header.frame_id == "map"
         assert len(grid.data) == grid.info.width * grid.info.height > 0
 
-    def test_another_map_is_loaded_by_the_name_of_its_file(self, client, simulator, other):
+    def test_another_map_is_loaded_by_the_name_of_its_file(
+        self, client: Client, simulator: SimulatorThread, other: str
+    ) -> None:
         answer = self.load(client, f"/maps/{other}.yaml")
         assert answer.result == answer.RESULT_SUCCESS
         assert simulator.state.info.scene.map_name == other
@@ -108,21 +120,25 @@ class TestMapServer:
         assert self.load(client, other).result == answer.RESULT_SUCCESS
         assert simulator.counts[SwitchMap.DESCRIPTOR.full_name] == 1
 
-    def test_there_is_no_such_map(self, client, simulator, logs):
+    def test_there_is_no_such_map(
+        self, client: Client, simulator: SimulatorThread, logs: Logs
+    ) -> None:
         answer = self.load(client, "nowhere.yaml")
         assert answer.result == answer.RESULT_MAP_DOES_NOT_EXIST
         assert not answer.map.data
         logs.wait_text("the robot has no map nowhere")
         assert SwitchMap.DESCRIPTOR.full_name not in simulator.counts
 
-    def test_the_chassis_refuses(self, client, simulator, other):
+    def test_the_chassis_refuses(
+        self, client: Client, simulator: SimulatorThread, other: str
+    ) -> None:
         simulator.refuse(SwitchMap.DESCRIPTOR.full_name, "not now")
         answer = self.load(client, other)
         assert answer.result == answer.RESULT_UNDEFINED_FAILURE
 
 
 @pytest.mark.usefixtures("agent")
-def test_costmaps_are_cleared_without_an_effect(client, logs):
+def test_costmaps_are_cleared_without_an_effect(client: Client, logs: Logs) -> None:
     clear = class_of("nav2_msgs/ClearEntireCostmap", "srv")
     for costmap in ("global", "local"):
         client.call(clear, f"{costmap}_costmap/clear_entirely_{costmap}_costmap")
@@ -132,7 +148,7 @@ def test_costmaps_are_cleared_without_an_effect(client, logs):
 
 @pytest.mark.usefixtures("agent")
 class TestAmclPose:
-    def test_it_is_latched_and_follows_the_robot(self, client):
+    def test_it_is_latched_and_follows_the_robot(self, client: Client) -> None:
         poses = client.echo(PoseWithCovarianceStamped, "amcl_pose", depth=1)
         first = poses.wait(lambda _: True)
         assert first.header.frame_id == "map"
@@ -141,7 +157,7 @@ class TestAmclPose:
         assert go(client, 1.0).result()[0] == SUCCEEDED
         poses.wait(lambda each: each.pose.pose.position.x > START[0] + 0.7)
 
-    def test_it_comes_after_each_initialpose(self, client):
+    def test_it_comes_after_each_initialpose(self, client: Client) -> None:
         poses = client.echo(PoseWithCovarianceStamped, "amcl_pose", depth=10)
         first = poses.wait(lambda _: True)
         publisher = client.publisher(PoseWithCovarianceStamped, "initialpose")
@@ -169,7 +185,9 @@ class TestSpeedLimit:
         ]
         return [round(mode.max_speed, 3) for mode in modes]
 
-    def test_each_navigation_gets_it(self, client, simulator, limit):
+    def test_each_navigation_gets_it(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
         slow_down(simulator)
         limit(speed_limit=0.3)
         for distance in (1.0, 0.5):
@@ -183,12 +201,16 @@ class TestSpeedLimit:
         assert set(self.sent(simulator, CallAction)) == {0.3}
         assert len(self.sent(simulator, CallAction)) >= 2
 
-    def test_a_percentage_is_one_of_the_highest_speed(self, client, simulator, limit):
+    def test_a_percentage_is_one_of_the_highest_speed(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
         limit(percentage=True, speed_limit=40.0)
         assert go(client, 1.0).result()[0] == SUCCEEDED
         assert set(self.sent(simulator, CallAction)) == {0.4}
 
-    def test_it_is_taken_back(self, client, simulator, limit):
+    def test_it_is_taken_back(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
         slow_down(simulator)
         limit(speed_limit=0.2)
         goal = go(client, 3.0)
@@ -201,7 +223,9 @@ class TestSpeedLimit:
         assert go(client, 1.0).result()[0] == SUCCEEDED
         assert len(self.sent(simulator, CallAction)) == before
 
-    def test_a_task_gets_it_too(self, client, simulator, limit):
+    def test_a_task_gets_it_too(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
         limit(speed_limit=0.5)
         running = task(client)
         wait_until(lambda: self.sent(simulator, ChangeNavMode) == [0.5], "the limit is sent")
@@ -217,7 +241,13 @@ class TestSpeedLimit:
         ],
         ids=str,
     )
-    def test_the_highest_speed_is_no_limit(self, client, simulator, limit, fields):
+    def test_the_highest_speed_is_no_limit(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+        fields: dict[str, Any],
+    ) -> None:
         """The chassis takes a limit as its speed, so a high one would make the robot faster."""
         limit(speed_limit=0.3)
         assert go(client, 0.5).result()[0] == SUCCEEDED
@@ -226,7 +256,12 @@ class TestSpeedLimit:
         assert go(client, 1.0).result()[0] == SUCCEEDED
         assert self.sent(simulator, CallAction)[-1] == 0.0
 
-    def test_a_limit_above_that_of_cmd_vel_holds(self, client, simulator, limit):
+    def test_a_limit_above_that_of_cmd_vel_holds(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+    ) -> None:
         """That of cmd_vel says nothing about the speed of navigation."""
         lower = Parameter("cmd_vel_max_linear", value=0.2).to_parameter_msg()
         answer = client.call(SetParameters, "agent/set_parameters", parameters=[lower])
@@ -235,14 +270,22 @@ class TestSpeedLimit:
         assert go(client, 1.0).result()[0] == SUCCEEDED
         assert set(self.sent(simulator, CallAction)) == {0.5}
 
-    def test_a_refused_limit_ends_a_navigation(self, client, simulator, limit):
+    def test_a_refused_limit_ends_a_navigation(
+        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
         """Without its limit, the robot would drive faster than it should."""
         slow_down(simulator)
         limit(speed_limit=0.001)
         go(client, 5.0).wait_aborted("the robot refused the speed limit of 0.001 m/s")
         assert stands(simulator)
 
-    def test_a_refused_limit_of_another_navigation_is_logged(self, client, simulator, limit, logs):
+    def test_a_refused_limit_of_another_navigation_is_logged(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+        logs: Logs,
+    ) -> None:
         slow_down(simulator)
         limit(speed_limit=0.001)
         goal = move_base(client, 1.0)
@@ -251,7 +294,14 @@ class TestSpeedLimit:
         assert goal.result()[0] == SUCCEEDED
 
     @pytest.mark.parametrize("value", [-1.0, math.nan])
-    def test_a_limit_that_is_none_is_ignored(self, client, simulator, limit, logs, value):
+    def test_a_limit_that_is_none_is_ignored(
+        self,
+        client: Client,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+        logs: Logs,
+        value: float,
+    ) -> None:
         limit(speed_limit=value)
         logs.wait_text("speed_limit is ignored")
         assert go(client, 0.5).result()[0] == SUCCEEDED

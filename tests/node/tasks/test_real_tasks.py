@@ -14,7 +14,7 @@ import pytest
 
 from tests.harness import Client, GoalClient
 from tests.node.goals import ABORTED, COMPLETED, FAILED, SUCCEEDED, TASK_CANCELED
-from tests.node.tasks.reports import wire
+from tests.node.tasks.reports import ScriptedRobot, wire
 from tests.node.tasks.scripted_chassis import EXEC_TASK, TASK_PROC, Body, ScriptedChassis
 from woosh_robot_msgs.action import ExecTask
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
@@ -72,7 +72,9 @@ def send(client: Client, task: dict[str, Any]) -> GoalClient:
 
 @pytest.mark.parametrize("pace", ["at once", "one by one"])
 @pytest.mark.parametrize("number", GOALS)
-def test_goal_ends_as_the_robot_ended_the_task(robot, number, pace):
+def test_goal_ends_as_the_robot_ended_the_task(
+    robot: ScriptedRobot, number: int, pace: str
+) -> None:
     task = TASKS[number]
     steps = script(robot.chassis, task)
     expected = reports(task, task["task_id"])
@@ -117,7 +119,7 @@ def frames(task: dict[str, Any]) -> list[Any]:
 
 
 @pytest.mark.parametrize("number", SETS)
-def test_each_report_on_a_set_of_tasks_is_published(robot, number):
+def test_each_report_on_a_set_of_tasks_is_published(robot: ScriptedRobot, number: int) -> None:
     task = TASKS[number]
     steps = script(robot.chassis, task)
     topic = robot.echo(TaskProcMsg, "robot/TaskProc", depth=1000)

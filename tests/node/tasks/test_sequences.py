@@ -15,6 +15,7 @@ from tests.node.tasks.reports import (
     RUNS,
     SEQUENCES,
     TASK,
+    ScriptedRobot,
     assert_ended,
     empty,
     report,
@@ -36,7 +37,9 @@ every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
 @pytest.mark.parametrize("noise", ["none", "twice", "empty before", "other tasks", "next task"])
 @pytest.mark.parametrize("answer", ["first", "after the state", "after a report", "last", "never"])
 @every_sequence
-def test_goal_ends_with_the_task(robot, sequence, answer, noise):
+def test_goal_ends_with_the_task(
+    robot: ScriptedRobot, sequence: str, answer: str, noise: str
+) -> None:
     task_id = next(IDS)
     pushed = reports(task_id, sequence)
     if noise == "twice":
@@ -69,7 +72,9 @@ def test_goal_ends_with_the_task(robot, sequence, answer, noise):
 @pytest.mark.parametrize("told", ["by the history", "by nobody"])
 @pytest.mark.parametrize("seen", ["an empty report", "another task", "only the state", "nothing"])
 @every_sequence
-def test_an_end_that_was_not_seen_is_noticed(robot, sequence, seen, told):
+def test_an_end_that_was_not_seen_is_noticed(
+    robot: ScriptedRobot, sequence: str, seen: str, told: str
+) -> None:
     task_id = next(IDS)
     first = report(task_id, (3, NAV, RUNS))
     *_, end = reports(task_id, sequence)
@@ -97,7 +102,7 @@ def test_an_end_that_was_not_seen_is_noticed(robot, sequence, seen, told):
 
 
 @every_sequence
-def test_goal_goes_on_after_a_lost_link(robot, sequence):
+def test_goal_goes_on_after_a_lost_link(robot: ScriptedRobot, sequence: str) -> None:
     task_id = next(IDS)
     expected = [report(task_id, (3, NAV, RUNS)), *reports(task_id, sequence)[1:]]
     if sequence == "only the end":
@@ -109,7 +114,9 @@ def test_goal_goes_on_after_a_lost_link(robot, sequence):
 
 
 @every_sequence
-def test_an_end_without_a_link_is_noticed_after_the_reconnect(robot, sequence):
+def test_an_end_without_a_link_is_noticed_after_the_reconnect(
+    robot: ScriptedRobot, sequence: str
+) -> None:
     task_id = next(IDS)
     first, end = report(task_id, (3, NAV, RUNS)), reports(task_id, sequence)[-1]
     goal = robot.start(task_id, first)

@@ -15,6 +15,7 @@ from tests.node.tasks.reports import (
     IDS,
     NAV,
     RUNS,
+    ScriptedRobot,
     assert_ended,
     empty,
     report,
@@ -41,7 +42,7 @@ pytestmark = pytest.mark.usefixtures("normal")
 
 
 @pytest.mark.parametrize("lost", [False, True], ids=["link up", "link lost"])
-def test_a_goal_waits_for_its_first_report(robot, lost):
+def test_a_goal_waits_for_its_first_report(robot: ScriptedRobot, lost: bool) -> None:
     """The first report comes up to 1.2 s after the answer; polls find nothing until then."""
     task_id = next(IDS)
     goal = robot.start(task_id)
@@ -53,7 +54,7 @@ def test_a_goal_waits_for_its_first_report(robot, lost):
     assert_ended(goal, reports(task_id, "pick"))
 
 
-def test_a_task_that_the_chassis_forgets_is_given_up(robot):
+def test_a_task_that_the_chassis_forgets_is_given_up(robot: ScriptedRobot) -> None:
     robot.set_goal_timing(first_report_timeout=0.5)
     goal = robot.start(next(IDS))
     ret = goal.wait_aborted("does not know the task any more; it is executing no task")
@@ -64,7 +65,7 @@ def test_a_task_that_the_chassis_forgets_is_given_up(robot):
 # The end is not seen
 
 
-def test_an_empty_report_makes_the_agent_ask_at_once(robot):
+def test_an_empty_report_makes_the_agent_ask_at_once(robot: ScriptedRobot) -> None:
     robot.set_goal_timing(poll_period=3600.0)
     task_id = next(IDS)
     expected = reports(task_id, "cancelled")
@@ -74,7 +75,7 @@ def test_an_empty_report_makes_the_agent_ask_at_once(robot):
     assert_ended(goal, [expected[0], expected[-1]])
 
 
-def test_an_end_that_was_not_seen_is_noticed_if_polls_are_refused(robot):
+def test_an_end_that_was_not_seen_is_noticed_if_polls_are_refused(robot: ScriptedRobot) -> None:
     robot.chassis.refused |= {TASK_PROC, TASK_HISTORY}
     task_id = next(IDS)
     goal = robot.start(task_id, report(task_id, (3, NAV, RUNS)))
@@ -82,7 +83,7 @@ def test_an_end_that_was_not_seen_is_noticed_if_polls_are_refused(robot):
     goal.wait_aborted("stopped executing the goal, but did not report how it ended")
 
 
-def test_a_goal_goes_on_if_polls_are_refused(robot):
+def test_a_goal_goes_on_if_polls_are_refused(robot: ScriptedRobot) -> None:
     robot.chassis.refused |= {TASK_PROC, TASK_HISTORY}
     task_id = next(IDS)
     expected = reports(task_id, "obstacle")
@@ -94,7 +95,7 @@ def test_a_goal_goes_on_if_polls_are_refused(robot):
     assert_ended(goal, expected)
 
 
-def test_a_late_empty_report_of_the_task_before_ends_nothing(robot):
+def test_a_late_empty_report_of_the_task_before_ends_nothing(robot: ScriptedRobot) -> None:
     task_id = next(IDS)
     expected = reports(task_id, "pick")
     goal = robot.start(task_id, expected[0])
@@ -113,7 +114,7 @@ def test_a_late_empty_report_of_the_task_before_ends_nothing(robot):
 # Several tasks
 
 
-def test_a_task_that_is_refused_does_not_disturb_the_running_one(robot):
+def test_a_task_that_is_refused_does_not_disturb_the_running_one(robot: ScriptedRobot) -> None:
     task_id = next(IDS)
     expected = reports(task_id, "pick")
     goal = robot.start(task_id, expected[0])
@@ -130,7 +131,9 @@ def test_a_task_that_is_refused_does_not_disturb_the_running_one(robot):
 
 
 @pytest.mark.parametrize("seen", [True, False], ids=["seen", "only in the history"])
-def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(robot, seen):
+def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(
+    robot: ScriptedRobot, seen: bool
+) -> None:
     chassis, task_id = robot.chassis, next(IDS)
     if seen:
         before = reports(task_id, "cancelled")
@@ -155,7 +158,7 @@ def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(robot, seen):
 
 @pytest.mark.parametrize("order", ["answer first", "reports first", "answer lost", "end not seen"])
 @pytest.mark.parametrize("paused", [False, True])
-def test_a_cancel_by_the_client(robot, paused, order):
+def test_a_cancel_by_the_client(robot: ScriptedRobot, paused: bool, order: str) -> None:
     task_id = next(IDS)
     expected = reports(task_id, "cancelled in a pause" if paused else "cancelled")
     *before, cancels, end = expected
@@ -191,7 +194,9 @@ def test_a_cancel_by_the_client(robot, paused, order):
     ],
     ids=["mode", "status code", "unknown"],
 )
-def test_the_reason_of_a_refusal_follows_the_words_of_the_chassis(robot, ctrl, code, reason):
+def test_the_reason_of_a_refusal_follows_the_words_of_the_chassis(
+    robot: ScriptedRobot, ctrl: int, code: str | None, reason: str
+) -> None:
     def refuse() -> None:
         robot.chassis.answer(False, "Request failed")
         if code:
@@ -207,7 +212,7 @@ def test_the_reason_of_a_refusal_follows_the_words_of_the_chassis(robot, ctrl, c
 # Feedback
 
 
-def test_an_ordinary_client_gets_the_last_feedback(robot):
+def test_an_ordinary_client_gets_the_last_feedback(robot: ScriptedRobot) -> None:
     """rclpy's action client drops feedback that it has not read before the result."""
     robot.set_goal_timing(result_delay=1.0)  # enough on a busy machine
     node = robot.node
@@ -239,7 +244,9 @@ def test_an_ordinary_client_gets_the_last_feedback(robot):
     robot.in_executor(action.destroy)
 
 
-def test_the_result_does_not_wait_if_there_is_no_older_feedback_to_be_read(robot):
+def test_the_result_does_not_wait_if_there_is_no_older_feedback_to_be_read(
+    robot: ScriptedRobot,
+) -> None:
     robot.set_goal_timing(result_delay=3600.0)
     task_id = next(IDS)
     goal = robot.start(task_id)

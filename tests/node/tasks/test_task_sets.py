@@ -83,7 +83,9 @@ def fed_back(goal: GoalClient) -> list[tuple[int, int]]:
         (TASK_CANCELED, COMPLETED, SUCCEEDED),
     ],
 )
-def test_a_set_ends_as_its_last_task_does(robot, first, last, status):
+def test_a_set_ends_as_its_last_task_does(
+    robot: ScriptedRobot, first: int, last: int, status: int
+) -> None:
     goal = started(robot)
     end_task(robot.chassis, 1, first)
     robot.chassis.push(ROBOT_STATE, TASK)
@@ -97,7 +99,9 @@ def test_a_set_ends_as_its_last_task_does(robot, first, last, status):
     assert fed_back(goal) == [(1, EXECUTING), (1, first), (2, EXECUTING), (2, last)]
 
 
-def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(robot):
+def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(
+    robot: ScriptedRobot,
+) -> None:
     goal = started(robot)
     end_task(robot.chassis, 1)
     assert goal.result()[0] == SUCCEEDED
@@ -106,7 +110,7 @@ def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(robot):
     send(robot, SET).wait_aborted("does not execute the task set any more")
 
 
-def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot):
+def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot: ScriptedRobot) -> None:
     """A real robot went on with the third task when the second one was cancelled."""
     orders = robot.chassis.count(ACTION_ORDER)
     goal = started(robot)
@@ -125,7 +129,9 @@ def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot):
 
 @pytest.mark.parametrize(("last", "status"), [(COMPLETED, SUCCEEDED), (FAILED, ABORTED)])
 @pytest.mark.parametrize("seen", [EXECUTING, COMPLETED])
-def test_an_end_during_a_lost_link_is_found(robot, seen, last, status):
+def test_an_end_during_a_lost_link_is_found(
+    robot: ScriptedRobot, seen: int, last: int, status: int
+) -> None:
     goal = started(robot)
     if seen == COMPLETED:
         robot.chassis.push(TASK_PROC, proc(1, COMPLETED))
@@ -140,7 +146,7 @@ def test_an_end_during_a_lost_link_is_found(robot, seen, last, status):
     assert (ended, ret.robot_task_id, ret.state.value) == (status, SET * 100 + 2, last)
 
 
-def test_a_task_of_another_client_ends_the_set(robot):
+def test_a_task_of_another_client_ends_the_set(robot: ScriptedRobot) -> None:
     """The robot executes a task all the time, but not one of the set."""
     goal = started(robot)
     robot.chassis.push(TASK_PROC, proc(1, TASK_CANCELED))
@@ -150,7 +156,7 @@ def test_a_task_of_another_client_ends_the_set(robot):
     assert goal.wait_aborted().state.value == TASK_CANCELED
 
 
-def test_without_the_history_the_last_report_counts(robot):
+def test_without_the_history_the_last_report_counts(robot: ScriptedRobot) -> None:
     robot.chassis.refused.add(TASK_HISTORY)
     goal = started(robot)
     end_task(robot.chassis, 1)
@@ -158,7 +164,7 @@ def test_without_the_history_the_last_report_counts(robot):
 
 
 @pytest.mark.parametrize("number", SETS)
-def test_recorded_sets_of_a_real_robot(robot, number):
+def test_recorded_sets_of_a_real_robot(robot: ScriptedRobot, number: int) -> None:
     """Most records end while the set goes on."""
     recorded = TASKS[number]
     steps = script(robot.chassis, recorded)
