@@ -31,6 +31,7 @@ from tests.node.goals import (
 )
 from woosh_common_msgs.msg import Pose2D
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
+from woosh_robot_msgs.srv import RobotState
 from woosh_ros_msgs.action import ChargeControl, LiftControl2, MoveBase, StepControl
 from woosh_ros_msgs.msg import StepControlStep
 
@@ -216,6 +217,28 @@ def test_unanswered_pause_does_not_delay_a_cancel(robot: Robot) -> None:
     goal.cancel()
     assert goal.result()[1].state.value == -2
     assert not pause.done, "the pause still waits for its answer"
+
+
+@pytest.mark.parametrize("end", [-2, -1, 1])
+def test_last_reports_on_another_programs_action_do_not_end_the_goal(
+    robot: Robot, end: int
+) -> None:
+    """They come between the start request and its answer."""
+    reports = feedbacks(2, "on its way"), feedbacks(end, "its end")
+
+    def report_first(out: Outgoing) -> list[Outgoing]:
+        before = reports if out.request == CALL_ACTION else ()
+        return [*(Outgoing(FEEDBACKS, report) for report in before), out]
+
+    robot.chassis.intercept(report_first)
+    robot.chassis.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
+    goal = step(robot, 0.4)
+    goal.feedback.wait(lambda fb: fb.msg == "on its way")
+    robot.call(RobotState, "robot/RobotState")
+    assert not goal.done
+    robot.call(RobotState, "robot/RobotState")
+    robot.chassis.push(feedbacks(1, "the goal's"))
+    assert goal.result()[1].msg == "the goal's"
 
 
 def lenient(out: Outgoing) -> list[Outgoing]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+import pytest
+
 from tests.harness import Robot, wait_until
 from tests.node.goals import (
     ABORTED,
@@ -14,14 +16,17 @@ from tests.node.goals import (
     EXECUTING,
     FAILED,
     SUCCEEDED,
+    TASK_CANCELED,
     TASK_PROC,
     hurry,
     pause_task,
+    proc,
     short_task,
     slow_down,
     task,
 )
 from woosh_robot_agent.ros.actions.run import REPLACED
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 
 
 def test_task_succeeds_with_each_report_as_feedback(robot: Robot) -> None:
@@ -73,6 +78,16 @@ def test_newer_task_with_the_same_id_replaces_the_older_one(robot: Robot) -> Non
     assert old.wait_aborted().msg == REPLACED
     hurry(robot.chassis)
     status, ret = new.result()
+    assert (status, ret.dest) == (SUCCEEDED, "U5")
+
+
+@pytest.mark.parametrize("state", [COMPLETED, TASK_CANCELED, FAILED])
+def test_late_end_of_an_older_task_with_the_same_id_is_ignored(robot: Robot, state: int) -> None:
+    assert short_task(robot, 0.1, task_id=9).result()[0] == SUCCEEDED
+    late = Outgoing(TASK_PROC, proc(9, state, "the old end"))
+    robot.chassis.intercept(lambda out: [late, out] if out.request == EXEC_TASK else [out])
+    second = task(robot, mark="U5", task_id=9)
+    status, ret = second.result()
     assert (status, ret.dest) == (SUCCEEDED, "U5")
 
 

@@ -9,12 +9,19 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import TwistStamped
+from std_srvs.srv import Trigger
 
 from tests.harness import TIMEOUT, Client, wait_until
 from tests.node.cmd_vel import Sender
-from tests.node.goals import CANCELED, step
+from tests.node.goals import CANCELED, SUCCEEDED, short_task, step
+from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.parameters import StandardSettings
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as PbTaskProc
+from woosh_robot_agent.pb.util import task_pb2 as util_task
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Speak
 
 TWIST = "woosh.robot.Twist"
@@ -57,6 +64,20 @@ def arrivals(simulator: SimulatorThread) -> list[tuple[float, bool]]:
 
 
 @pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Speed ahead of each velocity that the agent has taken from cmd_vel, refused ones included."""
+    speeds: list[float] = []
+    drive = VelocityDriver.drive
+
+    def note(driver: VelocityDriver, linear: float, *rest: float) -> None:
+        drive(driver, linear, *rest)
+        speeds.append(linear)
+
+    monkeypatch.setattr(VelocityDriver, "drive", note)
+    return speeds
+
+
+@pytest.fixture
 def all_sent(agent: Any, client: Client) -> Callable[[], None]:
     """Function that returns when cmd_vel has sent to the chassis what it had to send.
 
@@ -70,6 +91,12 @@ def all_sent(agent: Any, client: Client) -> Callable[[], None]:
         assert client.call(Speak, "robot/Speak").ok
 
     return wait
+
+
+def start_task(sim: Any) -> None:
+    """Start a task as another client of the chassis."""
+    task = pack.ExecTask(task_id=7, type=util_task.kPick, mark_no="A23")
+    assert dispatch(sim.chassis, task).ok
 
 
 def test_a_velocity_arrives_in_ros_axes(simulator, sender, twists):
@@ -131,6 +158,20 @@ class TestRefused:
         assert simulator.counts[TWIST] == 0
         assert not [record for record in logs.messages if record.exc_info]
 
+    def test_velocities_are_refused_while_another_clients_task_runs(
+        self, simulator, agent, sender, client, logs
+    ):
+        """The other client talks to the chassis directly."""
+        plans = client.echo(TaskProc, "robot/TaskProc")
+        simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kExecuting))
+        plans.wait(lambda m: m.robot_task_id == 7)
+        sender.send(x=0.3)
+        logs.wait_text("task 7 is running")
+        simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kCompleted))
+        plans.wait(lambda m: m.state.value == util_task.kCompleted)
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST)
+
     def test_velocities_are_refused_while_a_goal_runs(
         self, simulator, agent, sender, client, twists, logs
     ):
@@ -144,6 +185,18 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
+    def test_a_goal_accepted_while_driving_is_not_stopped(self, simulator, connect, client, twists):
+        # the watchdog must not stop the robot before the goal is accepted
+        connect(cmd_vel_timeout=5.0)
+        sender = Sender(client)
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST)
+        goal = short_task(client, 0.5)
+        goal.feedback.wait_count(1)
+        sender.send()  # as when the joystick is released
+        assert goal.result()[0] == SUCCEEDED
+        assert (0.0, 0.0, 0.0) not in twists()
+
     def test_cmd_vel_override_permits_velocities_while_a_goal_runs(
         self, simulator, connect, client
     ):
@@ -152,3 +205,57 @@ class TestRefused:
         simulator.wait_received("woosh.ros.CallAction")
         Sender(client).send(x=0.3)
         simulator.wait_received(TWIST)
+
+
+class TestLinkLoss:
+    def test_a_driving_robot_gets_a_zero_when_the_link_is_back(
+        self, simulator, agent, sender, twists, all_sent
+    ):
+        sender.send(x=0.3)
+        simulator.wait_received(TWIST)
+        simulator.stop_listening()
+        wait_until(lambda: agent.agent.debug()["state"] != "ready", "the loss")
+        sender.send(x=0.4)  # there is no link, and this must not be sent later
+        simulator.listen()
+        agent.wait_connected(2)
+        simulator.wait_received(TWIST, 2)
+        all_sent()
+        assert twists() == [pytest.approx((0.3, 0.0, 0.0)), (0.0, 0.0, 0.0)]
+
+    def test_no_zero_is_sent_if_another_client_drives_by_then(
+        self, simulator, agent, sender, twists, all_sent
+    ):
+        sender.send(x=0.3)
+        simulator.wait_received(TWIST)
+        simulator.stop_listening()
+        wait_until(lambda: agent.agent.debug()["state"] != "ready", "the loss")
+        simulator.call(start_task)
+        simulator.listen()
+        agent.wait_connected(2)
+        all_sent()
+        assert twists() == [pytest.approx((0.3, 0.0, 0.0))]
+        assert simulator.state.info.task_proc.state == util_task.kExecuting
+
+
+class TestStop:
+    def test_stop_silences_cmd_vel_until_a_pause(
+        self, simulator, agent, sender, client, twists, logs, taken, all_sent
+    ):
+        sender.repeat(20, x=0.3)
+        simulator.wait_received(TWIST, 3)
+        assert client.call(Trigger, "stop").success
+        logs.wait_text("the robot was stopped")
+        wait_until(lambda: twists()[-1] == (0.0, 0.0, 0.0))
+        count = len(twists())
+        before = len(taken)
+        wait_until(lambda: len(taken) > before + 5, "velocities after the stop")
+        all_sent()
+        assert len(twists()) == count, "nothing after the stop"
+        sender.pause()
+        # the agent keeps only the newest message, so it has to take each before the next is sent
+        for speed in (0.2, 0.0):
+            sender.send(x=speed)
+            wait_until(lambda: taken[-1] == speed, "the agent to take it")  # noqa: B023
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST, count + 1)
+        assert twists()[count] == pytest.approx((0.1, 0.0, 0.0)), "obeyed after the zero"

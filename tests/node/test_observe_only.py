@@ -5,6 +5,7 @@ The simulated chassis records every frame that it receives.
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -17,7 +18,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Robot, RunningAgent, wait_until
+from tests.harness import Client, Logs, Robot, RunningAgent, wait_until
 from tests.node.goals import EXECUTING, stop_time, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
@@ -28,7 +29,7 @@ from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import Speak
+from woosh_robot_msgs.srv import RobotWiFi, Speak
 
 READS = {
     "woosh.Subscription",
@@ -37,6 +38,7 @@ READS = {
     *(query.request for query in QUERIES),
     *(command.request for command in COMMANDS if command.reads),
 }
+WIFI = "woosh.robot.RobotWiFi"
 SPEAK = "woosh.robot.Speak"
 TWIST = "woosh.robot.Twist"
 REASON = "only observes the robot"
@@ -130,6 +132,20 @@ def test_only_reads_reach_the_chassis_whatever_clients_send(observer: Robot, log
         assert [level for level in told if level != "DEBUG"] == ["WARNING"], "it is logged once"
 
 
+def test_the_wifi_list_is_read_and_no_other_order_is_sent(observer: Robot) -> None:
+    arg = RobotWiFi.Request().arg
+    for order in range(7):
+        arg.order.value = order
+        response = observer.call(RobotWiFi, "robot/RobotWiFi", arg=arg)
+        assert response.ok == (order == arg.order.K_WI_FI_LIST), response
+    assert [each.message.order for each in observer.chassis.received if each.type == WIFI] == [
+        arg.order.K_WI_FI_LIST
+    ]
+    arg.order.value = arg.order.K_WI_FI_LIST
+    arg.enable = True  # its meaning in this order is not known
+    assert not observer.call(RobotWiFi, "robot/RobotWiFi", arg=arg).ok
+
+
 def test_diagnostics_show_it(observer: Robot) -> None:
     def link(message: Any) -> Any:
         return next(s for s in message.status if s.name.endswith(": link"))
@@ -191,6 +207,23 @@ def test_open_goals_end_when_it_is_turned_on(robot: Robot) -> None:
     assert change(robot, observe_only=True) == (True, "")
     goal.wait_aborted(REASON, "may still be executing")
     assert robot.chassis.counts["woosh.robot.ActionOrder"] == 0
+
+
+def test_a_stream_of_velocities_does_not_drive_when_it_is_turned_off(
+    observer: Robot, logs: Logs
+) -> None:
+    observer.set_motion_timing(pause=3600.0)  # however slow the machine is
+    publisher = publish(observer, "cmd_vel", velocity(0.5))
+    logs.wait_text("cmd_vel is ignored: this agent only observes")
+    assert change(observer, observe_only=False) == (True, "")
+    publisher.publish(velocity(0.5))
+    logs.wait_text("not permitted until now; send a zero")
+    assert observer.chassis.counts[TWIST] == 0
+    speeds = itertools.cycle([0.0, 0.5])
+    wait_until(
+        lambda: publisher.publish(velocity(next(speeds))) or observer.chassis.counts[TWIST],
+        "a velocity",
+    )
 
 
 def test_turning_it_on_precedes_the_velocity_that_follows(robot: Robot, logs: Logs) -> None:

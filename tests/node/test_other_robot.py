@@ -76,6 +76,21 @@ def test_a_robot_gets_a_zero_before_its_link_closes_and_another_one_nothing(
     assert speeds(other) == []
 
 
+def test_a_robot_that_stands_gets_no_zero(robot: Robot) -> None:
+    answers([drive(robot, 0.3), drive(robot, 0.0)])
+    assert change(robot, port=1) == (True, "")
+    wait_until(lambda: robot.chassis.connections == 0)
+    assert speeds(robot.chassis) == [0.3, 0.0]
+
+
+@pytest.mark.usefixtures("long_drive")
+def test_a_robot_that_does_not_answer_its_zero_is_told_of(robot: Robot, logs: Logs) -> None:
+    answers([drive(robot, 0.3)])
+    robot.chassis.inject("freeze")
+    assert change(robot, port=1) == (True, "")
+    logs.wait_text("was not stopped", level="ERROR")
+
+
 def test_the_same_robot_over_another_encoding_keeps_its_topics(robot: Robot) -> None:
     batteries = robot.echo(class_of("woosh_robot_msgs/Battery", "msg"), "robot/Battery")
     batteries.wait_count(1)

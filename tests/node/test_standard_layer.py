@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from tf2_msgs.msg import TFMessage
 
-from tests.harness import Client, Logs, wait_until
+from tests.harness import Client, Logs, RunningAgent, wait_until
+from tests.node.cmd_vel import Sender
+from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARTS, StandardSettings
 from woosh_robot_agent.ros.standard import diagnostics
 from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.simulator import SimulatorThread
+
+TWIST = "woosh.robot.Twist"
 
 
 def endpoints(client: Client) -> dict[str, Any]:
@@ -106,3 +114,47 @@ def test_invalid_frames_are_refused(name):
     for bad in ("/map", ""):
         with pytest.raises(ValueError, match=name):
             StandardSettings(**{name: bad})
+
+
+class TestTwoRobots:
+    @pytest.fixture
+    def robots(self, domain: int) -> Iterator[list[tuple[SimulatorThread, RunningAgent, Client]]]:
+        """Two robots in one domain, each with its own agent, namespace and frame prefix."""
+        running = []
+        for name in ("r1", "r2"):
+            config = quick_config(port=0, tcp_port=0, speed=5, seed=1)
+            simulator = SimulatorThread(config).__enter__()
+            agent = RunningAgent(
+                domain,
+                f"/{name}",
+                ip="127.0.0.1",
+                port=simulator.port,
+                publish_tf=True,
+                frame_prefix=f"{name}/",
+            )
+            running.append((simulator, agent, Client(domain, f"/{name}")))
+        yield running
+        for simulator, agent, client in running:
+            client.close()
+            agent.close()
+            simulator.__exit__(None, None, None)
+
+    def test_each_robot_has_its_own_velocities_and_frames(self, robots):
+        for _, agent, _ in robots:
+            agent.wait_connected()
+        (one, _, first), (two, _, second) = robots
+        frames = first.echo_with(TFMessage, "/tf", QoSProfile(depth=100))
+        odoms = [
+            client.echo_with(Odometry, "odom", QoSProfile(depth=10)) for client in (first, second)
+        ]
+        for odom in odoms:
+            odom.wait_count(1)  # before the robot turns, for half a second
+        Sender(first).send(turn=0.5)
+        one.wait_received(TWIST)
+        odoms[0].wait(lambda m: m.twist.twist.angular.z > 0.0)
+        odoms[1].wait_count(3)
+        assert two.counts[TWIST] == 0
+        assert not any(m.twist.twist.angular.z for m in odoms[1].messages)
+        assert {m.header.frame_id for m in odoms[1].messages} == {"r2/odom"}
+        for prefix in ("r1/", "r2/"):
+            frames.wait(lambda m: m.transforms[0].header.frame_id == f"{prefix}map")  # noqa: B023

@@ -14,14 +14,14 @@ from tests.harness import Logs, Robot, wait_future, wait_until
 from tests.motion.moving import MOVING
 from tests.motion.test_requests import COMMAND_MOTION
 from tests.node.cmd_vel import Sender
-from tests.node.goals import ABORTED, EXECUTE, step, step_goal, task
+from tests.node.goals import ABORTED, EXECUTE, short_task, step, step_goal, task
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import Speak
+from woosh_robot_msgs.srv import ExecPreTask, Speak
 from woosh_ros_msgs.action import StepControl
 
 TWIST = "woosh.robot.Twist"
@@ -67,6 +67,28 @@ def test_stop_is_sent_even_when_too_many_requests_are_in_flight(simulator, conne
     assert client.call(Trigger, "stop").success
 
 
+def test_stop_withdraws_what_waits_to_be_sent(robot: Robot):
+    """The chassis does not read for a while. Later it must not get requests older than the stop."""
+    robot.chassis.inject("half_open")
+    big = "x" * 1_000_000  # exceeds the socket buffers
+    loads = [robot.call_async(Speak, "robot/Speak", arg=speak(big)) for _ in range(12)]
+    wait_until(lambda: robot.link.debug()["outbox"] > 2, "a jam")
+    before = robot.link.debug()["requests"]
+    start = robot.call_async(ExecPreTask, "robot/ExecPreTask")
+    wait_until(lambda: robot.link.debug()["requests"] > before, "the request")
+    stop = robot.call_async(Trigger, "stop")
+    response = wait_future(start)
+    assert not response.ok
+    assert "cancelled by a stop of the robot" in response.msg
+    robot.chassis.clear_faults()
+    assert wait_future(stop).success
+    for load in loads:
+        assert wait_future(load).ok
+    assert robot.chassis.counts["woosh.robot.ExecPreTask"] == 0
+    order = [each.type for each in robot.chassis.received]
+    assert order.index(TWIST) < len(order) - 1 - order[::-1].index(SPEAK), "it overtook some"
+
+
 @pytest.mark.parametrize("turn", range(3))
 def test_a_goal_requested_before_the_stop_does_not_move_the_robot(robot: Robot, turn: int):
     """The goal may arrive before or after the stop."""
@@ -78,6 +100,11 @@ def test_a_goal_requested_before_the_stop_does_not_move_the_robot(robot: Robot, 
     handle = wait_future(sent)
     assert wait_future(robot.in_executor(handle.get_result_async)).status == ABORTED
     wait_until(lambda: is_standing(robot.chassis))
+
+
+def test_a_goal_some_time_after_the_stop_is_executed(robot: Robot):
+    assert robot.call(Trigger, "stop").success
+    wait_until(lambda: short_task(robot, 0.3).result()[0] != ABORTED, "the end of the hold")
 
 
 def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Logs):
@@ -119,3 +146,9 @@ def to_ros(parent: Any, message: Message) -> Any:
     """Return the ROS message for the field `arg` of a request or a goal."""
     arg = class_of(parent.get_fields_and_field_types()["arg"], "msg")
     return converter(arg, type(message)).to_ros(message)
+
+
+def speak(text: str) -> Any:
+    request = Speak.Request()
+    request.arg.text = text
+    return request.arg

@@ -25,6 +25,7 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import AgentInfo
 from woosh_robot_msgs.msg import Battery as BatteryMsg
 from woosh_robot_msgs.msg import BuildMapData as BuildMapDataMsg
+from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
 from woosh_robot_msgs.srv import Battery as BatterySrv
@@ -32,6 +33,7 @@ from woosh_robot_msgs.srv import Battery as BatterySrv
 INFO = "woosh.robot.RobotInfo"
 BATTERY = "woosh.robot.Battery"
 POSE_SPEED = "woosh.robot.PoseSpeed"
+TASK_PROC = "woosh.robot.TaskProc"
 HASHES = json.loads((Path(__file__).parents[1] / "facts/ros/type_hashes.json").read_text())
 QUIET = ("StatusCode", "NavPath", *(t.name.partition("/")[2] for t in TOPICS if t.extra))
 """Topics whose values are not part of RobotInfo and only come as pushes."""
@@ -173,6 +175,21 @@ def test_only_what_robot_info_holds_is_published(connect, client, push, simulato
         assert len(echo.wait_count(2 if name == BATTERY else 1)) == (2 if name == BATTERY else 1)
 
 
+def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
+    """A push before the answer to RobotInfo is older than it, a push after it is newer."""
+
+    def surround(frame: Any) -> list[Any]:
+        frame.body.task_proc.robot_task_id = 2
+        around = [type(frame)(TASK_PROC, TaskProc(robot_task_id=i)) for i in (1, 3)]
+        return [around[0], frame, around[1]]
+
+    simulator.intercept(lambda f: [] if f.type == TASK_PROC and f.body.robot_task_id > 3 else [f])
+    agent = connect(surround)
+    echo = client.echo(TaskProcMsg, "robot/TaskProc")
+    assert [m.robot_task_id for m in echo.wait_count(3)] == [1, 2, 3]
+    wait_until(lambda: agent.agent.robot.last_known.get(TASK_PROC).robot_task_id == 3)
+
+
 def test_nothing_is_published_until_the_chassis_is_back(connect, client, push, simulator):
     powers = iter((50, 49))
 
@@ -289,3 +306,27 @@ def test_agent_info_is_false_when_the_agent_ends(robot: Robot) -> None:
     echo.wait(lambda m: m.online)
     robot.agent.close()
     echo.wait(lambda m: not m.online)
+
+
+def test_a_push_that_cannot_be_decoded_is_skipped(connect, client, push, simulator, logs):
+    connect(holding(RobotInfo()))
+    echo = client.echo(BatteryMsg, "robot/Battery")
+    wait_matched(client, 1)
+    simulator.send_raw('{"type":"woosh.robot.Battery","body":{"power":[]}}')
+    push(Battery(power=1))
+    assert [m.power for m in echo.wait_count(1)] == [1]
+    assert logs.wait_text("woosh.robot.Battery: power")
+
+
+def test_presence_bits_are_those_of_the_push(connect, client, push):
+    connect(holding(RobotInfo()))
+    echo = client.echo(PoseSpeedMsg, "robot/PoseSpeed")
+    wait_matched(client, 1)
+    twist, pose = PoseSpeed(map_id=1), PoseSpeed(map_id=2)
+    twist.twist.SetInParent()
+    pose.pose.SetInParent()
+    for message in (twist, pose, PoseSpeed(map_id=3)):
+        push(message)
+        echo.wait(lambda m, wanted=message.map_id: m.map_id == wanted)
+    bits = [PoseSpeedMsg.TWIST_FIELD_SET, PoseSpeedMsg.POSE_FIELD_SET, 0]
+    assert [m.has_field for m in echo.messages] == bits

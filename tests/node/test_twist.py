@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import pytest
@@ -9,11 +10,13 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from tests.harness import Client, Logs, Robot, wait_future, wait_until
+from tests.node.goals import EXECUTING, slow_down, stop_time, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
-from woosh_robot_msgs.srv import Twist
+from woosh_robot_msgs.srv import Mode, Twist
 
 TWIST = "woosh.robot.Twist"
+ROBOT_INFO = "woosh.robot.RobotInfo"
 
 
 def drive(client: Client, linear: float) -> Any:
@@ -72,6 +75,63 @@ def test_the_limits_of_cmd_vel_hold_for_calls(robot: Robot) -> None:
     assert all(result.successful for result in results)
     assert sent(linear=0.3, angular=0.2) == (0.3, 0.0, 0.2, usual)
     assert sent(linear=1.0, angular=-1.0)[:3] == (0.3, 0.0, -0.2)
+
+
+def test_newest_velocity_wins_while_the_chassis_does_not_answer(robot: Robot) -> None:
+    """Commands queue up neither in the agent nor in the chassis, and none follows the last one."""
+    robot.set_motion_timing(unanswered=0.0, max_age=2.0)  # longer than a busy machine pauses
+    robot.chassis.mute(TWIST)
+    drive(robot, 0.001)
+    robot.chassis.wait_received(TWIST)
+    calls = [drive(robot, 0.001 * i) for i in range(2, 12)]
+    *held, last = answers(calls)
+    assert not any(answer.ok for answer in (*held, last))
+    assert "too old" in last.msg
+    assert any("newer" in answer.msg for answer in held)
+    robot.call(Mode, "robot/Mode")
+    assert speeds(robot.chassis) == [0.001], "there is no answer, and none is sent"
+
+
+def test_velocity_without_a_link_is_refused_and_not_kept(robot: Robot) -> None:
+    robot.chassis.stop_listening()
+    wait_until(lambda: robot.chassis.connections == 0)
+    (answer,) = answers([drive(robot, 0.4)])
+    assert not answer.ok
+    assert "not connected" in answer.msg or "link" in answer.msg
+    robot.chassis.listen()
+    robot.chassis.wait_received(ROBOT_INFO, 2)
+    wait_until(lambda: robot.call(Twist, "robot/Twist").ok)
+    assert set(speeds(robot.chassis)) == {0.0}
+
+
+def test_no_stale_velocity_is_sent_after_a_half_open_link(robot: Robot) -> None:
+    answers([drive(robot, 0.1)])
+    robot.chassis.inject("half_open")
+    calls = [drive(robot, 0.2)]
+    begun = time.monotonic()
+    while time.monotonic() - begun < 0.8:
+        calls.append(drive(robot, 0.3))
+        wait_until(lambda: time.monotonic() > begun + 0.02 * len(calls))
+    late = drive(robot, 0.4)
+    assert "too old" in wait_future(late).msg
+    robot.chassis.clear_faults()
+    stop = wait_future(drive(robot, 0.0))
+    assert stop.ok
+    assert 0.4 not in speeds(robot.chassis)
+    assert speeds(robot.chassis)[-1] == 0.0
+    wait_until(lambda: robot.chassis.state.velocity.forward == 0)
+
+
+def test_the_end_of_the_agent_does_not_stop_a_task_that_came_after(robot: Robot) -> None:
+    robot.set_motion_timing(driving=3600.0)  # only the task ends the drive
+    assert wait_future(drive(robot, 0.1)).ok
+    slow_down(robot.chassis)
+    client_goal = task(robot)
+    client_goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    stop_time(robot.chassis)
+    robot.agent.close()
+    assert speeds(robot.chassis) == [0.1]
+    assert robot.chassis.state.info.task_proc.state == EXECUTING
 
 
 @pytest.mark.parametrize("linked", [False, True], ids=["without a link", "zero refused"])

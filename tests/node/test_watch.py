@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.test_states import diagnostics, values
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import RobotInfo, Twist
@@ -61,6 +62,17 @@ def test_who_drives_is_shown(simulator, agent, client, arrays, publish):
     wait_until(lambda: find(arrays.messages[-1], "motion").message == "nobody")
 
 
+def test_cmd_vel_and_the_service_at_the_same_time_are_a_warning(
+    simulator, agent, client, arrays, publish, logs
+):
+    publish("joystick", 0.1)
+    wait_message(arrays, "motion", "cmd_vel")
+    assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.2)).ok
+    status = wait_message(arrays, "motion", "cmd_vel and robot/Twist command velocities")
+    assert status.level == WARN
+    logs.wait_text("cmd_vel and robot/Twist command")
+
+
 @pytest.mark.skipif(HUMBLE, reason="rclpy of Humble does not tell the numbers of messages")
 def test_two_publishers_of_cmd_vel_are_named(connect, client, arrays, publish):
     connect()
@@ -102,6 +114,25 @@ def test_a_velocity_that_moves_nothing_is_a_warning_until_the_robot_moves(
     end()
     simulator.push(PoseSpeed(map_id=3))
     wait_until(lambda: find(arrays.messages[-1], "motion").level == DiagnosticStatus.OK)
+
+
+def test_a_code_without_a_text_gets_its_meaning(simulator, agent, client, arrays, logs):
+    codes = [StatusCode(code=110201000013, level=StatusCode.kFault)]
+    codes.append(StatusCode(code=110301000042, level=StatusCode.kWarn, msg="左电机过热"))
+    simulator.push(AbnormalCodes(scs=codes))
+    texts = (
+        "110201000013: emergency stop 1 was pressed",
+        "110301000042: 左电机过热 (left motor is too hot)",
+    )
+    assert wait_message(arrays, "abnormal codes", *texts).level == ERROR
+    for text in texts:
+        logs.wait_text(text)
+
+
+def test_a_pose_without_a_map_is_a_warning(simulator, agent, client, arrays):
+    assert values(find(arrays.wait_count(1)[0], "chassis"))["map id"] == "3"
+    simulator.push(PoseSpeed(map_id=0))
+    assert wait_message(arrays, "chassis", "the pose may mean nothing").level == WARN
 
 
 def test_a_clock_that_is_off_is_a_warning(simulator, agent, arrays):

@@ -18,7 +18,7 @@ from tests.node.tasks.scripted_chassis import (
 )
 from woosh_robot_msgs.action import ExecTask
 
-IDLE, TASK = {"state": 2}, {"state": 4}
+IDLE, TASK, UNINIT = {"state": 2}, {"state": 4}, {"state": 1}
 NAV, STEP, ENTER, QUIT, WAIT, CHARGE = 1, 2, 3, 4, 6, 7
 """Types of an action."""
 RUNS, WARNS, CANCELS, DONE, FAILS, SUSPENDED = 1, 2, 3, 4, 5, 10
