@@ -6,6 +6,7 @@ import gc
 import logging
 import os
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from itertools import pairwise
 from typing import Any
 
@@ -114,24 +115,22 @@ else:
     @pytest.fixture
     def client(domain: int) -> Iterator[harness.Client]:
         """A ROS node that uses the agent."""
-        running = harness.Client(domain)
-        yield running
-        running.close()
+        with closing(harness.Client(domain)) as running:
+            yield running
 
     @pytest.fixture
     def robot(agent: harness.RunningAgent, simulator: SimulatorThread) -> Iterator[harness.Robot]:
         """A ROS node that uses the agent, with the agent and the simulator."""
-        running = harness.Robot(agent, simulator)
-        yield running
-        running.close()
+        with closing(harness.Robot(agent, simulator)) as running:
+            yield running
 
     @pytest.fixture
     def start_program(domain: int) -> Iterator[Callable[..., harness.Program]]:
-        """Function that starts the agent's program; its arguments are ROS arguments."""
+        """Function that starts the agent's program; it takes ROS arguments, and parameters."""
         programs: list[harness.Program] = []
 
-        def start(*arguments: str) -> harness.Program:
-            programs.append(harness.Program(domain, *arguments))
+        def start(*arguments: str, **parameters: Any) -> harness.Program:
+            programs.append(harness.Program(domain, *arguments, **parameters))
             return programs[-1]
 
         yield start
@@ -140,9 +139,27 @@ else:
             program.process.wait()
 
     @pytest.fixture
-    def logs() -> Iterator[harness.Collector]:
+    def start_connected(
+        simulator: SimulatorThread, start_program: Callable[..., harness.Program]
+    ) -> Callable[[], harness.Program]:
+        """Function that starts the agent's program, and connects it to the simulator."""
+
+        def start() -> harness.Program:
+            program = start_program(ip="127.0.0.1", port=simulator.port)
+            program.wait_says("connected to")
+            return program
+
+        return start
+
+    @pytest.fixture
+    def program(start_connected: Callable[[], harness.Program]) -> harness.Program:
+        """The agent's program, connected to the simulator."""
+        return start_connected()
+
+    @pytest.fixture
+    def logs() -> Iterator[harness.Logs]:
         """Log records of the agents in this process."""
-        collector = harness.Collector()
+        collector = harness.Logs()
         handler = logging.Handler()
         handler.emit = collector.add  # type: ignore[method-assign]
         logger = logging.getLogger("woosh_robot_agent")

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -21,15 +22,33 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.endpoints import COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, wait_until
+from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
 from woosh_robot_agent.testing import AgentInProcess as RunningAgent
-from woosh_robot_agent.testing import own_domain as own_domain  # also for those that import this
 from woosh_robot_agent.testing.agents import NAMESPACE
+
+__all__ = [
+    "HUMBLE",
+    "NAMESPACE",
+    "TIMEOUT",
+    "Client",
+    "Collector",
+    "GoalClient",
+    "Logs",
+    "Program",
+    "Robot",
+    "RunningAgent",
+    "Spinner",
+    "fill",
+    "own_domain",
+    "wait_future",
+    "wait_until",
+]
 
 HUMBLE = os.environ.get("ROS_DISTRO") == "humble"
 """True on ROS 2 Humble, which lacks some of what the agent uses; see `ros_release`."""
@@ -66,6 +85,27 @@ class Collector:
             return list(self.messages)
 
 
+class Logs(Collector):
+    """Log records, oldest first."""
+
+    def wait_text(self, *texts: str, level: str = "") -> Any:
+        """Wait for a record with all these texts, and with the level if one is given; return it."""
+        return self.wait(
+            lambda record: (
+                all(text in record.getMessage() for text in texts)
+                and level in ("", record.levelname)
+            )
+        )
+
+    def with_text(self, text: str, level: str = "") -> list[Any]:
+        """Return the records with a text, and with the level if one is given."""
+        return [
+            record
+            for record in list(self.messages)
+            if text in record.getMessage() and level in ("", record.levelname)
+        ]
+
+
 class _Callbacks(dict[bytes, Any]):
     """Feedback callbacks by goal id that stay registered after the result.
 
@@ -97,6 +137,14 @@ class GoalClient:
         response = wait_future(self._result, timeout)
         return response.status, response.result.ret
 
+    def wait_aborted(self, *texts: str) -> Any:
+        """Wait until the goal is aborted, with these texts in its message; return `ret`."""
+        status, ret = self.result()
+        assert status == GoalStatus.STATUS_ABORTED, ret
+        for text in texts:
+            assert text in ret.msg
+        return ret
+
     @property
     def done(self) -> bool:
         """True if the result has been received."""
@@ -117,6 +165,29 @@ def wait_future(future: Any, timeout: float = TIMEOUT) -> Any:
     future.add_done_callback(lambda _future: done.set())
     assert done.wait(timeout), "no answer received"
     return future.result()
+
+
+_SERVICES = {each.name: each.srv for each in (*QUERIES, *COMMANDS)}
+"""ROS types of the services in the table of endpoints, by their names."""
+
+
+def fill(message: Any, **values: Any) -> Any:
+    """Set fields of a message, and return it.
+
+    Args:
+        message: the message.
+        values: value of each field by its name: a dict for a message, and a number for an enum,
+            which in ROS is a message with the field `value`.
+    """
+    for name, value in values.items():
+        field = getattr(message, name)
+        if isinstance(value, dict):
+            fill(field, **value)
+        elif hasattr(field, "value"):
+            field.value = value
+        else:
+            setattr(message, name, value)
+    return message
 
 
 class Client:
@@ -224,6 +295,16 @@ class Client:
             if "the agent stood still" not in getattr(response, "msg", ""):
                 return response
 
+    def command(self, name: str, /, **values: Any) -> Any:
+        """Call a service in the table of endpoints; return its response.
+
+        Args:
+            name: name of the service.
+            values: fields of its argument, as for `fill`.
+        """
+        srv = class_of(_SERVICES[name], "srv")
+        return self.call(srv, name, arg=fill(srv.Request().arg, **values))
+
     def call_async(self, srv: Any, name: str, **fields: Any) -> Any:
         """Call a service; return the future of its response."""
         return self.service(srv, name).call_async(srv.Request(**fields))
@@ -323,8 +404,8 @@ class Robot(Client):
 class Program(AgentProcess):
     """The agent's program."""
 
-    def __init__(self, domain: int, *arguments: str) -> None:
-        super().__init__(domain, NAMESPACE, *arguments)
+    def __init__(self, domain: int, *arguments: str, **parameters: Any) -> None:
+        super().__init__(domain, NAMESPACE, *arguments, **parameters)
 
     def end(self, number: int = signal.SIGINT) -> None:
         """Send a signal and wait for a clean end."""

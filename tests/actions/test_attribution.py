@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -20,173 +19,141 @@ WANTED = True
 """The client has asked to cancel the goal."""
 
 
-@dataclass
-class Case:
-    """A goal, and the reports under its name in the order of their arrival.
+class Situation(NamedTuple):
+    """What may come under the name of a goal besides its own reports."""
 
-    Each report has the goal's phase, the outcome, MINE or NOT_MINE, and WANTED if the goal is
-    to be cancelled.
-    """
-
-    name: str
-    reports: list[tuple[object, ...]]
-    predecessors: int = 0
-    inherited: Iterable[Outcome] = field(default=())
+    text: str
+    predecessors: int
+    inherited: tuple[Outcome, ...]
 
 
-CASES = [
-    # A new name: a task with a new id
-    Case("new name, progress before the answer", [(STARTING, PROGRESS, MINE)]),
-    Case("new name, end before the answer", [(STARTING, SUCCEEDED, MINE)]),
-    Case("new name, cancelled before the answer", [(STARTING, CANCELED, MINE)]),
-    Case("new name, progress after the answer", [(RUNNING, PROGRESS, MINE)]),
-    Case("new name, end after the answer", [(RUNNING, ABORTED, MINE)]),
-    Case("new name, answer lost", [(UNCONFIRMED, PROGRESS, MINE)]),
-    Case("new name, answer lost, end", [(UNCONFIRMED, SUCCEEDED, MINE)]),
-    # A reused name while nothing runs: an action, after the cancel of the last goal
-    Case(
-        "idle action, progress before the answer",
-        [(STARTING, PROGRESS, MINE), (REPORTED, PROGRESS, MINE)],
-        inherited=[CANCELED],
-    ),
-    Case("idle action, succeeds", [(RUNNING, SUCCEEDED, MINE)], inherited=[CANCELED]),
-    Case("idle action, fails", [(RUNNING, ABORTED, MINE)], inherited=[CANCELED]),
-    Case(
-        "idle action, a late cancel of the last goal, then its own",
-        [(RUNNING, CANCELED, NOT_MINE), (RUNNING, CANCELED, MINE)],
-        inherited=[CANCELED],
-    ),
-    Case(
-        "idle action, cancelled after progress",
-        [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, MINE)],
-        inherited=[CANCELED],
-    ),
-    Case("idle action, cancel wanted", [(RUNNING, CANCELED, MINE, WANTED)], inherited=[CANCELED]),
-    Case(
-        "idle action, cancel wanted but not accepted yet",
-        [(STARTING, CANCELED, NOT_MINE, WANTED)],
-        inherited=[CANCELED],
-    ),
-    Case(
-        "idle action, end before the answer",
-        [(STARTING, SUCCEEDED, NOT_MINE), (RUNNING, SUCCEEDED, MINE)],
-        inherited=[CANCELED],
-    ),
-    Case(
-        "idle action, progress and end before the answer may be on another program's action",
-        [(STARTING, PROGRESS, MINE), (REPORTED, SUCCEEDED, NOT_MINE), (RUNNING, SUCCEEDED, MINE)],
-        inherited=[CANCELED],
-    ),
-    Case(
-        "idle action, progress and cancel before the answer, cancel wanted",
-        [(STARTING, PROGRESS, MINE), (REPORTED, CANCELED, MINE, WANTED)],
-        inherited=[CANCELED],
-    ),
-    Case(
-        "idle action, answer lost: the first end may be an earlier one, the second is its own",
-        [(UNCONFIRMED, SUCCEEDED, NOT_MINE), (UNCONFIRMED, SUCCEEDED, MINE)],
-        inherited=[CANCELED],
-    ),
-    # A reused name whose earlier goal has ended: a task with a used id
-    Case("used id, progress before the answer", [(STARTING, PROGRESS, MINE)], inherited=ANY),
-    *(
-        Case(
-            f"used id, the old end is repeated before the answer: {old.value}",
-            [(STARTING, old, NOT_MINE), (RUNNING, PROGRESS, MINE), (RUNNING, old, MINE)],
-            inherited=ANY,
-        )
-        for old in ANY
-    ),
-    Case(
-        "used id, the old end is repeated after the answer",
-        [(RUNNING, SUCCEEDED, NOT_MINE), (RUNNING, SUCCEEDED, MINE)],
-        inherited=ANY,
-    ),
-    Case(
-        "used id, after progress that follows the answer every end is its own",
-        [(RUNNING, PROGRESS, MINE), (RUNNING, SUCCEEDED, MINE)],
-        inherited=ANY,
-    ),
-    Case("used id, cancel wanted", [(RUNNING, CANCELED, MINE, WANTED)], inherited=ANY),
-    # One earlier goal with the name may still run
-    Case(
-        "one predecessor, reports before the answer are on the predecessor",
-        [(STARTING, PROGRESS, NOT_MINE), (STARTING, ABORTED, NOT_MINE), (RUNNING, ABORTED, MINE)],
-        predecessors=1,
-        inherited=ANY,
-    ),
-    Case(
-        "one predecessor, progress after its end but before the answer",
-        [(STARTING, CANCELED, NOT_MINE), (STARTING, PROGRESS, MINE), (REPORTED, SUCCEEDED, MINE)],
-        predecessors=1,
-        inherited=ANY,
-    ),
-    *(
-        Case(
-            f"one predecessor, its end comes after the answer: {end.value}",
-            [(RUNNING, end, NOT_MINE), (RUNNING, end, MINE)],
-            predecessors=1,
-            inherited=ANY,
-        )
-        for end in ANY
-    ),
-    Case(
-        "one predecessor, its cancel comes after progress",
-        [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, NOT_MINE), (RUNNING, CANCELED, MINE)],
-        predecessors=1,
-        inherited=ANY,
-    ),
-    Case(
-        "one predecessor, another end after progress",
-        [(RUNNING, PROGRESS, MINE), (RUNNING, SUCCEEDED, MINE)],
-        predecessors=1,
-        inherited=ANY,
-    ),
-    Case(
-        "one predecessor, cancel wanted",
-        [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, MINE, WANTED)],
-        predecessors=1,
-        inherited=ANY,
-    ),
-    Case(
-        "one predecessor, answer lost: progress is not its own before the predecessor's end",
-        [
+CASES = {
+    # a task with a new id
+    Situation("new name", 0, ()): {
+        "progress before the answer": [(STARTING, PROGRESS, MINE)],
+        "end before the answer": [(STARTING, SUCCEEDED, MINE)],
+        "cancelled before the answer": [(STARTING, CANCELED, MINE)],
+        "progress after the answer": [(RUNNING, PROGRESS, MINE)],
+        "end after the answer": [(RUNNING, ABORTED, MINE)],
+        "answer lost": [(UNCONFIRMED, PROGRESS, MINE)],
+        "answer lost, end": [(UNCONFIRMED, SUCCEEDED, MINE)],
+    },
+    # nothing runs, but the cancel of the last goal may still be reported
+    Situation("idle action", 0, (CANCELED,)): {
+        "progress before the answer": [(STARTING, PROGRESS, MINE), (REPORTED, PROGRESS, MINE)],
+        "succeeds": [(RUNNING, SUCCEEDED, MINE)],
+        "fails": [(RUNNING, ABORTED, MINE)],
+        "a late cancel of the last goal, then its own": [
+            (RUNNING, CANCELED, NOT_MINE),
+            (RUNNING, CANCELED, MINE),
+        ],
+        "cancelled after progress": [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, MINE)],
+        "cancel wanted": [(RUNNING, CANCELED, MINE, WANTED)],
+        "cancel wanted but not accepted yet": [(STARTING, CANCELED, NOT_MINE, WANTED)],
+        "end before the answer": [(STARTING, SUCCEEDED, NOT_MINE), (RUNNING, SUCCEEDED, MINE)],
+        "progress and end before the answer may be on another program's action": [
+            (STARTING, PROGRESS, MINE),
+            (REPORTED, SUCCEEDED, NOT_MINE),
+            (RUNNING, SUCCEEDED, MINE),
+        ],
+        "progress and cancel before the answer, cancel wanted": [
+            (STARTING, PROGRESS, MINE),
+            (REPORTED, CANCELED, MINE, WANTED),
+        ],
+        "answer lost: the first end may be an earlier one, the second is its own": [
+            (UNCONFIRMED, SUCCEEDED, NOT_MINE),
+            (UNCONFIRMED, SUCCEEDED, MINE),
+        ],
+    },
+    # a task with the id of a task that has ended
+    Situation("used id", 0, ANY): {
+        "progress before the answer": [(STARTING, PROGRESS, MINE)],
+        **{
+            f"the old end is repeated before the answer: {old.value}": [
+                (STARTING, old, NOT_MINE),
+                (RUNNING, PROGRESS, MINE),
+                (RUNNING, old, MINE),
+            ]
+            for old in ANY
+        },
+        "the old end is repeated after the answer": [
+            (RUNNING, SUCCEEDED, NOT_MINE),
+            (RUNNING, SUCCEEDED, MINE),
+        ],
+        "after progress that follows the answer every end is its own": [
+            (RUNNING, PROGRESS, MINE),
+            (RUNNING, SUCCEEDED, MINE),
+        ],
+        "cancel wanted": [(RUNNING, CANCELED, MINE, WANTED)],
+    },
+    # an earlier goal with the name may still run
+    Situation("one predecessor", 1, ANY): {
+        "reports before the answer are on the predecessor": [
+            (STARTING, PROGRESS, NOT_MINE),
+            (STARTING, ABORTED, NOT_MINE),
+            (RUNNING, ABORTED, MINE),
+        ],
+        "progress after its end but before the answer": [
+            (STARTING, CANCELED, NOT_MINE),
+            (STARTING, PROGRESS, MINE),
+            (REPORTED, SUCCEEDED, MINE),
+        ],
+        **{
+            f"its end comes after the answer: {end.value}": [
+                (RUNNING, end, NOT_MINE),
+                (RUNNING, end, MINE),
+            ]
+            for end in ANY
+        },
+        "its cancel comes after progress": [
+            (RUNNING, PROGRESS, MINE),
+            (RUNNING, CANCELED, NOT_MINE),
+            (RUNNING, CANCELED, MINE),
+        ],
+        "another end after progress": [(RUNNING, PROGRESS, MINE), (RUNNING, SUCCEEDED, MINE)],
+        "cancel wanted": [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, MINE, WANTED)],
+        "answer lost: progress is not its own before the predecessor's end": [
             (UNCONFIRMED, PROGRESS, NOT_MINE),
             (UNCONFIRMED, CANCELED, NOT_MINE),
             (UNCONFIRMED, PROGRESS, MINE),
             (RUNNING, SUCCEEDED, MINE),
         ],
-        predecessors=1,
-        inherited=ANY,
-    ),
-    # Several earlier goals with the name may still run
-    Case(
-        "two predecessors, each with an end before the answer",
-        [
+    },
+    Situation("two predecessors", 2, ANY): {
+        "each with an end before the answer": [
             (STARTING, CANCELED, NOT_MINE),
             (STARTING, PROGRESS, NOT_MINE),
             (STARTING, CANCELED, NOT_MINE),
             (STARTING, PROGRESS, MINE),
             (REPORTED, CANCELED, MINE),
         ],
-        predecessors=2,
-        inherited=ANY,
-    ),
-    Case(
-        "two predecessors, an end after the answer: the chassis runs one at a time",
-        [(RUNNING, CANCELED, NOT_MINE), (RUNNING, CANCELED, MINE)],
-        predecessors=2,
-        inherited=ANY,
-    ),
-]
+        "an end after the answer: the chassis runs one at a time": [
+            (RUNNING, CANCELED, NOT_MINE),
+            (RUNNING, CANCELED, MINE),
+        ],
+    },
+}
+"""Reports under the name of a goal in the order of their arrival, by situation and description.
+
+Each report has the goal's phase, the outcome, MINE or NOT_MINE, and WANTED if the goal is to be
+cancelled."""
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_report_belongs_to_the_right_goal(case: Case) -> None:
-    attribution = Attribution(case.predecessors, case.inherited)
+@pytest.mark.parametrize(
+    ("situation", "reports"),
+    [
+        pytest.param(situation, reports, id=f"{situation.text}, {text}")
+        for situation, cases in CASES.items()
+        for text, reports in cases.items()
+    ],
+)
+def test_report_belongs_to_the_right_goal(
+    situation: Situation, reports: list[tuple[Any, ...]]
+) -> None:
+    attribution = Attribution(situation.predecessors, situation.inherited)
     has_report = False
-    for phase, outcome, mine, *wanted in case.reports:
-        found = attribution.attribute(outcome, phase, cancel_requested=bool(wanted))  # type: ignore[arg-type]
+    for phase, outcome, mine, *wanted in reports:
+        found = attribution.attribute(outcome, phase, cancel_requested=bool(wanted))
         assert found is mine, (phase, outcome)
         has_report = has_report or bool(mine)
         assert attribution.has_report is has_report

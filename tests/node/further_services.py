@@ -6,40 +6,19 @@ from collections.abc import Callable
 from typing import Any
 
 from tests.harness import Client, wait_until
-from woosh_map_msgs.srv import (
-    Delete,
-    Download,
-    Rename,
-    SceneData,
-    SceneList,
-    SceneMd5,
-    SceneSync,
-    StorageCreate,
-    StorageDelete,
-    StorageFind,
-    StorageStorages,
-    StorageUpdate,
-    Upload,
-)
-from woosh_robot_msgs.srv import (
-    LED,
-    BuildMap,
-    CountData,
-    Deployment,
-    ExecTaskSet,
-    PlanNavPath,
-    RobotState,
-    SwitchWorkMode,
-)
-from woosh_task_msgs.srv import RepeatTask, RepeatTasks
+from woosh_map_msgs.srv import SceneList
+from woosh_robot_msgs.msg import BuildMapBuildType, DeploymentMode, DeploymentType, WorkMode
+from woosh_robot_msgs.srv import ExecTaskSet, RobotState
+from woosh_task_msgs.msg import RepeatTaskOrder
+from woosh_task_msgs.srv import RepeatTasks
 
 PNG = b"\x89PNG"
 MAPPING = 9
 
 
-def accepted(client: Client, srv: Any, name: str, arg: Any) -> Any:
-    """Call a service that must succeed; return its response."""
-    response = client.call(srv, name, arg=arg)
+def accepted(client: Client, name: str, /, **values: Any) -> Any:
+    """Call a service that must succeed, with these values in its argument; return its response."""
+    response = client.command(name, **values)
     assert response.ok, f"{name}: {response.msg}"
     return response
 
@@ -51,9 +30,7 @@ def scenes(client: Client) -> dict[str, list[str]]:
 
 
 def files(client: Client, scene: str) -> Any:
-    arg = Download.Request().arg
-    arg.scene_name = scene
-    return accepted(client, Download, "map/Download", arg).ret.file_datas
+    return accepted(client, "map/Download", scene_name=scene).ret.file_datas
 
 
 def scene_list(client: Client) -> None:
@@ -61,13 +38,10 @@ def scene_list(client: Client) -> None:
 
 
 def scene_data(client: Client) -> None:
-    arg = SceneData.Request().arg
-    arg.name = "scenex"
-    ret = accepted(client, SceneData, "map/SceneData", arg).ret
+    ret = accepted(client, "map/SceneData", name="scenex").ret
     assert ret.name == "scenex"
     assert all(bytes(each.map_png).startswith(PNG) for each in ret.maps)
-    arg.name = "nowhere"
-    refused = client.call(SceneData, "map/SceneData", arg=arg)
+    refused = client.command("map/SceneData", name="nowhere")
     assert (refused.ok, "nowhere" in refused.msg) == (False, True)
 
 
@@ -78,32 +52,23 @@ def download(client: Client) -> None:
 
 
 def upload(client: Client) -> None:
-    arg = Upload.Request().arg
-    arg.scene_name = "copy"
-    arg.file_datas = files(client, "scenex")
-    accepted(client, Upload, "map/Upload", arg)
+    accepted(client, "map/Upload", scene_name="copy", file_datas=files(client, "scenex"))
     assert scenes(client)["copy"] == scenes(client)["scenex"]
 
 
 def rename(client: Client) -> None:
     maps = scenes(client)["scenex"]
-    arg = Rename.Request().arg
-    arg.old_scene_name, arg.new_scene_name = "scenex", "hall"
-    accepted(client, Rename, "map/Rename", arg)
+    accepted(client, "map/Rename", old_scene_name="scenex", new_scene_name="hall")
     assert (scenes(client)["hall"], "scenex" in scenes(client)) == (maps, False)
 
 
 def delete(client: Client) -> None:
-    arg = Delete.Request().arg
-    arg.scene_name = "scenex"
-    accepted(client, Delete, "map/Delete", arg)
+    accepted(client, "map/Delete", scene_name="scenex")
     assert "scenex" not in scenes(client)
 
 
 def md5_sums(client: Client) -> Any:
-    arg = SceneMd5.Request().arg
-    arg.scene_name = "scenex"
-    return accepted(client, SceneMd5, "map/SceneMd5", arg).ret.scenes
+    return accepted(client, "map/SceneMd5", scene_name="scenex").ret.scenes
 
 
 def scene_md5(client: Client) -> None:
@@ -112,15 +77,11 @@ def scene_md5(client: Client) -> None:
 
 
 def scene_sync(client: Client) -> None:
-    arg = SceneSync.Request().arg
-    arg.scenes = md5_sums(client)
-    assert accepted(client, SceneSync, "map/SceneSync", arg)
+    accepted(client, "map/SceneSync", scenes=md5_sums(client))
 
 
 def find(client: Client, number: str) -> Any:
-    arg = StorageFind.Request().arg
-    arg.no = number
-    return client.call(StorageFind, "map/storage/Find", arg=arg)
+    return client.command("map/storage/Find", no=number)
 
 
 def storage_find(client: Client) -> None:
@@ -131,62 +92,50 @@ def storage_find(client: Client) -> None:
 
 
 def storage_create(client: Client) -> None:
-    arg = StorageCreate.Request().arg
-    arg.storage = find(client, "A2").ret
-    arg.storage.identity.no, arg.storage.identity.id = "B7", 0
-    created = accepted(client, StorageCreate, "map/storage/Create", arg).ret
+    storage = find(client, "A2").ret
+    storage.identity.no, storage.identity.id = "B7", 0
+    created = accepted(client, "map/storage/Create", storage=storage).ret
     assert created.identity.no == "B7"
     assert find(client, "B7").ret.pose == created.pose
 
 
 def storage_update(client: Client) -> None:
-    arg = StorageUpdate.Request().arg
-    arg.storage = find(client, "A2").ret
-    arg.storage.pose.real.x += 0.25
-    accepted(client, StorageUpdate, "map/storage/Update", arg)
-    assert find(client, "A2").ret.pose.real.x == arg.storage.pose.real.x
+    storage = find(client, "A2").ret
+    storage.pose.real.x += 0.25
+    accepted(client, "map/storage/Update", storage=storage)
+    assert find(client, "A2").ret.pose.real.x == storage.pose.real.x
 
 
 def storage_delete(client: Client) -> None:
-    arg = StorageDelete.Request().arg
-    arg.no = "A2"
-    accepted(client, StorageDelete, "map/storage/Delete", arg)
+    accepted(client, "map/storage/Delete", no="A2")
     assert not find(client, "A2").ok
 
 
 def storages(client: Client) -> None:
-    arg = StorageStorages.Request().arg
-    assert accepted(client, StorageStorages, "map/storage/Storages", arg).ret is not None
+    assert accepted(client, "map/storage/Storages").ret is not None
 
 
 def plan_nav_path(client: Client) -> None:
-    arg = PlanNavPath.Request().arg
-    arg.start.x, arg.start.y = 4.23, -6.67
-    arg.end.x, arg.end.y = 2.0, -6.0
-    poses = accepted(client, PlanNavPath, "robot/PlanNavPath", arg).ret.path.poses
+    start, end = {"x": 4.23, "y": -6.67}, {"x": 2.0, "y": -6.0}
+    poses = accepted(client, "robot/PlanNavPath", start=start, end=end).ret.path.poses
     assert (round(poses[-1].x, 1), round(poses[-1].y, 1)) == (2.0, -6.0)
 
 
 def count_data(client: Client) -> None:
-    ret = accepted(client, CountData, "robot/CountData", CountData.Request().arg).ret
+    ret = accepted(client, "robot/CountData").ret
     assert ret.operation_qty == len(ret.operations.ops) > 0
 
 
 def deployment_mode(client: Client) -> None:
-    arg = SwitchWorkMode.Request().arg
-    arg.mode.value = arg.mode.K_DEPLOY_MODE
-    accepted(client, SwitchWorkMode, "robot/SwitchWorkMode", arg)
+    accepted(client, "robot/SwitchWorkMode", mode=WorkMode.K_DEPLOY_MODE)
 
 
 def build_map(client: Client) -> None:
     deployment_mode(client)
-    arg = BuildMap.Request().arg
-    arg.type.value = arg.type.K_ADD
-    arg.scene_name = arg.map_name = "new"
-    accepted(client, BuildMap, "robot/BuildMap", arg)
+    names = {"scene_name": "new", "map_name": "new"}
+    accepted(client, "robot/BuildMap", type=BuildMapBuildType.K_ADD, **names)
     wait_until(lambda: state(client) == MAPPING, "the robot to make a map")
-    arg.type.value = arg.type.K_CANEL
-    accepted(client, BuildMap, "robot/BuildMap", arg)
+    accepted(client, "robot/BuildMap", type=BuildMapBuildType.K_CANEL, **names)
     wait_until(lambda: state(client) != MAPPING, "the end of the mapping")
 
 
@@ -196,25 +145,24 @@ def state(client: Client) -> int:
 
 def deployment(client: Client) -> None:
     deployment_mode(client)
-    arg = Deployment.Request().arg
-    arg.type.value, arg.mode.value = arg.type.K_MARK, arg.mode.K_DEP_COLLECT
-    arg.has_field = 0  # where the robot stands
-    (marker,) = accepted(client, Deployment, "robot/Deployment", arg).ret.markers
+    (marker,) = accepted(
+        client,
+        "robot/Deployment",
+        type=DeploymentType.K_MARK,
+        mode=DeploymentMode.K_DEP_COLLECT,
+        has_field=0,  # without a pose: where the robot stands
+    ).ret.markers
     assert round(marker.pose.x, 2) == 4.23
 
 
 def led(client: Client) -> None:
-    arg = LED.Request().arg
-    arg.color = 3
-    accepted(client, LED, "robot/LED", arg)
+    accepted(client, "robot/LED", color=3)
 
 
 def repeat_task(client: Client) -> None:
-    arg = RepeatTask.Request().arg
-    arg.order.value = arg.order.K_PUT
-    arg.task_set = client.call(RepeatTasks, "task/RepeatTasks").info.repeat_tasks[0].task_set
-    arg.task_set.base.id = 4711
-    accepted(client, RepeatTask, "task/RepeatTask", arg)
+    task_set = client.call(RepeatTasks, "task/RepeatTasks").info.repeat_tasks[0].task_set
+    task_set.base.id = 4711
+    accepted(client, "task/RepeatTask", order=RepeatTaskOrder.K_PUT, task_set=task_set)
     sets = client.call(RepeatTasks, "task/RepeatTasks").info.repeat_tasks
     assert 4711 in [each.task_set.base.id for each in sets]
 

@@ -12,7 +12,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 from google.protobuf.message import Message
 
-from tests.harness import Client, GoalClient
+from tests.harness import Client, GoalClient, fill
 from tests.quick_chassis import set_speed
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
@@ -20,6 +20,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.action import ExecTask
+from woosh_robot_msgs.msg import ExecTask as ExecTaskMsg
 from woosh_ros_msgs.action import LiftControl, LiftControl3, MoveBase, StepControl
 from woosh_ros_msgs.msg import StepControlStep
 
@@ -44,22 +45,19 @@ START = (4.23, -6.67, -0.26)
 
 def task(client: Client, mark: str = "A2", task_id: int = 0) -> GoalClient:
     """Start a task that drives to a mark."""
-    goal = ExecTask.Goal()
-    goal.arg.mark_no = mark
-    goal.arg.type.value = 1
-    goal.arg.task_id = task_id
+    goal = fill(ExecTask.Goal(), arg={"mark_no": mark, "type": 1, "task_id": task_id})
     return client.send_goal(ExecTask, "robot/ExecTask", goal)
 
 
-def short_task_goal(ahead: float, task_id: int = 0) -> Any:
-    goal = ExecTask.Goal()
-    goal.arg.task_id, goal.arg.type.value = task_id, 1
+def in_front(ahead: float) -> dict[str, float]:
+    """Return the fields of a pose `ahead` m in front of `START`."""
     x, y, theta = START
-    goal.arg.pose.x = x + ahead * math.cos(theta)
-    goal.arg.pose.y = y + ahead * math.sin(theta)
-    goal.arg.pose.theta = theta
-    goal.arg.has_field = goal.arg.POSE_FIELD_SET
-    return goal
+    return {"x": x + ahead * math.cos(theta), "y": y + ahead * math.sin(theta), "theta": theta}
+
+
+def short_task_goal(ahead: float, task_id: int = 0) -> Any:
+    pose = {"pose": in_front(ahead), "has_field": ExecTaskMsg.POSE_FIELD_SET}
+    return fill(ExecTask.Goal(), arg={"task_id": task_id, "type": 1, **pose})
 
 
 def short_task(client: Client, ahead: float, task_id: int = 0) -> GoalClient:
@@ -68,13 +66,8 @@ def short_task(client: Client, ahead: float, task_id: int = 0) -> GoalClient:
 
 
 def step_goal(value: float, action: int = EXECUTE) -> Any:
-    goal = StepControl.Goal()
-    goal.arg.action.value = action
-    if value:
-        step = StepControlStep(value=value, speed=0.5)
-        step.mode.value = 2
-        goal.arg.steps = [step]
-    return goal
+    steps = [fill(StepControlStep(), mode=2, value=value, speed=0.5)] if value else []
+    return fill(StepControl.Goal(), arg={"action": action, "steps": steps})
 
 
 def step(client: Client, value: float = 0.0, action: int = EXECUTE) -> GoalClient:
@@ -83,10 +76,7 @@ def step(client: Client, value: float = 0.0, action: int = EXECUTE) -> GoalClien
 
 
 def lift_goal(mode: int, action: int = EXECUTE) -> Any:
-    goal = LiftControl.Goal()
-    goal.arg.action.value = action
-    goal.arg.execute_mode.value = mode
-    return goal
+    return fill(LiftControl.Goal(), arg={"action": action, "execute_mode": mode})
 
 
 def lift(client: Client, mode: int = 1, action: int = EXECUTE) -> GoalClient:
@@ -94,22 +84,14 @@ def lift(client: Client, mode: int = 1, action: int = EXECUTE) -> GoalClient:
 
 
 def lift3(client: Client, height: float, speed: float = 0.0, action: int = EXECUTE) -> GoalClient:
-    goal = LiftControl3.Goal()
-    goal.arg.action.value = action
-    goal.arg.execute_mode.value = 1
-    goal.arg.height = height
-    goal.arg.speed = speed
+    command = {"action": action, "execute_mode": 1, "height": height, "speed": speed}
+    goal = fill(LiftControl3.Goal(), arg=command)
     return client.send_goal(LiftControl3, "ros/LiftControl3", goal)
 
 
 def move_base(client: Client, ahead: float, action: int = EXECUTE) -> GoalClient:
     """Start a drive to a place `ahead` m in front of `START`, or send another order."""
-    goal = MoveBase.Goal()
-    x, y, theta = START
-    goal.arg.target_pose.x = x + ahead * math.cos(theta)
-    goal.arg.target_pose.y = y + ahead * math.sin(theta)
-    goal.arg.target_pose.theta = theta
-    goal.arg.action.value = action
+    goal = fill(MoveBase.Goal(), arg={"target_pose": in_front(ahead), "action": action})
     return client.send_goal(MoveBase, "ros/MoveBase", goal)
 
 

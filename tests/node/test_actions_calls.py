@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, GoalClient, Robot, wait_until
+from tests.harness import Client, GoalClient, Robot, fill
 from tests.node.goals import (
     ABORTED,
     CALL_ACTION,
@@ -18,11 +18,11 @@ from tests.node.goals import (
     FEEDBACKS,
     PAUSE,
     RESUME,
-    START,
     STEP,
     SUCCEEDED,
     feedbacks,
     hurry,
+    in_front,
     lift,
     lift3,
     move_base,
@@ -98,18 +98,14 @@ def test_refusal_reaches_the_client(robot: Robot) -> None:
 
 
 def test_nan_is_not_sent(robot: Robot) -> None:
-    status, ret = step(robot, math.nan).result()
-    assert (status, ret.state.value) == (ABORTED, -1)
-    assert "arg.steps[0].value" in ret.msg
-    assert "nothing was sent" in ret.msg
+    ret = step(robot, math.nan).wait_aborted("arg.steps[0].value", "nothing was sent")
+    assert ret.state.value == -1
     assert robot.chassis.counts[CALL_ACTION] == 0
 
 
 def test_poses_without_a_target_are_driven_to(robot: Robot) -> None:
-    goal = MoveBase.Goal()
-    x, y, theta = START
-    goal.arg.poses = [Pose2D(x=x + ahead, y=y, theta=theta) for ahead in (0.2, 0.4)]
-    goal.arg.action.value = EXECUTE
+    poses = [Pose2D(**in_front(ahead)) for ahead in (0.2, 0.4)]
+    goal = fill(MoveBase.Goal(), arg={"poses": poses, "action": EXECUTE})
     assert robot.send_goal(MoveBase, "ros/MoveBase", goal).result()[0] == SUCCEEDED
 
 
@@ -117,14 +113,12 @@ def test_poses_without_a_target_are_driven_to(robot: Robot) -> None:
 
 
 def charge_exit(client: Client) -> GoalClient:
-    goal = ChargeControl.Goal()
-    goal.arg.execute_mode.value = 2
+    goal = fill(ChargeControl.Goal(), arg={"execute_mode": 2})
     return client.send_goal(ChargeControl, "ros/ChargeControl", goal)
 
 
 def lift2(client: Client) -> GoalClient:
-    goal = LiftControl2.Goal()
-    goal.arg.height = 0.1
+    goal = fill(LiftControl2.Goal(), arg={"height": 0.1})
     return client.send_goal(LiftControl2, "ros/LiftControl2", goal)
 
 
@@ -174,10 +168,7 @@ def test_cancel_with_any_command_cancels_the_running_goal(robot: Robot, steps: l
 def test_cancel_that_a_chassis_accepts_although_nothing_runs_is_aborted(robot: Robot) -> None:
     robot.set_goal_timing(cancel_report_timeout=0.2)
     robot.chassis.intercept(lenient)
-    status, ret = move_base(robot, 0.5, CANCEL).result()
-    assert (status, ret.state.value) == (ABORTED, -1)
-    assert "reported no end" in ret.msg
-    assert HINT in ret.msg
+    assert move_base(robot, 0.5, CANCEL).wait_aborted("reported no end", HINT).state.value == -1
 
 
 def test_cancel_of_an_action_that_the_agent_does_not_know_succeeds_with_its_end(
@@ -215,8 +206,7 @@ def test_goal_goes_on_after_pause_and_resume(robot: Robot) -> None:
 
 
 def test_pause_without_a_running_goal_is_refused(robot: Robot) -> None:
-    status, ret = step(robot, action=PAUSE).result()
-    assert (status, "not running" in ret.msg) == (ABORTED, True)
+    step(robot, action=PAUSE).wait_aborted("not running")
 
 
 def test_unanswered_pause_does_not_delay_a_cancel(robot: Robot) -> None:
@@ -241,7 +231,7 @@ def test_last_reports_on_another_programs_action_do_not_end_the_goal(
         return [*(Outgoing(FEEDBACKS, report) for report in before), out]
 
     robot.chassis.intercept(report_first)
-    robot.chassis.call(freeze_steps)
+    robot.chassis.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
     goal = step(robot, 0.4)
     goal.feedback.wait(lambda fb: fb.msg == "on its way")
     robot.call(RobotState, "robot/RobotState")
@@ -251,41 +241,10 @@ def test_last_reports_on_another_programs_action_do_not_end_the_goal(
     assert goal.result()[1].msg == "the goal's"
 
 
-def test_earlier_goals_end_in_a_poll_is_ignored(robot: Robot) -> None:
-    """The chassis accepted the goal, and when polled still reports the end of the earlier one."""
-    robot.set_goal_timing(poll_period=0.3)
-    assert step(robot, 0.3).result()[0] == SUCCEEDED
-    dropped = robot.chassis.intercept(
-        lambda out: [] if out.type == FEEDBACKS and not out.sn else [out]
-    )
-    robot.chassis.call(freeze_steps)
-    asked: list[Outgoing] = []
-
-    def answer_once(out: Outgoing) -> list[Outgoing]:
-        """Drop all answers but the first: a repeated one would count as the end of this goal."""
-        if out.request != FEEDBACKS:
-            return [out]
-        asked.append(out)
-        return [out] if len(asked) == 1 else []
-
-    robot.chassis.intercept(answer_once)
-    goal = step(robot, 0.3)
-    wait_until(lambda: asked, "the poll")
-    dropped()
-    robot.chassis.push(feedbacks(2, "on its way"))
-    goal.feedback.wait(lambda fb: fb.msg == "on its way")
-    assert not goal.done
-
-
 def lenient(out: Outgoing) -> list[Outgoing]:
     """Accept all actions, as a chassis that does not check whether there is one to cancel."""
     refused = out.request == CALL_ACTION and not out.ok
     return [replace(out, ok=True, msg="Request succeed") if refused else out]
-
-
-def freeze_steps(sim: object) -> None:
-    """Make the chassis accept actions without executing them."""
-    sim.chassis.actions.tick = lambda dt: None  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("late", [0.0, 0.2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -14,7 +15,8 @@ from tests.node.test_further_actions import FURTHER_ACTIONS
 from tests.node.test_task_sets import TASK_SETS
 from tests.ros2_commands import documented
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, QUERIES, TOPICS
-from woosh_robot_msgs.srv import ExecTask, PlanPath, RobotWiFi, SetIdentity, Setting
+from woosh_robot_msgs.msg import RobotWiFiOrder
+from woosh_robot_msgs.srv import PlanPath, SetIdentity, Setting
 
 FACTS = facts("endpoints.yaml")
 TWICE = "setting/SetIdentity"
@@ -48,15 +50,11 @@ def test_table_matches_the_facts():
 @pytest.mark.parametrize("namespace", ["/woosh_robot", "", "/site/robot_7"])
 def test_all_endpoints_exist_without_a_chassis(namespace, start_agent, domain):
     start_agent(ip="127.0.0.1", port=1, namespace=namespace)
-    watcher = Client(domain, namespace)
-    try:
-        check_graph(watcher, namespace)
-    finally:
-        watcher.close()
+    with closing(Client(domain, namespace)) as watcher:
+        check_graph(watcher.node, namespace)
 
 
-def check_graph(watcher: Client, namespace: str) -> None:
-    node = watcher.node
+def check_graph(node: Any, namespace: str) -> None:
     wait_until(lambda: ("agent", namespace or "/") in node.get_node_names_and_namespaces())
 
     def offered(names_and_types: Any) -> dict[str, str]:
@@ -92,26 +90,19 @@ def test_agent_connects_when_the_chassis_appears(simulator, start_agent, client)
 
 
 def plan_path(client: Any) -> None:
-    arg = ExecTask.Request().arg
-    arg.mark_no = "A2"
-    arg.type.value = 1
-    assert client.call(ExecTask, "robot/ExecTask", arg=arg).ok
+    assert client.command("robot/ExecTask", mark_no="A2", type=1).ok
     wait_until(lambda: client.call(PlanPath, "robot/PlanPath").plan_path.plan_path, "a path")
 
 
 def robot_wifi(client: Any) -> None:
-    arg = RobotWiFi.Request().arg
-    arg.order.value = arg.order.K_WI_FI_LIST
-    response = client.call(RobotWiFi, "robot/RobotWiFi", arg=arg)
+    response = client.command("robot/RobotWiFi", order=RobotWiFiOrder.K_WI_FI_LIST)
     assert response.ok
-    assert response.ret.order == arg.order
+    assert response.ret.order.value == RobotWiFiOrder.K_WI_FI_LIST
     assert b"woosh-guest" in bytes(response.ret.content)
 
 
 def set_identity(client: Any) -> None:
-    arg = SetIdentity.Request().arg
-    arg.name = "second"
-    assert client.call(SetIdentity, TWICE, arg=arg).ret.name == "second"
+    assert client.command(TWICE, name="second").ret.name == "second"
     assert client.call(Setting, "robot/Setting").info.identity.name == "second"
 
 

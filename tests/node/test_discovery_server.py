@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -61,13 +62,10 @@ def agent(
     """Start an agent that uses the discovery server."""
     with monkeypatch.context() as environment:
         environment.setenv("ROS_DISCOVERY_SERVER", server)
-        program = Program(domain, "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
-    try:
+        program = Program(domain, ip="127.0.0.1", port=simulator.port)
+    with closing(program):
         program.wait_says("connected to")
         yield
-    finally:
-        program.process.kill()
-        program.process.wait()
 
 
 def found(role: str, domain: int, **environment: str) -> list[str]:

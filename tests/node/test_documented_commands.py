@@ -208,6 +208,5 @@ def test_wrong_examples_are_rejected_by_the_tool(line, error):
 def test_move_base_as_printed_only_cancels(simulator, agent, client):
     before = simulator.state
     command = parse(MOVE_BASE)
-    status, ret = client.send_goal(command.cls, command.name, command.filled()).result()
-    assert (status, "action: {value: 1}" in ret.msg) == (ABORTED, True)
+    client.send_goal(command.cls, command.name, command.filled()).wait_aborted("action: {value: 1}")
     assert simulator.state.pose == before.pose

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -171,17 +172,15 @@ class Rig:
 
 @pytest.fixture(params=[0, MANY], ids=["few", "many"])
 def rig(request: pytest.FixtureRequest, domain: int) -> Iterator[Rig]:
-    started = Rig(domain, request.param)
-    yield started
-    started.close()
+    with closing(Rig(domain, request.param)) as started:
+        yield started
 
 
 @pytest.fixture
 def busy_rig(domain: int) -> Iterator[Rig]:
     """A rig with many entities."""
-    started = Rig(domain, MANY)
-    yield started
-    started.close()
+    with closing(Rig(domain, MANY)) as started:
+        yield started
 
 
 @pytest.fixture

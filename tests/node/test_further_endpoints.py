@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.harness import Client, Robot, RunningAgent, wait_future
+from tests.harness import Client, Robot, RunningAgent, fill, wait_future
 from tests.node.goals import Held, answer_with_json, replace_answers
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import BuildMap, PlanNavPath, RobotState, SwitchControlMode
+from woosh_robot_msgs.msg import BuildMap as BuildMapMsg
+from woosh_robot_msgs.msg import BuildMapBuildType
+from woosh_robot_msgs.srv import BuildMap, PlanNavPath, RobotState
 
 BUILD_MAP, PLAN = "woosh.robot.BuildMap", "woosh.robot.PlanNavPath"
 
@@ -65,14 +67,11 @@ def test_a_long_request_delays_no_other(robot: Robot) -> None:
     """A real robot once took 236 s to save a map."""
     assert robot.link.timeout_of(BUILD_MAP) == 600.0
     held = Held(robot.chassis, BUILD_MAP)
-    request = BuildMap.Request()
-    request.arg.type.value = request.arg.type.K_SAVE
-    saving = robot.call_async(BuildMap, "robot/BuildMap", arg=request.arg)
+    save = fill(BuildMapMsg(), type=BuildMapBuildType.K_SAVE)
+    saving = robot.call_async(BuildMap, "robot/BuildMap", arg=save)
     robot.chassis.wait_received(BUILD_MAP)
     assert robot.call(RobotState, "robot/RobotState").info.state.value
-    mode = SwitchControlMode.Request()
-    mode.arg.mode.value = 1
-    assert robot.call(SwitchControlMode, "robot/SwitchControlMode", arg=mode.arg).ok
+    assert robot.command("robot/SwitchControlMode", mode=1).ok
     assert not saving.done()
     held.release()
     assert wait_future(saving).msg

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.harness import TIMEOUT, Client, RunningAgent, wait_future, wait_until
-from tests.node.goals import ABORTED, CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
+from tests.harness import TIMEOUT, Client, Logs, RunningAgent, wait_future, wait_until
+from tests.node.goals import CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
 from woosh_robot_agent.ros.actions.run import STOPPING
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import Mode
@@ -35,7 +35,7 @@ def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> No
 
 
 def test_other_clients_are_served_after_one_vanishes(
-    client: Client, simulator: SimulatorThread, domain: int
+    client: Client, simulator: SimulatorThread, domain: int, logs: Logs
 ) -> None:
     """Clients leave while goals are running and responses are pending."""
     simulator.delay("woosh.robot.Mode", 0.2)
@@ -46,14 +46,14 @@ def test_other_clients_are_served_after_one_vanishes(
     status, ret = step(client, 0.2).result()
     assert status == SUCCEEDED, ret
     assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+    assert not [record for record in logs.messages if record.levelname == "ERROR"]
 
 
 def test_goal_during_shutdown_is_aborted(
     agent: RunningAgent, client: Client, simulator: SimulatorThread
 ) -> None:
     agent.agent.robot.thread.run(agent.agent.actions.stop(), TIMEOUT)
-    status, ret = step(client, 0.2).result()
-    assert (status, ret.msg) == (ABORTED, STOPPING)
+    assert step(client, 0.2).wait_aborted().msg == STOPPING
     assert simulator.counts[CALL_ACTION] == 0
 
 
@@ -69,8 +69,7 @@ def test_agent_can_be_restarted_with_open_goals(
         goal.feedback.wait_count(1)
     agent.close()
     for goal in goals:
-        status, ret = goal.result()
-        assert (status, "stopping" in ret.msg) == (ABORTED, True)
+        goal.wait_aborted("stopping")
     wait_until(lambda: simulator.connections == 0)
     start_agent(ip="127.0.0.1", port=simulator.port)
 

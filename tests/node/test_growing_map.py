@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -15,6 +15,7 @@ from tf2_msgs.msg import TFMessage
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.test_odom import chain
 from tests.node.test_states import WARN, diagnostics, of, png, values
+from tests.node.test_topics import subscribed
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, PoseSpeed, RobotState, Scene
@@ -81,11 +82,7 @@ class Mapping:
     @property
     def is_watched(self) -> bool:
         """True if a client is subscribed to the reports."""
-        watched = False
-        for each in self._simulator.received:
-            if each.type == "woosh.Subscription" and BUILD_MAP_DATA in each.message.topics:
-                watched = each.message.sub
-        return watched
+        return BUILD_MAP_DATA in subscribed(self._simulator)
 
 
 @pytest.fixture
@@ -101,22 +98,9 @@ def grids(mapping: Mapping, agent: RunningAgent, client: Client) -> Collector:
     return collector
 
 
-@pytest.fixture
-def visitor(domain: int) -> Iterator[Callable[[], Client]]:
-    """Function that starts another ROS node, and closes the one before."""
-    running: list[Client] = []
-
-    def start() -> Client:
-        close()
-        running.append(Client(domain, name="visitor"))
-        return running[-1]
-
-    def close() -> None:
-        while running:
-            running.pop().close()
-
-    yield start
-    close()
+def visit(domain: int) -> closing[Client]:
+    """Return a context with another ROS node."""
+    return closing(Client(domain, name="visitor"))
 
 
 def scene_maps(grids: Collector) -> int:
@@ -240,31 +224,36 @@ class TestLostLink:
 
 
 class TestOnDemand:
-    def test_reports_are_received_only_while_there_are_subscribers(self, mapping, agent, visitor):
+    def test_reports_are_received_only_while_there_are_subscribers(self, mapping, agent, domain):
         mapping.enter(robot.kMapping)
         assert not mapping.is_watched
-        mapping.grow(visitor().echo(OccupancyGrid, "map"), 1)
-        assert mapping.is_watched
-        visitor()
+        with visit(domain) as visitor:
+            mapping.grow(visitor.echo(OccupancyGrid, "map"), 1)
+            assert mapping.is_watched
 
         def left() -> bool:
             mapping.report(2)
             return not mapping.is_watched
 
         wait_until(left, "the end of the subscription")
-        mapping.grow(visitor().echo(OccupancyGrid, "map"), 3)
+        with visit(domain) as visitor:
+            mapping.grow(visitor.echo(OccupancyGrid, "map"), 3)
 
     def test_a_late_subscriber_does_not_get_a_map_that_has_ended(
-        self, mapping, agent, visitor, simulator
+        self, mapping, agent, domain, simulator
     ):
         mapping.enter(robot.kMapping)
-        mapping.grow(visitor().echo(OccupancyGrid, "map"), 1)
-        mapping.grow(visitor().echo(OccupancyGrid, "map"), 2)
+        for columns in (1, 2):
+            with visit(domain) as visitor:
+                mapping.grow(visitor.echo(OccupancyGrid, "map"), columns)
         requests = simulator.counts[SCENE_DATA]
-        diagnostics(visitor()).wait_count(1)  # the former subscriber has gone
+        with visit(domain) as visitor:
+            diagnostics(visitor).wait_count(1)  # the former subscriber has gone
         mapping.enter(robot.kIdle)
         wait_until(lambda: simulator.counts[SCENE_DATA] > requests)
-        first = [visitor().echo(OccupancyGrid, "map").wait_count(1)[0] for _ in range(2)][1]
+        for _ in range(2):
+            with visit(domain) as visitor:
+                first = visitor.echo(OccupancyGrid, "map").wait_count(1)[0]
         assert first.info.width == SCENE_WIDTH
 
 
@@ -286,16 +275,13 @@ class TestBadReports:
         mapping.enter(robot.kMapping)
         mapping.grow(grids, 1)
 
-        def told() -> list[Any]:
-            return [each for each in list(logs.messages) if text in each.getMessage()]
-
         def reported() -> bool:
             mapping.report(2, **fields)
-            return len(told()) > 1  # repeats are logged at DEBUG
+            return len(logs.with_text(text)) > 1  # repeats are logged at DEBUG
 
         wait_until(reported)
         mapping.grow(grids, 3)
-        assert [each.levelname for each in told()].count("WARNING") == 1
+        assert len(logs.with_text(text, "WARNING")) == 1
         assert not [each for each in grids.messages if each.info.width == 2]
 
     def test_sizes_that_contradict_the_image_are_ignored(self, mapping, grids):

@@ -34,7 +34,7 @@ from tests.convert.random_messages import (
     leaves,
     merged,
 )
-from tests.harness import TIMEOUT, Client, Collector, RunningAgent, wait_until
+from tests.harness import TIMEOUT, Client, Collector, Logs, RunningAgent, wait_until
 from tests.node.tasks.scripted_chassis import (
     EXEC_TASK,
     ROBOT_INFO,
@@ -160,7 +160,7 @@ class Rig:
 
 @pytest.fixture
 def rig(
-    start_agent: Any, client: Client, monkeypatch: pytest.MonkeyPatch, logs: Collector
+    start_agent: Any, client: Client, monkeypatch: pytest.MonkeyPatch, logs: Logs
 ) -> Iterator[Rig]:
     monkeypatch.setattr(diagnostics, "_RATE", 50.0)
     monkeypatch.setattr(map_part, "_CHECK_RATE", 50.0)
@@ -184,7 +184,7 @@ def rig(
     logging.getLogger("asyncio").removeHandler(handler)
 
 
-def check_log(logs: Collector, *expected: str) -> None:
+def check_log(logs: Logs, *expected: str) -> None:
     """Check that nothing has failed, and that nothing was said twice.
 
     Args:
@@ -199,7 +199,7 @@ def check_log(logs: Collector, *expected: str) -> None:
 
 
 @pytest.mark.parametrize("name", PUSHES)
-def test_no_value_in_a_push_does_harm(name: str, rig: Rig, logs: Collector):
+def test_no_value_in_a_push_does_harm(name: str, rig: Rig, logs: Logs):
     for path, kind in leaves(message_type(name).DESCRIPTOR):
         rig.push(name, *(body_with(path, value) for value in EXTREMES[kind] for _ in range(2)))
     for body in extremes(name):
@@ -210,7 +210,7 @@ def test_no_value_in_a_push_does_harm(name: str, rig: Rig, logs: Collector):
     rig.check_topics()
 
 
-def test_no_value_in_robot_info_does_harm(rig: Rig, logs: Collector):
+def test_no_value_in_robot_info_does_harm(rig: Rig, logs: Logs):
     numbers = [
         body_with(path, value)
         for path, kind in leaves(message_type(ROBOT_INFO).DESCRIPTOR)
@@ -227,7 +227,7 @@ def test_no_value_in_robot_info_does_harm(rig: Rig, logs: Collector):
 
 
 @pytest.mark.parametrize("name", [SCANNER, SCENE_DATA, NAV_PATH])
-def test_no_value_in_an_answer_does_harm(name: str, rig: Rig, logs: Collector):
+def test_no_value_in_an_answer_does_harm(name: str, rig: Rig, logs: Logs):
     """The agent requests scans, maps and the first path by itself."""
     bodies = [
         body_with(path, value)
@@ -253,7 +253,7 @@ def test_no_value_in_an_answer_does_harm(name: str, rig: Rig, logs: Collector):
     rig.check_topics()
 
 
-def test_no_value_in_an_answer_to_a_client_does_harm(rig: Rig, client: Client, logs: Collector):
+def test_no_value_in_an_answer_to_a_client_does_harm(rig: Rig, client: Client, logs: Logs):
     for query in QUERIES:
         srv = class_of(query.srv, "srv")
         for body in extremes(query.request):
@@ -264,7 +264,7 @@ def test_no_value_in_an_answer_to_a_client_does_harm(rig: Rig, client: Client, l
     check_log(logs)
 
 
-def test_no_value_of_an_envelope_does_harm(rig: Rig, logs: Collector):
+def test_no_value_of_an_envelope_does_harm(rig: Rig, logs: Logs):
     frame = {"type": POSE_SPEED, "body": {}}
     frames = [
         {**frame, field: value}
@@ -298,7 +298,7 @@ BAD = [
 
 @pytest.mark.parametrize(("name", "path", "mirrored", "derived"), BAD)
 def test_a_value_that_a_standard_message_cannot_hold_is_counted_logged_once_and_skipped(
-    name: str, path: tuple[str, ...], mirrored: str, derived: str, rig: Rig, logs: Collector
+    name: str, path: tuple[str, ...], mirrored: str, derived: str, rig: Rig, logs: Logs
 ):
     """The mirrored message holds it, as ROS permits; the next good value is published as ever."""
     received = rig.topics[mirrored]
@@ -319,7 +319,7 @@ def test_a_value_that_a_standard_message_cannot_hold_is_counted_logged_once_and_
     rig.check_topics()
 
 
-def test_a_time_that_is_none_is_counted_logged_once_and_ignored(rig: Rig, logs: Collector):
+def test_a_time_that_is_none_is_counted_logged_once_and_ignored(rig: Rig, logs: Logs):
     """The frame is used without it: an answer must not be lost because of the robot's clock."""
     poses = rig.topics["robot/PoseSpeed"]
     begun = len(poses.messages)
@@ -333,7 +333,7 @@ def test_a_time_that_is_none_is_counted_logged_once_and_ignored(rig: Rig, logs: 
 
 
 def test_the_robot_still_counts_as_standing_after_a_pose_that_is_none(
-    rig: Rig, client: Client, logs: Collector
+    rig: Rig, client: Client, logs: Logs
 ):
     twist = class_of("woosh_robot_msgs/Twist", "srv")
     begin = merged(GOOD[POSE_SPEED], {"pose": {"theta": math.inf}})
@@ -350,7 +350,7 @@ def test_the_robot_still_counts_as_standing_after_a_pose_that_is_none(
     check_log(logs)
 
 
-def test_no_value_in_a_report_on_a_goal_does_harm(rig: Rig, client: Client, logs: Collector):
+def test_no_value_in_a_report_on_a_goal_does_harm(rig: Rig, client: Client, logs: Logs):
     execute = class_of("woosh_robot_msgs/ExecTask", "action")
     goal = execute.Goal()
     goal.arg.task_id, goal.arg.mark_no, goal.arg.type.value = 5, "A2", 1

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable
 
-import pytest
 from geometry_msgs.msg import PoseStamped
 
 from tests.harness import Client, Program, wait_future, wait_until
@@ -21,13 +19,6 @@ from woosh_ros_msgs.action import StepControl
 TWIST = "woosh.robot.Twist"
 PAUSE = 2.5
 """Time for which the agent stands still, in seconds."""
-
-
-@pytest.fixture
-def program(simulator: SimulatorThread, start_program: Callable[..., Program]) -> Program:
-    started = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
-    started.wait_says("connected to")
-    return started
 
 
 def velocities(simulator: SimulatorThread) -> list[float]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from std_msgs.msg import Bool
 
-from tests.harness import Collector, Robot, wait_until
+from tests.harness import Logs, Robot, wait_until
 from tests.node.goals import ABORTED, EXECUTING, task
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
@@ -36,7 +36,7 @@ def long_drive(robot: Robot) -> None:
 
 
 def test_another_robot_is_refused_and_the_first_one_taken_back(
-    robot: Robot, other: SimulatorThread, logs: Collector
+    robot: Robot, other: SimulatorThread, logs: Logs
 ) -> None:
     connected = robot.echo(Bool, "connected")
     told = diagnostics(robot)
@@ -44,7 +44,7 @@ def test_another_robot_is_refused_and_the_first_one_taken_back(
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
     assert change(robot, port=other.port, goal_link_timeout=0.5) == (True, "")
     refusal = "robot 30002 (serial number 30002) answers instead of robot 30001"
-    logs.wait(lambda r: refusal in r.getMessage() and "restart this program" in r.getMessage())
+    logs.wait_text(refusal, "restart this program")
     told.wait(lambda m: any(refusal in status.message for status in m.status))
     assert not connected.messages[-1].data
     assert goal.result()[0] == ABORTED
@@ -84,11 +84,11 @@ def test_a_robot_that_stands_gets_no_zero(robot: Robot) -> None:
 
 
 @pytest.mark.usefixtures("long_drive")
-def test_a_robot_that_does_not_answer_its_zero_is_told_of(robot: Robot, logs: Collector) -> None:
+def test_a_robot_that_does_not_answer_its_zero_is_told_of(robot: Robot, logs: Logs) -> None:
     answers([drive(robot, 0.3)])
     robot.chassis.inject("freeze")
     assert change(robot, port=1) == (True, "")
-    logs.wait(lambda r: r.levelname == "ERROR" and "was not stopped" in r.getMessage())
+    logs.wait_text("was not stopped", level="ERROR")
 
 
 def test_the_same_robot_over_another_encoding_keeps_its_topics(robot: Robot) -> None:

@@ -17,7 +17,6 @@ from rcl_interfaces.srv import (
 from rclpy.parameter import Parameter
 
 from tests.harness import Client, Robot, RunningAgent, wait_until
-from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, step, task
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARAMETERS, check_names
 from woosh_robot_agent.simulator import SimulatorThread
@@ -155,23 +154,6 @@ def test_change_of_the_address_reconnects(robot: Robot, transport: str) -> None:
         robot.agent.wait_connected()
         robot.call(Mode, "robot/Mode")
         assert (other.counts[MODE], robot.chassis.counts[MODE]) == (1, 0)
-
-
-def test_change_to_a_wrong_address_and_back(robot: Robot) -> None:
-    assert change(robot, port=1) == (True, "")
-    wait_until(lambda: robot.chassis.connections == 0)
-    assert "ws://127.0.0.1:1" in step(robot, 1.0).result()[1].msg
-    assert change(robot, port=robot.chassis.port) == (True, "")
-    robot.agent.wait_connected()
-    assert step(robot, 0.2).result()[0] == SUCCEEDED
-
-
-def test_goal_outlives_a_change_that_reconnects(robot: Robot) -> None:
-    goal = task(robot)
-    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    assert change(robot, encoding="protobuf") == (True, "")
-    assert goal.result()[0] == SUCCEEDED
-    assert robot.chassis.counts[EXEC_TASK] == 1
 
 
 def test_change_unrelated_to_the_link_does_not_reconnect(robot: Robot) -> None:

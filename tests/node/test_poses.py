@@ -60,7 +60,7 @@ class TestInitialpose:
 
     def test_a_refusal_is_logged(self, simulator, sender, logs):
         sender.initialpose(500.0, 0.0, 0.0)
-        logs.wait(lambda r: "refused initialpose" in r.getMessage() and r.levelname == "ERROR")
+        logs.wait_text("refused initialpose", level="ERROR")
 
     @pytest.mark.parametrize("size", [0.0, 1e18, -2.0])
     def test_an_orientation_that_is_no_rotation_is_logged(self, simulator, sender, logs, size):
@@ -68,7 +68,7 @@ class TestInitialpose:
         orientation = message.pose.pose.orientation
         orientation.x = orientation.y = orientation.z = orientation.w = size
         sender.publishers["initialpose"].publish(message)
-        logs.wait(lambda r: "not a unit quaternion" in r.getMessage() and r.levelname == "ERROR")
+        logs.wait_text("not a unit quaternion", level="ERROR")
         assert simulator.counts[SET_POSE] == 0
 
     @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ class TestInitialpose:
     )
     def test_an_unusable_pose_is_logged(self, simulator, sender, logs, x, frame, told):
         sender.initialpose(x, 1.5, 0.0, frame)
-        logs.wait(lambda r: told in r.getMessage() and r.levelname == "ERROR")
+        logs.wait_text(told, level="ERROR")
         assert simulator.counts[SET_POSE] == 0
 
 
@@ -116,5 +116,5 @@ class TestGoalPose:
 
     def test_a_wrong_frame_is_logged(self, simulator, sender, logs):
         sender.goal_pose(1.0, 1.5, 0.0, frame="odom")
-        logs.wait(lambda r: "set the fixed frame to map" in r.getMessage())
+        logs.wait_text("set the fixed frame to map")
         assert simulator.counts[CALL_ACTION] == 0

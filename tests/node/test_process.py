@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,24 +38,17 @@ LONG = {
 """Long timeouts: a program that waits for one of them when it ends fails the test."""
 
 
-def parameters(**values: Any) -> list[str]:
-    """Return ROS arguments that set these parameters and the timeouts in `LONG`."""
-    return [word for name, value in (LONG | values).items() for word in ("-p", f"{name}:={value}")]
-
-
 @pytest.fixture
-def program(simulator: SimulatorThread, start_program: Callable[..., Program]) -> Program:
-    """The program, connected to the simulator."""
-    started = start_program(*parameters(ip="127.0.0.1", port=simulator.port))
-    started.wait_says("connected to")
-    return started
+def start_program(start_program: Callable[..., Program]) -> Callable[..., Program]:
+    """As in conftest.py, with the parameters in `LONG`."""
+    return partial(start_program, **LONG)
 
 
 def test_rclpy_does_not_warn(domain: int) -> None:
     """The executor of rclpy prints its warnings to stdout."""
     program = subprocess.Popen(
-        [sys.executable, "-m", "woosh_robot_agent.agent", "--ros-args"]
-        + parameters(ip="127.0.0.1", port=1),
+        [sys.executable, "-m", "woosh_robot_agent.agent"]
+        + ["--ros-args", "-p", "ip:=127.0.0.1", "-p", "port:=1"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -127,7 +121,7 @@ def test_program_ends_while_driving_a_frozen_chassis_with_an_open_goal(
 
 
 def test_program_ends_without_a_chassis(start_program: Callable[..., Program]) -> None:
-    program = start_program(*parameters(ip="127.0.0.1", port=1))
+    program = start_program(ip="127.0.0.1", port=1)
     program.wait_says("cannot connect")
     program.end()
 
@@ -135,7 +129,7 @@ def test_program_ends_without_a_chassis(start_program: Callable[..., Program]) -
 def test_program_ends_while_connecting(start_program: Callable[..., Program]) -> None:
     """The server accepts the connection and never answers."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        program = start_program(*parameters(ip="127.0.0.1", port=silent.getsockname()[1]))
+        program = start_program(ip="127.0.0.1", port=silent.getsockname()[1])
         silent.settimeout(TIMEOUT)
         connection, _ = silent.accept()
         with connection:
@@ -144,7 +138,7 @@ def test_program_ends_while_connecting(start_program: Callable[..., Program]) ->
 
 @pytest.mark.parametrize("loaded", ["", "_rclpy_pybind11", "librmw_fastrtps_cpp"])
 def test_program_ends_while_starting(start_program: Callable[..., Program], loaded: str) -> None:
-    program = start_program(*parameters(ip="127.0.0.1", port=1))
+    program = start_program(ip="127.0.0.1", port=1)
     process = Path(f"/proc/{program.process.pid}")
 
     def ready() -> bool:
@@ -186,9 +180,7 @@ def test_open_goal_is_aborted(program: Program, simulator: SimulatorThread, clie
     goals[0].feedback.wait(lambda fb: fb.state.value == EXECUTING)
     stop_time(simulator)
     program.end()
-    status, ret = goals[0].result()
-    assert status == ABORTED
-    assert "stopping" in ret.msg
+    goals[0].wait_aborted("stopping")
     assert simulator.call(lambda sim: sim.chassis.tasks.active), "the task is the robot's own"
 
 
@@ -240,7 +232,7 @@ def test_program_ends_quietly_with_a_simulator_that_ends_by_the_same_ctrl_c(
     try:
         assert simulator.stdout is not None
         assert b"ready" in simulator.stdout.readline()
-        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={port}")
+        program = start_program(ip="127.0.0.1", port=port)
         program.wait_says("connected to")
         program.process.send_signal(signal.SIGINT)
         simulator.send_signal(signal.SIGINT)
@@ -386,7 +378,7 @@ def test_agent_runs_where_logs_cannot_be_written(
     for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(*variable.format(file=file).split("="))
-    program = start_program(*parameters(ip="127.0.0.1", port=1), *arguments)
+    program = start_program(*arguments, ip="127.0.0.1", port=1)
     program.wait_says("cannot connect")
     program.end()
     warning = program.lines[0]
@@ -398,7 +390,7 @@ def test_log_files_are_written_where_possible(
     start_program: Callable[..., Program], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "new" / "logs"))
-    program = start_program(*parameters(ip="127.0.0.1", port=1))
+    program = start_program(ip="127.0.0.1", port=1)
     program.wait_says("cannot connect")
     program.end()
     (file,) = (tmp_path / "new" / "logs").iterdir()

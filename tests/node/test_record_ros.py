@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -28,7 +27,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from tests.harness import HUMBLE, wait_until
+from tests.harness import HUMBLE, Spinner, wait_until
 from tests.tooling.interface_facts import HASHES
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
@@ -65,21 +64,11 @@ def test_ros_topics_are_recorded(tmp_path: Path, simulator: Any, connect: Any, c
     path, ros = tmp_path / "a.mcap", tmp_path / "a_ros.mcap"
     mode = client.path("robot/Mode")
     namespace = mode.removesuffix("/robot/Mode")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "woosh_robot_agent.tools", "record"]
-        + ["--ip", f"127.0.0.1:{simulator.port}", "--output", str(path), "--ros", namespace],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
+    with recorder(simulator, path, namespace) as process:
         wait_until(lambda: count(ros, mode) >= 1, "the latched message", TIMEOUT)
         wait_until(lambda: count(ros, f"{namespace}/odom") >= 10, "odom", TIMEOUT)
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=TIMEOUT)
-    finally:
-        process.kill()
-        process.communicate()
-    assert process.returncode == 0, out
+        status, out, err = end(process)
+    assert status == 0, err
     assert f"ROS messages to {ros}" in out
     assert read_recording(path).records
     with ros.open("rb") as file:
@@ -125,11 +114,10 @@ def publisher_node(domain: int) -> Iterator[Node]:
     node.create_publisher(class_of(agent_topic.msg), agent_topic.name, 1)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    thread = threading.Thread(target=executor.spin)
-    thread.start()
+    spinner = Spinner(executor)
     yield node
+    spinner.stop()
     executor.shutdown()
-    thread.join()
     node.destroy_node()
     rclpy.try_shutdown(context=context)
 
@@ -150,11 +138,11 @@ def recorder(simulator: Any, path: Path, namespace: str) -> Iterator[subprocess.
         process.communicate()
 
 
-def end(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """End a recorder; return its exit status and stderr."""
+def end(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    """End a recorder; return its exit status, stdout and stderr."""
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=TIMEOUT)
-    return process.returncode, err
+    out, err = process.communicate(timeout=TIMEOUT)
+    return process.returncode, out, err
 
 
 LARGE = String(data="x" * 1_000_000)
@@ -172,7 +160,7 @@ def test_lost_ros_messages_fail_the_recording(
         for _ in range(100):  # each replaces the one before, which is still being sent
             publisher.publish(LARGE)
         wait_until(lambda: count(ros, "/fake/large") >= 2, "a large message", TIMEOUT)
-        status, err = end(process)
+        status, _, err = end(process)
     assert status == 1
     assert "error: messages on /fake/large that the middleware lost: " in err
 
@@ -199,7 +187,7 @@ def test_latched_messages_replaced_while_the_recorder_subscribes_are_not_lost(
     with recorder(simulator, path, "/fake") as process:
         for index in range(10):
             wait_until(lambda: count(ros, f"/fake/large_{index}") >= 1, "a message", TIMEOUT)  # noqa: B023
-        status, err = end(process)
+        status, _, err = end(process)
     assert (status, err.count("lost")) == (0, 0), err
 
 
@@ -217,7 +205,7 @@ def test_a_recording_without_ros_messages_fails(
     path = tmp_path / "a.mcap"
     with recorder(simulator, path, "/nobody") as process:
         wait_until(lambda: has_frames(path), "a frame", TIMEOUT)
-        status, err = end(process)
+        status, _, err = end(process)
     assert status == 1
     assert "error: no ROS message was recorded: check that the agent is running" in err
     assert "namespace is that of --ros: /nobody" in err

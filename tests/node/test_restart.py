@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -20,34 +21,6 @@ from woosh_robot_msgs.srv import Speak, Twist
 SPEAK = "woosh.robot.Speak"
 TWIST = "woosh.robot.Twist"
 COMMANDS = (SPEAK, EXEC_TASK, TWIST, "woosh.robot.ActionOrder", "woosh.ros.CallAction")
-
-
-@pytest.fixture
-def start(
-    simulator: SimulatorThread, start_program: Callable[..., Program]
-) -> Callable[[], Program]:
-    """Function that starts the agent's program and waits until it is connected."""
-
-    def start_connected() -> Program:
-        program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
-        program.wait_says("connected to")
-        return program
-
-    return start_connected
-
-
-@pytest.fixture
-def start_client(domain: int) -> Iterator[Callable[[], Client]]:
-    """Function that starts another client in the domain."""
-    clients: list[Client] = []
-
-    def start_one() -> Client:
-        clients.append(Client(domain))
-        return clients[-1]
-
-    yield start_one
-    for each in clients:
-        each.close()
 
 
 def speak_until_answered(client: Client, texts: Iterator[str]) -> str:
@@ -69,13 +42,12 @@ def command_counts(simulator: SimulatorThread) -> dict[str, int]:
 
 @pytest.mark.timeout(600)
 def test_agent_killed_during_a_goal_repeats_no_command(
-    start: Callable[[], Program],
+    program: Program,
+    start_connected: Callable[[], Program],
     simulator: SimulatorThread,
     client: Client,
-    start_client: Callable[[], Client],
 ) -> None:
     texts = (f"text {number}" for number in itertools.count())
-    program = start()
     speak_until_answered(client, texts)
     goal = task(client, mark="A23", task_id=77)
     goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
@@ -85,7 +57,7 @@ def test_agent_killed_during_a_goal_repeats_no_command(
     program.process.wait(TIMEOUT)
     wait_until(lambda: simulator.connections == 0)
 
-    start()
+    start_connected()
     assert command_counts(simulator) == before, "a new agent sends no command by itself"
     last = speak_until_answered(client, texts)
     procs = client.echo(TaskProcMsg, "robot/TaskProc")
@@ -98,16 +70,19 @@ def test_agent_killed_during_a_goal_repeats_no_command(
     assert not goal.done, "no agent is left that could report its end"
 
     simulator.call(lambda sim: sim.chassis.tasks.cancel("enough"))
-    late = start_client()  # the first client still sees the action servers of the killed agent
-    assert short_task(late, 0.3).result()[0] == SUCCEEDED
+    # the first client still sees the action servers of the killed agent
+    with closing(Client(program.domain)) as late:
+        assert short_task(late, 0.3).result()[0] == SUCCEEDED
     assert simulator.counts[EXEC_TASK] == 2
 
 
 @pytest.mark.timeout(600)
 def test_agent_killed_while_driving_repeats_no_command(
-    start: Callable[[], Program], simulator: SimulatorThread, client: Client
+    program: Program,
+    start_connected: Callable[[], Program],
+    simulator: SimulatorThread,
+    client: Client,
 ) -> None:
-    program = start()
     assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.1)).ok
     calls: list[Any] = []
     for number in range(20):
@@ -120,6 +95,6 @@ def test_agent_killed_while_driving_repeats_no_command(
     assert count <= 21
     wait_until(lambda: simulator.state.velocity.forward == 0, "the robot to stop by itself")
 
-    start()
+    start_connected()
     speak_until_answered(client, (f"text {number}" for number in itertools.count()))
     assert simulator.counts[TWIST] == count

@@ -6,6 +6,7 @@ import itertools
 import math
 import random
 import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -25,6 +26,17 @@ SCANNER = "woosh.robot.ScannerData"
 
 def scans(client: Any) -> Any:
     return client.echo_with(LaserScan, "scan", qos_profile_sensor_data)
+
+
+def change_scans(simulator: SimulatorThread, change: Callable[[Any], None]) -> None:
+    """Change each scan before the chassis sends it."""
+
+    def intercept(frame: Outgoing) -> list[Outgoing]:
+        if frame.request == SCANNER:
+            change(frame.body)
+        return [frame]
+
+    simulator.intercept(intercept)
 
 
 def test_scan_is_requested_only_while_there_are_subscribers(simulator, agent, client):
@@ -97,24 +109,14 @@ def test_ranges_out_of_range_are_infinite(simulator, agent, client):
         ranges=[math.nan, math.inf, 0.0, 0.05, 5.0, 10.5],
     )
 
-    def answer(frame: Outgoing) -> list[Outgoing]:
-        if frame.request == SCANNER:
-            frame.body.CopyFrom(data)  # type: ignore[union-attr]
-        return [frame]
-
-    simulator.intercept(answer)
+    change_scans(simulator, lambda scan: scan.CopyFrom(data))
     scan = scans(client).wait_count(1)[0]
     assert math.isnan(scan.ranges[0])
     assert list(scan.ranges[1:]) == pytest.approx([math.inf, math.inf, -math.inf, 5.0, math.inf])
 
 
 def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client):
-    def high(frame: Outgoing) -> list[Outgoing]:
-        if frame.request == SCANNER:
-            frame.body.offset.CopyFrom(Vector3(x=0.1, y=0.2, z=0.3))  # type: ignore[union-attr]
-        return [frame]
-
-    simulator.intercept(high)
+    change_scans(simulator, lambda scan: scan.offset.CopyFrom(Vector3(x=0.1, y=0.2, z=0.3)))
     start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True, frame_prefix="a/")
     static = client.echo(TFMessage, "/tf_static")
     (transform,) = static.wait_count(1)[0].transforms
@@ -130,12 +132,7 @@ def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client):
 def test_tf_has_no_laser_if_the_chassis_does_not_report_its_pose(
     simulator, start_agent, client, logs
 ):
-    def clear_offset(frame: Outgoing) -> list[Outgoing]:
-        if frame.request == SCANNER:
-            frame.body.ClearField("offset")  # type: ignore[union-attr]
-        return [frame]
-
-    simulator.intercept(clear_offset)
+    change_scans(simulator, lambda scan: scan.ClearField("offset"))
     start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
     static = client.echo(TFMessage, "/tf_static")
     assert scans(client).wait_count(2)
@@ -146,7 +143,6 @@ def test_a_refusal_is_logged_once(simulator, agent, client, logs):
     simulator.refuse(SCANNER, "the laser is broken")
     received = scans(client)
     simulator.wait_received(SCANNER, 3)
-    told = [r for r in logs.messages if r.levelname == "WARNING" and "broken" in r.getMessage()]
-    assert len(told) == 1
+    assert len(logs.with_text("broken", "WARNING")) == 1
     simulator.accept(SCANNER)
     received.wait_count(1)

@@ -53,10 +53,6 @@ def known(agent: RunningAgent, name: str) -> Any:
     return agent.agent.robot.last_known.get(name)
 
 
-def messages(logs: Any, text: str) -> list[tuple[str, str]]:
-    return [(r.levelname, r.getMessage()) for r in logs.messages if text in r.getMessage()]
-
-
 def test_each_call_asks_the_chassis(simulator, agent, client):
     answers = {}
 
@@ -85,9 +81,9 @@ def test_response_is_blank_while_nothing_is_known(start_agent, client, logs):
     for query in QUERIES:
         info = ask(client, query)
         assert info == blank(info), query.name
-        (warning,) = messages(logs, f"{query.name} answers blank, because no value is known yet: ")
-        assert warning[0] == "WARNING"
-        assert "not connected to ws://127.0.0.1:1 since 2" in warning[1]
+        (warning,) = logs.with_text(f"{query.name} answers blank, because no value is known yet: ")
+        assert warning.levelname == "WARNING"
+        assert "not connected to ws://127.0.0.1:1 since 2" in warning.getMessage()
 
 
 def test_without_a_link_the_last_answer_or_push_is_returned(simulator, hasty, client):
@@ -124,65 +120,51 @@ def test_without_a_link_parts_of_the_first_robot_info_are_returned(simulator, ha
     assert compared
 
 
-def refuse(simulator: Any) -> str:
-    simulator.refuse(BATTERY, "电池没电")
-    return "the chassis refused: 电池没电"
-
-
-def refuse_as_type_error(simulator: Any) -> str:
-    simulator.intercept(on_battery(type="error", body=None, ok=False, msg="not now"))
-    return "the chassis refused: not now"
-
-
-def mute(simulator: Any) -> str:
-    simulator.mute(BATTERY)
-    return f"did not answer {BATTERY} within {PATIENCE} s"
-
-
-def be_late(simulator: Any) -> str:
-    simulator.delay(BATTERY, 1.5 * PATIENCE)
-    return f"did not answer {BATTERY} within {PATIENCE} s"
-
-
-def answer_another_type(simulator: Any) -> str:
-    simulator.intercept(on_battery(type="woosh.robot.PoseSpeed", body=PoseSpeed()))
-    return "the chassis answered with woosh.robot.PoseSpeed"
-
-
-def answer_an_unknown_type(simulator: Any) -> str:
-    simulator.answer_as(BATTERY, "woosh.robot.Accumulator")
-    return "unknown type 'woosh.robot.Accumulator'"
-
-
-def answer_what_cannot_be_read(simulator: Any) -> str:
-    answer_with_json(simulator, BATTERY, body={"power": "full"})
-    return "the answer cannot be read: woosh.robot.Battery: power"
-
-
 def on_battery(**changes: Any) -> Any:
     return lambda frame: [replace(frame, **changes) if frame.request == BATTERY else frame]
 
 
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        refuse,
-        refuse_as_type_error,
-        mute,
-        be_late,
-        answer_another_type,
-        answer_an_unknown_type,
-        answer_what_cannot_be_read,
-    ],
-)
-def test_a_bad_answer_gives_the_last_known_value(spoil, simulator, hasty, client, logs):
+NO_ANSWER = f"did not answer {BATTERY} within {PATIENCE} s"
+BAD_ANSWERS = {
+    "a refusal": (
+        lambda simulator: simulator.refuse(BATTERY, "电池没电"),
+        "the chassis refused: 电池没电",
+    ),
+    "a refusal of the type error": (
+        lambda simulator: simulator.intercept(
+            on_battery(type="error", body=None, ok=False, msg="not now")
+        ),
+        "the chassis refused: not now",
+    ),
+    "none": (lambda simulator: simulator.mute(BATTERY), NO_ANSWER),
+    "a late one": (lambda simulator: simulator.delay(BATTERY, 1.5 * PATIENCE), NO_ANSWER),
+    "another type": (
+        lambda simulator: simulator.intercept(
+            on_battery(type="woosh.robot.PoseSpeed", body=PoseSpeed())
+        ),
+        "the chassis answered with woosh.robot.PoseSpeed",
+    ),
+    "an unknown type": (
+        lambda simulator: simulator.answer_as(BATTERY, "woosh.robot.Accumulator"),
+        "unknown type 'woosh.robot.Accumulator'",
+    ),
+    "one that cannot be read": (
+        lambda simulator: answer_with_json(simulator, BATTERY, body={"power": "full"}),
+        "the answer cannot be read: woosh.robot.Battery: power",
+    ),
+}
+"""Functions that let the chassis answer badly, and what the log then says."""
+
+
+@pytest.mark.parametrize(("spoil", "why"), BAD_ANSWERS.values(), ids=BAD_ANSWERS)
+def test_a_bad_answer_gives_the_last_known_value(spoil, why, simulator, hasty, client, logs):
     good = client.call(BatterySrv, "robot/Battery").info
     assert good.power > 0
-    why = spoil(simulator)
+    spoil(simulator)
     for _ in range(2):
         assert client.call(BatterySrv, "robot/Battery").info == good
-    levels = [level for level, text in messages(logs, FALLBACK) if why in text]
-    assert levels == ["WARNING", "DEBUG"]
+    told = [record for record in logs.with_text(FALLBACK) if why in record.getMessage()]
+    assert [record.levelname for record in told] == ["WARNING", "DEBUG"]
 
 
 def test_a_new_failure_is_logged_after_a_recovery(simulator, hasty, client, logs):
@@ -191,4 +173,4 @@ def test_a_new_failure_is_logged_after_a_recovery(simulator, hasty, client, logs
         client.call(BatterySrv, "robot/Battery")
         simulator.accept(BATTERY)
         client.call(BatterySrv, "robot/Battery")
-    assert [level for level, _ in messages(logs, FALLBACK)] == ["WARNING"] * 2
+    assert [record.levelname for record in logs.with_text(FALLBACK)] == ["WARNING"] * 2

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as xml
@@ -20,6 +19,7 @@ from nav2_msgs import srv as nav2_services
 
 from scripts import sros2_policies
 from tests.harness import HUMBLE, Client, RunningAgent, wait_until
+from tests.node.goals import replace_answers
 from tests.node.nav2.goals import Nav2Client, ahead
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
 from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
@@ -206,17 +206,10 @@ def test_agent_and_clients_work_under_sros2(
 
 def give_large_map(chassis: SimulatorThread) -> None:
     """Let the chassis answer map/Download with a file of `LARGE` bytes."""
-    name = "woosh.map.Download"
     scene = DownloadResponse()
     scene.file_datas.add(name="map.png", data=bytes(LARGE))
-    chassis.refuse(name, "replaced")
-    chassis.intercept(
-        lambda out: (
-            [replace(out, ok=True, msg="", type=f"{name}Response", body=scene)]
-            if out.request == name
-            else [out]
-        )
-    )
+    name = "woosh.map.Download"
+    replace_answers(chassis, name, ok=True, msg="", type=f"{name}Response", body=scene)
 
 
 def run(role: str, folder: Path) -> list[str]:

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
-from tests.harness import Client, Collector, RunningAgent, wait_until
+from tests.harness import Client, Logs, RunningAgent, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.test_parameters import change
 from tests.quick_chassis import quick_config
@@ -97,7 +97,7 @@ def test_each_part_can_be_used_alone(part, start_agent, client):
 
 
 def test_a_part_that_failed_runs_again(
-    monkeypatch: pytest.MonkeyPatch, start_agent: Any, client: Client, logs: Collector
+    monkeypatch: pytest.MonkeyPatch, start_agent: Any, client: Client, logs: Logs
 ) -> None:
     link_status = diagnostics.link_status
     failures = iter([ZeroDivisionError("once")])
@@ -110,7 +110,7 @@ def test_a_part_that_failed_runs_again(
     monkeypatch.setattr(diagnostics, "link_status", fail_once)
     start_agent(ip="127.0.0.1", port=1)
     client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10)).wait_count(2)
-    restarts = [each for each in logs.messages if "restarting it" in each.getMessage()]
+    restarts = logs.with_text("restarting it")
     assert [str(each.exc_info[1]) for each in restarts] == ["once"]
 
 

@@ -24,7 +24,6 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.robot.maps import MapError, cells_of
 from woosh_robot_agent.simulator import Outgoing
-from woosh_robot_msgs.srv import SwitchControlMode, SwitchFootPrint, SwitchMap
 
 SCENE_DATA = "woosh.map.SceneData"
 OK, WARN, ERROR, STALE = (
@@ -62,21 +61,15 @@ def test_plan_ends_where_the_task_ends(simulator, agent, client):
     wait_until(lambda: not plans.messages[-1].poses, "the end of the path")
 
 
-def test_footprint_follows_a_change_of_its_type(simulator, agent, client):
+def test_footprint_follows_a_change_of_its_type_and_is_repeated(simulator, agent, client):
     footprints = client.echo(PolygonStamped, "footprint")
     first = footprints.wait_count(1)[0]
     assert first.header.frame_id == "base_link"
     assert len(first.polygon.points) == 8
-    request = SwitchFootPrint.Request()
-    request.arg.type.value = 2
-    assert client.call(SwitchFootPrint, "robot/SwitchFootPrint", arg=request.arg).ok
-    footprints.wait(lambda m: m.polygon != first.polygon)
-
-
-def test_footprint_is_repeated_with_new_stamps(agent, client):
-    """Viewers draw a footprint at the robot's pose at the time of its stamp."""
-    stamps = [m.header.stamp for m in client.echo(PolygonStamped, "footprint").wait_count(4)]
-    assert stamps[-1].sec + stamps[-1].nanosec / 1e9 > stamps[0].sec + stamps[0].nanosec / 1e9
+    assert client.command("robot/SwitchFootPrint", type=2).ok
+    last = footprints.wait(lambda m: m.polygon != first.polygon)
+    # repeated with new stamps: viewers draw it at the robot's pose at that time
+    footprints.wait(lambda m: m.polygon == last.polygon and m.header.stamp != last.header.stamp)
 
 
 def test_the_first_plan_is_empty(agent, client):
@@ -139,15 +132,13 @@ class TestMap:
         grids.wait_count(1)
         scene.name = scene.maps[0].name = "scenex"
         scene.maps[0].map_png = png([[0]])
-        request = SwitchMap.Request()
-        request.arg.scene_name = "scenex"
-        assert client.call(SwitchMap, "robot/SwitchMap", arg=request.arg).ok
+        assert client.command("robot/SwitchMap", scene_name="scenex").ok
         assert list(grids.wait(lambda m: m.info.width == 1).data) == [100]
 
     def test_a_bad_image_is_logged_once(self, simulator, scene, agent, client, logs):
         scene.maps[0].map_png = b"no picture"
         client.echo(OccupancyGrid, "map")
-        logs.wait(lambda r: "its image cannot be decoded" in r.getMessage())
+        logs.wait_text("its image cannot be decoded")
 
     def test_bad_images_are_refused(self):
         with pytest.raises(MapError):
@@ -202,9 +193,7 @@ class TestDiagnostics:
     def test_each_reason_to_reject_a_task_is_listed(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.set_emergency_stop(True)
-        request = SwitchControlMode.Request()
-        request.arg.mode.value = 2
-        assert client.call(SwitchControlMode, "robot/SwitchControlMode", arg=request.arg).ok
+        assert client.command("robot/SwitchControlMode", mode=2).ok
         status = of(arrays.wait(lambda a: "manual" in of(a, "chassis").message), "chassis")
         assert status.level >= WARN
         assert "emergency stop is pressed" in status.message

@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from google.protobuf.message import Message
 from std_srvs.srv import Trigger
 
-from tests.harness import Collector, Robot, wait_future, wait_until
+from tests.harness import Logs, Robot, wait_future, wait_until
 from tests.motion.moving import MOVING
 from tests.motion.test_requests import COMMAND_MOTION
 from tests.node.cmd_vel import Sender
@@ -21,7 +21,7 @@ from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import ExecPreTask, Speak, Twist
+from woosh_robot_msgs.srv import ExecPreTask, Speak
 from woosh_ros_msgs.action import StepControl
 
 TWIST = "woosh.robot.Twist"
@@ -43,9 +43,7 @@ def test_stop_ends_every_goal(robot: Robot, kind: str):
 
 
 def test_stop_ends_a_velocity(robot: Robot):
-    request = Twist.Request()
-    request.arg.angular = 0.5
-    assert robot.call(Twist, "robot/Twist", arg=request.arg).ok
+    assert robot.command("robot/Twist", angular=0.5).ok
     answer = robot.call(Trigger, "stop")
     assert (answer.success, answer.message) == (True, "stopped")
     last: Any = robot.chassis.last(TWIST)
@@ -109,7 +107,7 @@ def test_a_goal_some_time_after_the_stop_is_executed(robot: Robot):
     wait_until(lambda: short_task(robot, 0.3).result()[0] != ABORTED, "the end of the hold")
 
 
-def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Collector):
+def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Logs):
     robot.set_motion_timing(hold=3600.0)
     velocities = Sender(robot)
     poses = robot.publisher(PoseStamped, "goal_pose")
@@ -130,15 +128,15 @@ def test_after_a_stop_no_request_moves_the_robot(robot: Robot, logs: Collector):
             command.action = EXECUTE
         action_class = class_of(action.action, "action")
         goal = action_class.Goal(arg=to_ros(action_class.Goal, command))
-        status, ret = robot.send_goal(action_class, action.name, goal).result()
-        assert status == ABORTED, action.name
-        assert "not sent: cancelled by a stop of the robot" in ret.msg
+        robot.send_goal(action_class, action.name, goal).wait_aborted(
+            "not sent: cancelled by a stop of the robot"
+        )
     velocities.send(x=0.3)
-    logs.wait(lambda record: "cmd_vel: not sent: cancelled" in record.getMessage())
+    logs.wait_text("cmd_vel: not sent: cancelled")
     pose = PoseStamped()
     pose.header.frame_id = "map"
     poses.publish(pose)
-    logs.wait(lambda record: "goal_pose is ignored: not sent" in record.getMessage())
+    logs.wait_text("goal_pose is ignored: not sent")
 
     assert not [each.type for each in robot.chassis.received if may_move(each.message)]
     assert is_standing(robot.chassis)

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -77,9 +78,8 @@ class Watching:
 
 @pytest.fixture
 def watching(domain: int) -> Iterator[Watching]:
-    running = Watching(domain)
-    yield running
-    running.close()
+    with closing(Watching(domain)) as running:
+        yield running
 
 
 def test_first_values_and_changes_are_shown(watching, agent, simulator):
@@ -148,11 +148,8 @@ def test_the_link_of_the_agent_is_shown(watching, agent, simulator):
 
 def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent):
     """The message on `connected` arrives before the monitor has discovered the agent."""
-    watching = Watching(domain, discovery_period=2.0)
-    try:
+    with closing(Watching(domain, discovery_period=2.0)) as watching:
         watching.wait_link(lambda link: "is connected to" in link.text)
-    finally:
-        watching.close()
 
 
 def test_messages_with_invalid_values_are_skipped(watching, agent, simulator):
@@ -183,25 +180,19 @@ def agent_without_connected(domain: int, simulator: Any) -> Iterator[AgentProces
     """An agent that publishes `connected` under another name."""
     remapped = ("-r", f"{NAMESPACE}/connected:=/elsewhere")
     parameters = {"ip": "127.0.0.1", "port": simulator.port}
-    agent = AgentProcess(domain, NAMESPACE, *remapped, **parameters)
-    try:
+    with closing(AgentProcess(domain, NAMESPACE, *remapped, **parameters)) as agent:
         agent.wait_connected()
         yield agent
-    finally:
-        agent.close()
 
 
 def test_once_waits_for_the_topic_connected(domain, agent_without_connected, client):
-    watching = Watching(domain, connected_timeout=TIMEOUT)
-    try:
+    with closing(Watching(domain, connected_timeout=TIMEOUT)) as watching:
         output = Output(watching)
         watching.wait(lambda view: view.has_robot_info, "RobotInfo")
         watching.wait_link(lambda link: link.good and "waiting for its topic" in link.text)
         publisher = client.node.create_publisher(Bool, client.path("connected"), latched(1))
         publisher.publish(Bool(data=True))
         status, text = output.wait()
-    finally:
-        watching.close()
     assert "the agent is connected to 127.0.0.1" in text
     assert status == 0
 

@@ -1,4 +1,4 @@
-"""Topics: each push of the chassis is published once and in order."""
+"""Topics: each push of the chassis is published once and in order; AgentInfo."""
 
 from __future__ import annotations
 
@@ -13,14 +13,18 @@ from google.protobuf.message import Message
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from tests.convert.random_messages import random_proto
-from tests.harness import HUMBLE, wait_until
+from tests.harness import HUMBLE, Client, Collector, Robot, RunningAgent, wait_until
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.endpoints import TOPICS
+from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS, Topic
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, RobotState, TaskProc
+from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import AgentInfo
 from woosh_robot_msgs.msg import Battery as BatteryMsg
+from woosh_robot_msgs.msg import BuildMapData as BuildMapDataMsg
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
@@ -219,6 +223,91 @@ def test_answers_to_services_are_not_published(connect, client, push, simulator)
     assert [m.power for m in echo.wait_count(1)] == [1]
 
 
+# Topics with large pushes: the chassis is asked for them only while somebody listens
+
+ON_DEMAND = [topic for topic in TOPICS if topic.on_demand]
+BUILD_MAP_DATA = "robot/BuildMapData"
+PUSH = "woosh.robot.BuildMapData"
+
+
+def echo_on_demand(client: Client, simulator: SimulatorThread) -> Collector:
+    """Subscribe to the topic, and wait until the agent has subscribed at the chassis."""
+    collector = client.echo(BuildMapDataMsg, BUILD_MAP_DATA)
+    wait_until(lambda: PUSH in subscribed(simulator), "the subscription at the chassis")
+    return collector
+
+
+def stop_listening(client: Client) -> None:
+    for subscription in list(client.node.subscriptions):
+        if subscription.topic_name == client.path(BUILD_MAP_DATA):
+            client.unsubscribe(subscription)
+
+
+@pytest.mark.parametrize("topic", ON_DEMAND, ids=lambda topic: topic.name)
+def test_the_chassis_is_asked_while_there_is_a_subscriber(robot: Robot, topic: Topic) -> None:
+    robot.chassis.wait_received("woosh.Subscription")
+    assert "woosh.robot.PoseSpeed" in subscribed(robot.chassis)
+    assert topic.push not in subscribed(robot.chassis)
+    ros_class = class_of(topic.msg, "msg")
+    collector = robot.echo(ros_class, topic.name)
+    wait_until(lambda: topic.push in subscribed(robot.chassis))
+    robot.chassis.push(message_type(topic.push)())
+    collector.wait_count(1)
+
+
+def test_the_chassis_is_no_longer_asked_after_the_last_subscriber(robot: Robot) -> None:
+    first = echo_on_demand(robot, robot.chassis)
+    second = robot.echo(BuildMapDataMsg, BUILD_MAP_DATA)
+    wait_until(lambda: robot.node.count_subscribers(robot.path(BUILD_MAP_DATA)) == 2)
+    robot.chassis.push(BuildMapData(width=1))
+    for collector in (first, second):
+        collector.wait(lambda m: m.width == 1)
+    stop_listening(robot)
+    wait_until(lambda: PUSH not in subscribed(robot.chassis), "the end of the subscription")
+    late = echo_on_demand(robot, robot.chassis)
+    assert late.wait_count(1)[0].width == 1, "the last value is kept"
+
+
+def test_it_is_asked_again_after_a_lost_link_and_by_another_robot(robot: Robot) -> None:
+    collector = echo_on_demand(robot, robot.chassis)
+    robot.chassis.drop()
+    robot.agent.wait_connected(2)
+    last = [each for each in robot.chassis.received if each.type == "woosh.Subscription"][-1]
+    assert PUSH in last.message.topics
+    robot.chassis.push(BuildMapData(width=2))
+    collector.wait(lambda m: m.width == 2)
+
+
+# AgentInfo, which says if the agent has a link
+
+
+def test_agent_info_is_false_before_the_first_link(
+    start_agent: Callable[..., RunningAgent], client: Client
+) -> None:
+    start_agent(ip="127.0.0.1", port=1, disabled_parts=["connected"])
+    assert [m.online for m in client.echo(AgentInfo, AGENT_INFO.name).wait_count(1)] == [False]
+
+
+def test_agent_info_follows_the_link_and_late_subscribers_get_it(robot: Robot) -> None:
+    early = robot.echo(AgentInfo, AGENT_INFO.name)
+    early.wait(lambda m: m.online)
+    robot.chassis.stop_listening()
+    robot.chassis.drop()
+    early.wait(lambda m: not m.online)
+    assert not robot.echo(AgentInfo, AGENT_INFO.name).wait_count(1)[0].online
+    robot.chassis.listen()
+    robot.agent.wait_connected(2)
+    early.wait_count(3)
+    assert [m.online for m in early.messages][-3:] == [True, False, True]
+
+
+def test_agent_info_is_false_when_the_agent_ends(robot: Robot) -> None:
+    echo = robot.echo(AgentInfo, AGENT_INFO.name)
+    echo.wait(lambda m: m.online)
+    robot.agent.close()
+    echo.wait(lambda m: not m.online)
+
+
 def test_a_push_that_cannot_be_decoded_is_skipped(connect, client, push, simulator, logs):
     connect(holding(RobotInfo()))
     echo = client.echo(BatteryMsg, "robot/Battery")
@@ -226,7 +315,7 @@ def test_a_push_that_cannot_be_decoded_is_skipped(connect, client, push, simulat
     simulator.send_raw('{"type":"woosh.robot.Battery","body":{"power":[]}}')
     push(Battery(power=1))
     assert [m.power for m in echo.wait_count(1)] == [1]
-    assert logs.wait(lambda r: "woosh.robot.Battery: power" in r.getMessage())
+    assert logs.wait_text("woosh.robot.Battery: power")
 
 
 def test_presence_bits_are_those_of_the_push(connect, client, push):

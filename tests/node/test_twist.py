@@ -9,7 +9,7 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from tests.harness import Client, Collector, Robot, wait_future, wait_until
+from tests.harness import Client, Logs, Robot, wait_future, wait_until
 from tests.node.goals import EXECUTING, slow_down, stop_time, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
@@ -136,7 +136,7 @@ def test_the_end_of_the_agent_does_not_stop_a_task_that_came_after(robot: Robot)
 
 @pytest.mark.parametrize("linked", [False, True], ids=["without a link", "zero refused"])
 def test_the_end_of_the_agent_while_the_robot_cannot_be_stopped_is_an_error(
-    robot: Robot, logs: Collector, linked: bool
+    robot: Robot, logs: Logs, linked: bool
 ) -> None:
     robot.set_motion_timing(driving=3600.0)
     assert wait_future(drive(robot, 0.1)).ok
@@ -146,7 +146,7 @@ def test_the_end_of_the_agent_while_the_robot_cannot_be_stopped_is_an_error(
         robot.chassis.stop_listening()
         robot.wait_lost()
     robot.agent.close()
-    record = logs.wait(lambda record: "the robot was not stopped" in record.getMessage())
+    record = logs.wait_text("the robot was not stopped")
     assert record.levelname == "ERROR"
     assert "emergency stop" in record.getMessage()
     assert ("the key switch is off" in record.getMessage()) == linked

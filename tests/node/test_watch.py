@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from typing import Any
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist as VelocityMsg
-from rclpy.context import Context
-from rclpy.node import Node
 
 from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
+from tests.node.cmd_vel import Sender
 from tests.node.test_states import diagnostics, values
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_msgs.msg import Twist as TwistMsg
-from woosh_robot_msgs.srv import Twist
+from woosh_robot_msgs.srv import RobotInfo, Twist
 
 WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -41,47 +38,18 @@ def wait_message(arrays: Collector, name: str, *texts: str) -> Any:
     return find(array, name)
 
 
-class Publisher:
-    """A node that publishes a velocity on cmd_vel all the time."""
-
-    def __init__(self, domain: int, name: str, linear: float) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = Node(name, context=self.context)
-        publisher = self.node.create_publisher(VelocityMsg, "/woosh_robot/cmd_vel", 1)
-        message = VelocityMsg()
-        message.linear.x = linear
-        self._end = threading.Event()
-
-        def run() -> None:
-            while not self._end.wait(0.05):
-                publisher.publish(message)
-
-        self._thread = threading.Thread(target=run)
-        self._thread.start()
-
-    def stop(self) -> None:
-        self._end.set()
-        self._thread.join()
-
-    def close(self) -> None:
-        self.stop()
-        self.node.destroy_node()
-        rclpy.try_shutdown(context=self.context)
-
-
 @pytest.fixture
-def publish(domain: int) -> Iterator[Callable[[str, float], Publisher]]:
-    """Function that starts a publisher of cmd_vel; takes its name and its speed."""
-    publishers: list[Publisher] = []
+def publish(domain: int) -> Iterator[Callable[[str, float], Sender]]:
+    """Function that starts a node that repeats a velocity on cmd_vel; takes its name and speed."""
+    with ExitStack() as stack:
 
-    def start(name: str, linear: float) -> Publisher:
-        publishers.append(Publisher(domain, name, linear))
-        return publishers[-1]
+        def start(name: str, linear: float) -> Sender:
+            sender = Sender(stack.enter_context(closing(Client(domain, name=name))))
+            stack.callback(sender.pause)
+            sender.repeat(20.0, x=linear)
+            return sender
 
-    yield start
-    for each in publishers:
-        each.close()
+        yield start
 
 
 def test_who_drives_is_shown(simulator, agent, client, arrays, publish):
@@ -90,7 +58,7 @@ def test_who_drives_is_shown(simulator, agent, client, arrays, publish):
     status = wait_message(arrays, "motion", "cmd_vel")
     assert values(status)["driver"] == "cmd_vel"
     assert status.level == DiagnosticStatus.OK
-    joystick.stop()
+    joystick.pause()
     wait_until(lambda: find(arrays.messages[-1], "motion").message == "nobody")
 
 
@@ -102,7 +70,7 @@ def test_cmd_vel_and_the_service_at_the_same_time_are_a_warning(
     assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.2)).ok
     status = wait_message(arrays, "motion", "cmd_vel and robot/Twist command velocities")
     assert status.level == WARN
-    logs.wait(lambda record: "cmd_vel and robot/Twist command" in record.getMessage())
+    logs.wait_text("cmd_vel and robot/Twist command")
 
 
 @pytest.mark.skipif(HUMBLE, reason="rclpy of Humble does not tell the numbers of messages")
@@ -142,7 +110,7 @@ def test_a_velocity_that_moves_nothing_is_a_warning_until_the_robot_moves(
     assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.05)).ok
     text = "robot/Twist was accepted, but the robot does not move: perhaps the key switch"
     assert wait_message(arrays, "motion", text).level == WARN
-    logs.wait(lambda record: text in record.getMessage())
+    logs.wait_text(text)
     end()
     simulator.push(PoseSpeed(map_id=3))
     wait_until(lambda: find(arrays.messages[-1], "motion").level == DiagnosticStatus.OK)
@@ -158,7 +126,7 @@ def test_a_code_without_a_text_gets_its_meaning(simulator, agent, client, arrays
     )
     assert wait_message(arrays, "abnormal codes", *texts).level == ERROR
     for text in texts:
-        logs.wait(lambda record, text=text: text in record.getMessage())
+        logs.wait_text(text)
 
 
 def test_a_pose_without_a_map_is_a_warning(simulator, agent, client, arrays):
@@ -183,7 +151,7 @@ class TestSecondAgent:
         assert find(arrays.wait_count(1)[0], "agents").message == "OK"
         for _ in range(2):  # it is logged again when it comes back
             logs.messages.clear()
-            program: Program = start_program("-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}")
+            program: Program = start_program(ip="127.0.0.1", port=simulator.port)
             told = wait_message(
                 arrays,
                 "agents",
@@ -192,21 +160,14 @@ class TestSecondAgent:
                 "observe_only",
             )
             assert told.level == WARN
-            logs.wait(lambda record: "node /woosh_robot/agent" in record.getMessage())
+            logs.wait_text("node /woosh_robot/agent")
             program.end()
             arrays.messages.clear()
             arrays.wait(lambda a: find(a, "agents").message == "OK")
 
-    def test_another_node_with_the_same_services_is_named(
-        self, agent, client, arrays, domain: int
-    ) -> None:
-        from woosh_robot_msgs.srv import RobotInfo
-
-        context = Context()
-        rclpy.init(context=context, domain_id=domain)
-        other = Node("impostor", namespace="/woosh_robot", context=context)
-        other.create_service(RobotInfo, "robot/RobotInfo", lambda _, response: response)
-        wait_message(arrays, "agents", "node /woosh_robot/impostor")
-        other.destroy_node()
-        rclpy.try_shutdown(context=context)
+    def test_another_node_with_the_same_services_is_named(self, agent, arrays, domain):
+        with closing(Client(domain, name="impostor")) as other:
+            name = other.path("robot/RobotInfo")
+            other.node.create_service(RobotInfo, name, lambda _, response: response)
+            wait_message(arrays, "agents", "node /impostor")
         wait_until(lambda: find(arrays.messages[-1], "agents").message == "OK")

@@ -71,7 +71,7 @@ def test_another_map_moves_the_map_and_not_odom() -> None:
 def test_after_a_lost_link_odom_continues_where_it_was_published_last() -> None:
     odometry = Odometry()
     drive(odometry, 0.5, 0.0)
-    odometry.lost(Pose2D(7.0, 0.0, 0.0))
+    odometry.continue_from(Pose2D(7.0, 0.0, 0.0))
     odometry.update(Pose2D(9.0, 1.0, 0.5), 0.5, 0.0, 1, 100.0)
     assert near(odometry.pose, Pose2D(7.0))
     assert near(odometry.map_to_odom * odometry.pose, Pose2D(9.0, 1.0, 0.5))
@@ -98,7 +98,7 @@ def test_without_reports_a_sideways_drive_has_ended() -> None:
     for number in range(4):
         odometry.update(Pose2D(0.0, 0.1 * number), 0.0, 0.0, 1, number * PERIOD)
     assert odometry.velocity.left == pytest.approx(0.1 / PERIOD)
-    odometry.silent()
+    odometry.end_sideways_movement()
     assert not odometry.velocity.moving
 
 

@@ -81,6 +81,7 @@ class _TimedSelector(selectors.DefaultSelector):
     def __init__(self) -> None:
         super().__init__()
         self.longest = self.longest_before = self.longest_ever = 0.0
+        # starts of this turn and of this minute
         self._began = self._minute = time.monotonic()
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
@@ -93,7 +94,7 @@ class _TimedSelector(selectors.DefaultSelector):
             self.longest_ever = max(turn, self.longest_ever)
         events = super().select(timeout)
         self._began = time.monotonic()
-        if timeout is not None:  # another thread may have kept the GIL after the timeout
+        if timeout is not None:  # the turn began at the timeout, even if another thread had the GIL
             self._began = min(self._began, now + timeout)
         return events
 

@@ -59,7 +59,7 @@ class Fleet:
                 agent.begin_close()
             executor = self.agents[0].node.executor
             if executor is not None:
-                executor.create_task(lambda: None)  # a signal does not end the executor's wait
+                executor.create_task(lambda: None)  # ends its wait, which the signal does not
 
         loop.call_soon_threadsafe(loop.add_reader, fd, begin)
 
@@ -127,10 +127,10 @@ def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list
 
 
 def _create_node(name: str, namespace: str, options: dict[str, Any]) -> ParameterNode:
-    frames = name.strip("/")
+    prefix = name.strip("/")
     defaults = {
-        "ip": "",  # invalid: the default address cannot be right for several robots
-        "frame_prefix": f"{frames}/" if frames else "",  # because all robots share /tf
+        "ip": "",  # invalid, so it must be set: several robots cannot all have the default address
+        "frame_prefix": f"{prefix}/" if prefix else "",  # because all robots share /tf
     }
     try:
         # a node's own remapping overrides the program's

@@ -25,8 +25,12 @@ DESCRIPTIONS = {
 }
 """Descriptions of the arguments, by name."""
 
-_LAUNCH_ARGUMENTS = {"emulate_tty", "launch-prefix", "launch-prefix-filter"} | {
-    f"{name}_timeout" for name in ("sigterm", "sigkill")
+_LAUNCH_ARGUMENTS = {
+    "emulate_tty",
+    "launch-prefix",
+    "launch-prefix-filter",
+    "sigterm_timeout",
+    "sigkill_timeout",
 }
 """Arguments that `launch` itself takes from the command line."""
 _PARAMETERS = ("ip", "port", "frame_prefix", "nav2")

@@ -93,7 +93,7 @@ _HANDLER = RosLogHandler()
 def init_arguments(arguments: Sequence[str]) -> list[str]:
     """Return arguments for `rclpy.init` that turn log files off if their folder is not writable.
 
-    With log files, rclpy would not start then. A warning on stderr tells the reason.
+    rclpy does not start if it cannot write them. A warning on stderr tells the reason.
     """
     if _NO_LOG_FILES in arguments:
         return list(arguments)

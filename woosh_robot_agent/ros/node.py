@@ -115,7 +115,7 @@ _CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
 _DEBUG_TIMEOUT = 60.0
 """Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
 _REST_TIMEOUT = 0.3
-"""Time in which the remaining work must end, in seconds."""
+"""Time in which the remaining tasks and the link thread must end, in seconds."""
 
 
 class Agent:
@@ -147,12 +147,12 @@ class Agent:
     ) -> None:
         self.node = node or ParameterNode(**options)
         log_to_ros()
-        used = thread or LoopThread()
-        self._own_thread = None if thread else used
-        link_thread = LinkThread(used, context_of(self.node.get_logger()))
+        loop_thread = thread or LoopThread()
+        self._own_thread = None if thread else loop_thread
+        link_thread = LinkThread(loop_thread, context_of(self.node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
-        # the first subscriber, so that unreadable pushes of a topic are logged only here
+        # the first consumer of pushes: one that it cannot read reaches no other consumer
         self._topics = Topics(self.node, link_thread, chassis)
         gate = MotionGate(chassis, lambda: self.actions.running_goals)
         last_known = LastKnown(chassis)
@@ -174,8 +174,8 @@ class Agent:
         self._standard = StandardLayer(context)
         self._nav2 = self._create_nav2(context) if self.settings.nav2 else None
         self._lock = threading.Lock()
-        """Held while `_end` is set, because `begin_close` may be called from any thread."""
-        self._end: Future[None] | None = None
+        """Protects `_stopped`: `begin_close` may be called from several threads at once."""
+        self._stopped: Future[None] | None = None
         """Done when the robot, the goals and the link are stopped; None until `begin_close`."""
         self.node.on_change(self._settings_changed)
         if self.settings.observe_only:
@@ -251,9 +251,9 @@ class Agent:
         Further calls do nothing. `close` waits for the end.
         """
         with self._lock:
-            if self._end is None:
+            if self._stopped is None:
                 set_closing(self.node.get_logger(), closing=True)
-                self._end = self.robot.thread.begin(self._close())
+                self._stopped = self.robot.thread.begin(self._close())
 
     def close(self, spin_once: Callable[[], None]) -> None:
         """Stop the robot if the agent drove it, abort the open goals, close the link, clean up.
@@ -312,7 +312,7 @@ class Agent:
     def _settings_changed(self, before: Settings) -> None:
         settings = self.settings
         if settings.observe_only != before.observe_only:
-            # called directly: a task would begin after commands that come right after this change
+            # no task: it would begin only after commands that come right after this change
             self.robot.thread.call(self._set_observe_only, settings.observe_only)
         if settings.link != before.link:
             self.robot.thread.spawn(partial(self._reconfigure, self._link_config()))
@@ -344,15 +344,15 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
     """Close several agents at once, like `Agent.close`, but without destroying the nodes."""
     for agent in agents:
         agent.begin_close()
-    ends = [agent._end for agent in agents if agent._end is not None]
+    stopped = [agent._stopped for agent in agents if agent._stopped is not None]
     until = time.monotonic() + _CLOSE_TIMEOUT
-    while time.monotonic() < until and not all(end.done() for end in ends):
+    while time.monotonic() < until and not all(each.done() for each in stopped):
         spin_once()
-    rests = [(agent, agent.robot.thread.begin(agent.robot.thread.cancel())) for agent in agents]
+    cancels = [(agent, agent.robot.thread.begin(agent.robot.thread.cancel())) for agent in agents]
     until = time.monotonic() + _REST_TIMEOUT
-    for agent, rest in rests:
+    for agent, cancelled in cancels:
         try:
-            wait_for_result(rest, max(until - time.monotonic(), 0.0))
+            wait_for_result(cancelled, max(until - time.monotonic(), 0.0))
         except TimeoutError:
             agent.node.get_logger().error("the agent's tasks did not end in time")
     for agent in agents:

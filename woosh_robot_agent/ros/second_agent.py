@@ -77,7 +77,7 @@ class SecondAgent:
         agents = Counter(
             _path(each.node_name, each.node_namespace)
             for each in self._node.get_publishers_info_by_topic(self._topic)
-            if each.node_name != UNKNOWN_NODE  # its name will be known the next time
+            if each.node_name != UNKNOWN_NODE  # the name will be known at the next check
         )
         for name, namespace in set(self._node.get_node_names_and_namespaces()):
             try:
@@ -87,7 +87,7 @@ class SecondAgent:
             path = _path(name, namespace)
             if self._service in dict(services) and not agents[path]:
                 agents[path] = 1
-        agents[own] -= 1  # another node may have the same name
+        agents[own] -= 1  # without this agent; another one may have the same name
         yield from (name for name, count in agents.items() if count > 0)
 
 

@@ -114,7 +114,7 @@ class _QueryHandler:
 
     @property
     def _fallback(self) -> str:
-        """Log text: what the service answers if the chassis gives no usable answer."""
+        """Log text that says what the service responds without a usable answer of the chassis."""
         name = self._endpoint.name
         if self._robot.last_known.get(self._endpoint.request) is None:
             return f"{name} answers blank, because no value is known yet"
@@ -131,10 +131,10 @@ class _QueryHandler:
                 aside(self._convert.to_ros, last), name=f"convert {self._endpoint.name}"
             )
             self._converting = (last, task)
-            task.add_done_callback(self._converted)
+            task.add_done_callback(self._conversion_ended)
         return _Value(await asyncio.shield(self._converting[1]), is_large=True)
 
-    def _converted(self, task: asyncio.Task[Any]) -> None:
+    def _conversion_ended(self, task: asyncio.Task[Any]) -> None:
         if self._converting is not None and self._converting[1] is task:
             self._converting = None
 
@@ -201,7 +201,7 @@ class _CommandHandler:
         self._robot.thread.spawn(partial(self._answer, message, reply, published, note), reply.fail)
 
     async def _answer(self, message: Message, reply: Reply, published: float, note: str) -> None:
-        address = self._robot.chassis.config.address
+        address = self._robot.chassis.config.address  # parameters may change it meanwhile
         if isinstance(message, Twist) and may_move(message):
             self._velocities.note_call(self._endpoint.name, reply.sequence_number)
         try:
@@ -209,7 +209,11 @@ class _CommandHandler:
                 message, sender=Sender(self._endpoint.name, published)
             )
         except ConnectionLostError as error:
-            reply.send(self._response(False, self._lost(address, error)))
+            text = (
+                f"lost the link to {address} before the chassis answered "
+                f"{self._endpoint.request}: {error}; whether it took effect is not known"
+            )
+            reply.send(self._response(False, text))
             return
         except LinkError as error:
             reply.send(self._response(False, str(error)))
@@ -218,12 +222,6 @@ class _CommandHandler:
         if note and answer.ok:
             response.msg = f"{response.msg}; {note}" if response.msg else note
         await _send(reply, response, is_large=answer.raw.is_large)
-
-    def _lost(self, address: str, error: ConnectionLostError) -> str:
-        return (
-            f"lost the link to {address} before the chassis answered "
-            f"{self._endpoint.request}: {error}; whether it took effect is not known"
-        )
 
     async def _response_for(self, answer: Answer) -> Any:
         if self._convert_ret is None:

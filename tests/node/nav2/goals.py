@@ -9,7 +9,7 @@ from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, PoseStamped
 
-from tests.harness import Client, Collector, wait_future
+from tests.harness import Client, Collector, Logs, wait_future
 from tests.node.goals import START
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
@@ -68,20 +68,30 @@ class Nav2Client:
         response = wait_future(self._result)
         return response.status, response.result
 
-    def refusal(self, logs: Collector) -> str:
+    def wait_aborted(self, *texts: str, code: str = "") -> Any:
+        """Wait until the goal is aborted, with these texts and this error code; return the result.
+
+        On Humble, results have no text and no code.
+        """
+        status, result = self.result()
+        assert status == ABORTED, result
+        for text in texts:
+            assert text in getattr(result, "error_msg", text)
+        if code and hasattr(result, "error_code"):
+            constants = type(result)
+            unknown = getattr(constants, "UNKNOWN", 0)
+            assert result.error_code == getattr(constants, code, unknown)
+        return result
+
+    def refusal(self, logs: Logs) -> str:
         """Return why the goal was refused: the text of its result, or of the log.
 
         A goal whose result has no text is rejected, because a rejection has none either.
         """
         assert self.accepted is self._has_text
         if not self.accepted:
-            return str(logs.wait(lambda each: "is rejected" in each.getMessage()).getMessage())
-        status, result = self.result()
-        assert status == ABORTED
-        constants = type(result)
-        unknown = getattr(constants, "UNKNOWN", 0)
-        assert result.error_code == getattr(constants, "TF_ERROR", unknown)
-        return str(result.error_msg)
+            return str(logs.wait_text("is rejected").getMessage())
+        return str(self.wait_aborted(code="TF_ERROR").error_msg)
 
     @property
     def done(self) -> bool:
@@ -114,9 +124,9 @@ def stands(simulator: SimulatorThread) -> bool:
     return not simulator.call(lambda sim: sim.chassis.base.moving)
 
 
-def says(result: Any, text: str) -> bool:
-    """Return True if the error message of a result has a text, or if results have none: Humble."""
-    return text in getattr(result, "error_msg", text)
+def error_code(result: Any) -> int:
+    """Return the error code of a result; 0 on Humble."""
+    return int(getattr(result, "error_code", 0))
 
 
 def go(client: Client, distance: float, **fields: Any) -> Nav2Client:

@@ -7,7 +7,6 @@ import pytest
 from tests.harness import Client, wait_until
 from tests.node.goals import slow_down
 from tests.node.nav2.goals import (
-    ABORTED,
     CANCELED,
     PREVENTIONS,
     SUCCEEDED,
@@ -75,10 +74,7 @@ def test_there_is_no_such_charger(client: Client, simulator: SimulatorThread) ->
         Nav2Client(client, "dock_robot", dock_id="Z99"),
         Nav2Client(client, "dock_robot", use_dock_id=False, dock_pose=pose(0.0, 0.0)),
     ):
-        status, result = goal.result()
-        assert (status, result.success) == (ABORTED, False)
-        assert result.error_code == nav2_actions.DockRobot.Result.DOCK_NOT_IN_DB
-        assert "there is no charger" in result.error_msg
+        assert not goal.wait_aborted("there is no charger", code="DOCK_NOT_IN_DB").success
     assert ExecTask.DESCRIPTOR.full_name not in simulator.counts
 
 
@@ -101,9 +97,7 @@ def test_docking_ends_when_something_stops_the_robot(
     goal = Nav2Client(client, "dock_robot")
     wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
     prevent(simulator)
-    status, result = goal.result()
-    assert (status, result.success) == (ABORTED, False)
-    assert prevention in result.error_msg
+    assert not goal.wait_aborted(prevention).success
     permit(simulator)
     wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active), "the task ends")
 
@@ -128,18 +122,14 @@ def test_undocking_is_cancelled(client: Client, simulator: SimulatorThread) -> N
 
 def test_the_way_to_the_charger_takes_too_long(client: Client, simulator: SimulatorThread) -> None:
     slow_down(simulator)
-    status, result = Nav2Client(client, "dock_robot", max_staging_time=0.2).result()
-    assert status == ABORTED
-    assert result.error_code == nav2_actions.DockRobot.Result.FAILED_TO_STAGE
+    Nav2Client(client, "dock_robot", max_staging_time=0.2).wait_aborted(code="FAILED_TO_STAGE")
     assert not simulator.call(lambda sim: sim.chassis.tasks.active)
 
 
 def test_a_robot_in_no_charger_is_not_undocked(client: Client, simulator: SimulatorThread) -> None:
     """The chassis might back out of where it is."""
-    status, result = Nav2Client(client, "undock_robot").result()
-    assert (status, result.success) == (ABORTED, False)
-    assert result.error_code == nav2_actions.UndockRobot.Result.DOCK_NOT_VALID
-    assert "the robot is in no charger" in result.error_msg
+    goal = Nav2Client(client, "undock_robot")
+    assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
@@ -156,7 +146,6 @@ def test_a_refusal_is_explained(client: Client, simulator: SimulatorThread) -> N
     assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
     simulator.set_emergency_stop(True)
     for name in ("dock_robot", "undock_robot"):
-        status, result = Nav2Client(client, name).result()
-        assert (status, result.success) == (ABORTED, False)
-        assert "emergency stop" in result.error_msg
+        result = Nav2Client(client, name).wait_aborted("emergency stop")
+        assert not result.success
         assert result.error_code != 0

@@ -10,7 +10,7 @@ import pytest
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from tests.harness import Client, Collector, RunningAgent
+from tests.harness import Client, Logs, RunningAgent
 from tests.node.goals import START
 from tests.node.nav2.goals import SUCCEEDED, Nav2Client, ahead, pose
 from woosh_robot_agent.convert.mapping import class_of
@@ -119,7 +119,7 @@ class TestFrames:
         self,
         client: Client,
         simulator: SimulatorThread,
-        logs: Collector,
+        logs: Logs,
         static: Any,
         frame: str,
         text: str,
@@ -151,7 +151,7 @@ class TestFrames:
 
 
 def test_frames_with_a_prefix(
-    client: Client, connect: Callable[..., RunningAgent], logs: Collector
+    client: Client, connect: Callable[..., RunningAgent], logs: Logs
 ) -> None:
     connect(nav2=True, frame_prefix="r1/")
     goal = go(client, ahead(0.5, "r1/map"))

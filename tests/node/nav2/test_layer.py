@@ -11,7 +11,7 @@ from rcl_interfaces.srv import GetParameters
 
 from tests.harness import HUMBLE, Client, Program, RunningAgent, wait_until
 from tests.node.goals import slow_down
-from tests.node.nav2.goals import ABORTED, Nav2Client, go, says
+from tests.node.nav2.goals import Nav2Client, go
 from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -88,9 +88,7 @@ def test_an_agent_that_observes_sends_no_goals(
 ) -> None:
     connect(nav2=True, observe_only=True)
     for goal in (go(client, 1.0), Nav2Client(client, "spin", target_yaw=1.0)):
-        status, result = goal.result()
-        assert status == ABORTED
-        assert says(result, "only observes")
+        goal.wait_aborted("only observes")
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
@@ -102,22 +100,16 @@ def test_a_lost_link_aborts_a_goal(
     goal = go(client, 5.0)
     goal.feedback.wait(lambda _: True)
     simulator.inject("off")
-    status, result = goal.result()
-    assert status == ABORTED
-    assert says(result, "the link was lost")
+    goal.wait_aborted("the link was lost")
 
 
 def test_a_program_with_it_ends_cleanly(
     client: Client, simulator: SimulatorThread, start_program: Callable[..., Program]
 ) -> None:
-    program = start_program(
-        "-p", "ip:=127.0.0.1", "-p", f"port:={simulator.port}", "-p", "nav2:=true"
-    )
+    program = start_program(ip="127.0.0.1", port=simulator.port, nav2=True)
     program.wait_says("connected to")
     slow_down(simulator)
     goal = go(client, 5.0)
     goal.feedback.wait(lambda _: True)
     program.end()
-    status, result = goal.result()
-    assert status == ABORTED
-    assert says(result, "stopping")
+    goal.wait_aborted("stopping")

@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Collector, RunningAgent, wait_until
+from tests.harness import Client, Logs, RunningAgent, wait_until
 from tests.node.goals import (
     CALL_ACTION,
     CANCEL,
@@ -31,16 +31,15 @@ from tests.node.nav2.goals import (
     SUCCEEDED,
     Nav2Client,
     ahead,
+    error_code,
     go,
     pose,
     poses_field,
-    says,
     stands,
 )
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import SwitchWorkMode
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 pytestmark = pytest.mark.usefixtures("agent")
@@ -80,7 +79,7 @@ def driving(
 def test_the_robot_drives_to_the_pose(client: Client, simulator: SimulatorThread) -> None:
     goal = go(client, 1.0)
     status, result = goal.result()
-    assert (status, getattr(result, "error_code", 0)) == (SUCCEEDED, 0)
+    assert (status, error_code(result)) == (SUCCEEDED, 0)
     assert distance_to(simulator, 1.0) < 0.01
     assert drives(simulator) == [action_pb2.kExecute]
 
@@ -118,7 +117,7 @@ def test_a_cancel_ends_cancelled_and_the_robot_stands(
     goal = driving(client, simulator, name, **fields)
     assert goal.cancel().goals_canceling
     status, result = goal.result()
-    assert (status, getattr(result, "error_code", 0)) == (CANCELED, 0)
+    assert (status, error_code(result)) == (CANCELED, 0)
     assert stands(simulator)
     assert distance_to(simulator, 5.0) > 3.0
     assert drives(simulator) == [action_pb2.kExecute, action_pb2.kCancel]
@@ -153,9 +152,7 @@ def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(
 ) -> None:
     first = driving(client, simulator)
     simulator.inject("refuse", type=CALL_ACTION, text="not there", count=1)
-    status, result = go(client, 1.0).result()
-    assert status == ABORTED
-    assert says(result, "not there")
+    go(client, 1.0).wait_aborted("not there")
     assert first.result()[0] == ABORTED
     assert stands(simulator)
     assert distance_to(simulator, 5.0) > 2.0
@@ -183,9 +180,7 @@ def test_a_cancel_of_others_is_explained(
 ) -> None:
     goal = driving(client, simulator)
     cancel(client, simulator)
-    status, result = goal.result()
-    assert status == ABORTED
-    assert says(result, text)
+    goal.wait_aborted(text)
 
 
 def test_a_goal_of_the_agents_own_action_replaces_it(
@@ -193,17 +188,13 @@ def test_a_goal_of_the_agents_own_action_replaces_it(
 ) -> None:
     goal = driving(client, simulator)
     other = move_base(client, 1.0)
-    status, result = goal.result()
-    assert status == ABORTED
-    assert says(result, "newer goal")
+    goal.wait_aborted("newer goal")
     assert other.result()[0] == SUCCEEDED
 
 
 def deploy(client: Client) -> None:
     """Switch the robot to deployment mode."""
-    request = SwitchWorkMode.Request()
-    request.arg.mode.value = 1
-    assert client.call(SwitchWorkMode, "robot/SwitchWorkMode", arg=request.arg).ok
+    assert client.command("robot/SwitchWorkMode", mode=1).ok
 
 
 @pytest.mark.parametrize(
@@ -219,17 +210,13 @@ def deploy(client: Client) -> None:
 def test_a_refusal_is_explained(
     client: Client,
     simulator: SimulatorThread,
-    logs: Collector,
+    logs: Logs,
     prevent: Callable[[Client, SimulatorThread], None],
     reason: str,
 ) -> None:
     prevent(client, simulator)
-    status, result = go(client, 1.0).result()
-    assert status == ABORTED
-    if hasattr(result, "error_msg"):
-        assert reason in result.error_msg
-        assert result.error_code == getattr(result, "UNKNOWN", 0)
-    logs.wait(lambda record: reason in record.getMessage())
+    go(client, 1.0).wait_aborted(reason, code="UNKNOWN")
+    logs.wait_text(reason)
 
 
 def test_a_task_is_not_replaced(client: Client, simulator: SimulatorThread) -> None:
@@ -237,9 +224,7 @@ def test_a_task_is_not_replaced(client: Client, simulator: SimulatorThread) -> N
     slow_down(simulator)
     running = task(client, mark="A23", task_id=11)
     running.feedback.wait(lambda each: each.state.value == EXECUTING)
-    status, result = go(client, 1.0).result()
-    assert status == ABORTED
-    assert says(result, "task")
+    go(client, 1.0).wait_aborted("task")
     assert not running.done
     running.cancel()
 
@@ -256,9 +241,7 @@ def test_all_goals_are_aborted_when_the_agent_stops(
         goal.feedback.wait(lambda _: True)
     agent.close()
     for goal in goals:
-        status, result = goal.result()
-        assert status == ABORTED
-        assert says(result, "the agent is stopping")
+        goal.wait_aborted("the agent is stopping")
 
 
 @pytest.mark.parametrize(
@@ -270,7 +253,7 @@ def test_all_goals_are_aborted_when_the_agent_stops(
     ],
 )
 def test_a_pose_that_is_none_is_refused(
-    client: Client, simulator: SimulatorThread, logs: Collector, wrong: dict[str, float], text: str
+    client: Client, simulator: SimulatorThread, logs: Logs, wrong: dict[str, float], text: str
 ) -> None:
     """What runs goes on."""
     stop_time(simulator)
@@ -284,10 +267,10 @@ def test_a_pose_that_is_none_is_refused(
     assert drives(simulator) == [action_pb2.kExecute]
 
 
-def test_a_field_without_an_effect_is_said_once(client: Client, logs: Collector) -> None:
+def test_a_field_without_an_effect_is_said_once(client: Client, logs: Logs) -> None:
     for _ in range(2):
         assert go(client, 0.1, behavior_tree="tree.xml").result()[0] == SUCCEEDED
-    said = [each for each in logs.messages if "behavior_tree has no effect" in each.getMessage()]
+    said = logs.with_text("behavior_tree has no effect")
     assert len(said) == 1
 
 
@@ -311,24 +294,18 @@ def test_the_robot_drives_through_poses(client: Client, simulator: SimulatorThre
 
 
 def test_poses_outside_of_the_map_are_not_reached(client: Client) -> None:
-    status, result = through_poses(client, [ahead(1.0), pose(*OUTSIDE)]).result()
-    assert status == ABORTED
-    assert says(result, "no free path")
+    through_poses(client, [ahead(1.0), pose(*OUTSIDE)]).wait_aborted("no free path")
 
 
 def test_a_refusal_that_may_be_due_to_the_number_of_poses_says_so(client: Client) -> None:
-    status, result = through_poses(client, [ahead(n / 100) for n in range(201)]).result()
-    assert status == ABORTED
-    assert says(result, "the goal has 201 poses, which may be too many: send fewer")
+    through_poses(client, [ahead(n / 100) for n in range(201)]).wait_aborted(
+        "the goal has 201 poses, which may be too many: send fewer"
+    )
 
 
 def test_no_poses_are_no_goal(client: Client) -> None:
     assert through_poses(client, []).result()[0] == ABORTED
-    status, result = Nav2Client(client, "follow_waypoints", poses=[]).result()
-    assert status == ABORTED
-    assert getattr(result, "error_code", 0) == getattr(
-        type(result), "NO_VALID_WAYPOINTS", getattr(type(result), "UNKNOWN", 0)
-    )
+    Nav2Client(client, "follow_waypoints", poses=[]).wait_aborted(code="NO_VALID_WAYPOINTS")
 
 
 def missed(result: Any) -> list[int]:
@@ -366,9 +343,7 @@ def test_waypoints_end_when_something_stops_the_robot(
     permit(simulator)
     if injected is not None:
         injected.clear()
-    status, result = goal.result()
-    assert (status, missed(result)) == (ABORTED, [])
-    assert says(result, prevention)
+    assert missed(goal.wait_aborted(prevention)) == []
     assert drives(simulator) == [action_pb2.kExecute]
     wait_until(lambda: stands(simulator), "the robot stands")
 
@@ -383,9 +358,7 @@ def test_waypoints_end_when_one_was_reached_during_a_loss_of_the_link(
     wait_until(lambda: distance_to(simulator, 1.0) < 0.01, "the robot reaches the waypoint")
     wait_until(lambda: stands(simulator), "the robot stands")
     injected.clear()
-    status, result = goal.result()
-    assert (status, missed(result)) == (ABORTED, [])
-    assert says(result, "waypoint 0 while the link")
+    assert missed(goal.wait_aborted("waypoint 0 while the link")) == []
     assert drives(simulator) == [action_pb2.kExecute]
 
 
@@ -417,9 +390,8 @@ def test_a_robot_that_accepts_no_tasks_misses_no_waypoints(
     client: Client, simulator: SimulatorThread
 ) -> None:
     simulator.set_key_switch(True)
-    status, result = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0)] * 3).result()
-    assert (status, missed(result)) == (ABORTED, [])
-    assert says(result, "manual")
+    goal = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0)] * 3)
+    assert missed(goal.wait_aborted("manual")) == []
 
 
 def test_a_frozen_chassis_is_no_standing_robot(client: Client, simulator: SimulatorThread) -> None:
@@ -434,12 +406,11 @@ def test_a_frozen_chassis_is_no_standing_robot(client: Client, simulator: Simula
 
 @pytest.mark.parametrize("place", [ahead(1.0, ""), pose(1e20, 0.0)], ids=["no frame", "far away"])
 def test_a_pose_that_means_no_place_moves_nothing(
-    client: Client, simulator: SimulatorThread, logs: Collector, place: PoseStamped
+    client: Client, simulator: SimulatorThread, logs: Logs, place: PoseStamped
 ) -> None:
     goal = Nav2Client(client, "navigate_to_pose", pose=place)
     if place.header.frame_id:
-        status, result = goal.result()
-        assert status == ABORTED
+        result = goal.wait_aborted()
         assert "report this" not in getattr(result, "error_msg", "")
     else:
         assert "has no frame" in goal.refusal(logs)
@@ -450,8 +421,7 @@ def test_a_pose_that_means_no_place_moves_nothing(
 def test_the_service_stop_ends_waypoints(client: Client, simulator: SimulatorThread) -> None:
     goal = driving(client, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
     assert client.call(Trigger, "stop").success
-    status, result = goal.result()
-    assert (status, missed(result)) == (ABORTED, [])
+    assert missed(goal.wait_aborted()) == []
     assert drives(simulator).count(action_pb2.kExecute) == 1
     wait_until(lambda: stands(simulator), "the robot stands")
 

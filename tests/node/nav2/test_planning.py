@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, Collector
+from tests.harness import Client, Logs
 from tests.node.goals import START
 from tests.node.nav2.goals import (
     ABORTED,
@@ -16,11 +16,10 @@ from tests.node.nav2.goals import (
     SUCCEEDED,
     Nav2Client,
     ahead,
+    error_code,
     pose,
     poses_field,
-    says,
 )
-from tests.node.nav2.test_behaviors import code, error_code
 from woosh_robot_agent.simulator import SimulatorThread
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
@@ -47,7 +46,7 @@ def test_a_path_from_the_robot_to_a_pose(client: Client, simulator: SimulatorThr
     assert simulator.counts["woosh.ros.CallAction"] == 0
 
 
-def test_a_path_from_another_pose(client: Client, logs: Collector) -> None:
+def test_a_path_from_another_pose(client: Client, logs: Logs) -> None:
     goal = Nav2Client(
         client,
         "compute_path_to_pose",
@@ -57,7 +56,7 @@ def test_a_path_from_another_pose(client: Client, logs: Collector) -> None:
         planner_id="GridBased",
     )
     assert length(goal.result()[1].path) == pytest.approx(2.0, abs=0.1)
-    logs.wait(lambda record: "planner_id has no effect" in record.getMessage())
+    logs.wait_text("planner_id has no effect")
 
 
 def through_poses(client: Client, poses: list[Any]) -> Nav2Client:
@@ -77,11 +76,10 @@ def test_without_a_path_the_reason_is_told(client: Client) -> None:
         Nav2Client(client, "compute_path_to_pose", goal=pose(1000.0, 1000.0)),
         through_poses(client, [ahead(1.0), pose(1000.0, 1000.0)]),
     ):
-        status, result = goal.result()
-        assert (status, error_code(result)) == (ABORTED, code(result, "NO_VALID_PATH"))
-        assert says(result, "to (1000.00, 1000.00): choose a goal on free floor")
-    status, result = through_poses(client, []).result()
-    assert (status, error_code(result)) == (ABORTED, code(result, "NO_VIAPOINTS_GIVEN"))
+        goal.wait_aborted(
+            "to (1000.00, 1000.00): choose a goal on free floor", code="NO_VALID_PATH"
+        )
+    through_poses(client, []).wait_aborted(code="NO_VIAPOINTS_GIVEN")
 
 
 def test_an_answer_of_the_type_of_the_request_is_read(

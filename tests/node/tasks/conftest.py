@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 
@@ -50,9 +51,8 @@ def agent(
 
 @pytest.fixture(scope="module")
 def robot(agent: RunningAgent, chassis: ScriptedChassis) -> Iterator[ScriptedRobot]:
-    running = ScriptedRobot(agent, chassis)  # type: ignore[arg-type]
-    yield running
-    running.close()
+    with closing(ScriptedRobot(agent, chassis)) as running:  # type: ignore[arg-type]
+        yield running
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.node.goals import ABORTED, FAILED
+from tests.node.goals import FAILED
 from tests.node.tasks.reports import (
     IDLE,
     IDS,
@@ -98,9 +98,7 @@ def test_an_end_that_was_not_seen_is_noticed(
     if told == "by the history":
         assert_ended(goal, [first, end])
     else:
-        status, ret = goal.result()
-        assert (status, ret.state.value) == (ABORTED, FAILED)
-        assert "does not know the task any more" in ret.msg
+        assert goal.wait_aborted("does not know the task any more").state.value == FAILED
 
 
 @every_sequence

@@ -50,7 +50,7 @@ class AgentGoal:
             out, as far as that is known; None if the agent starts the goal by itself.
 
     Attributes:
-        accepted: future; True when the chassis accepts the goal, False when it no longer can.
+        accepted: future; True once the chassis has accepted the goal, False if it never will.
         ended: future of the end.
     """
 
@@ -133,7 +133,7 @@ class Actions:
         result_timeout: int,
     ) -> None:
         self._open_goals: defaultdict[str, OpenGoals] = defaultdict(OpenGoals)
-        """The open goals of each member of CallAction; all tasks have the key ""."""
+        """The open goals of each member of CallAction; tasks and task sets share the key ""."""
         self._runs: dict[asyncio.Task[None], GoalRun] = {}
         """The goals that have not ended, by the asyncio task that runs the goal."""
         self._is_link_ready = False
@@ -179,7 +179,7 @@ class Actions:
                     last_known=robot.last_known,
                     last_reports=self._last_reports,
                 )
-            # the commands of the agent's own goals are messages of the chassis already
+            # the commands of the agent's own goals are protobuf messages already
             self._actions[action.arg] = _Action(
                 make_kind, replace(context, to_proto=robot.requests.address)
             )

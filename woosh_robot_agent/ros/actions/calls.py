@@ -100,7 +100,7 @@ class CallActionGoal:
         return Order(self._call_action(), self._success, needs_cancel_report=needs_report)
 
     def _read_command(self) -> Message:
-        """Return the command as a message for the chassis; a cancel is blank if it is invalid."""
+        """Return the command as a message for the chassis; an invalid cancel becomes blank."""
         try:
             return self._context.to_proto(self._arg)
         except BadFieldError:

@@ -211,10 +211,10 @@ class Attribution:
         return is_own
 
     def admit_polled(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
-        """Return True if a report in a poll's answer is to be passed to `attribute`.
+        """Decide if a report in a poll's answer is to be passed to `attribute`.
 
-        The end of an earlier goal, which the chassis repeats, is not. Call this once for each
-        report: after the start is accepted, the same end is rejected only once.
+        Return False for the end of an earlier goal, which the chassis repeats. Call this once for
+        each report: once this goal is accepted, the same end is rejected only one more time.
 
         Args:
             outcome: reported outcome; None if the goal is still running.
@@ -227,6 +227,7 @@ class Attribution:
             # from now on, the same end means that this goal ended like the earlier one
             self._previous = None
             return report != previous
+        # without an earlier end to compare with, an end proves nothing
         return previous is not None and report != previous
 
     def _attribute_progress(self, phase: Phase) -> bool:
@@ -250,7 +251,8 @@ class Attribution:
             return True
         if phase.accepted and phase.answered:
             return outcome not in inherited
-        # an end before the answer belongs to an earlier goal, if any; polls find the own end later
+        # before the answer, take it for the end of an earlier goal, if there may be one; if it is
+        # this goal's end, a poll finds it later
         return not inherited
 
 

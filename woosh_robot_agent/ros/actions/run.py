@@ -102,7 +102,7 @@ class GoalRun:
         self.phase = Phase.NEW
         """Phase of the goal; only `_advance` changes it."""
         self.accepted: asyncio.Future[bool] = loop.create_future()
-        """Becomes True when the chassis accepts the goal, False when it no longer can."""
+        """True once the chassis has accepted the goal, False if it never will."""
         self._client = client
         self._kind = kind
         self._context = context
@@ -242,6 +242,7 @@ class GoalRun:
         return True
 
     async def _next_cancel(self) -> None:
+        """Wait until the chassis reports a cancel."""
         while True:
             event = await self._events.get()
             if isinstance(event, Pushed) and any(

@@ -287,7 +287,7 @@ def _hand_over(
     request: Any,
     reply: Reply,
 ) -> None:
-    """Let the link thread serve a request; called in the executor thread."""
+    """Let the link thread serve a request, and tell it when the request was taken, in seconds."""
     thread.spawn(partial(serve, request, reply, time.monotonic()), reply.fail)
 
 

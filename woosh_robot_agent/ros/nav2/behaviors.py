@@ -40,7 +40,7 @@ def _limit_time(goal: Nav2Goal) -> None:
 
 
 class _Travelled:
-    """Distance and angle that the robot has travelled since this object was created."""
+    """The distance and angle that the robot has travelled since this object was created."""
 
     def __init__(self, robot_pose: RobotPose) -> None:
         self._robot_pose = robot_pose
@@ -87,8 +87,9 @@ class _Behavior(Nav2Action):
             )
         _limit_time(goal)
         step = StepControl.Step(mode=mode, value=value, speed=speed)
-        unchecked = getattr(goal.request, "disable_collision_checks", False)
-        command = StepControl(action=kExecute, steps=[step], avoid=int(unchecked))
+        is_blind = getattr(goal.request, "disable_collision_checks", False)
+        # avoid: 0 switches obstacle avoidance on, 1 off
+        command = StepControl(action=kExecute, steps=[step], avoid=int(is_blind))
         await goal.run_command(command, tick=tick)
 
 
@@ -223,7 +224,7 @@ class AssistedTeleop(Nav2Action):
         self._goal = goal
 
         def tick() -> None:
-            if reason := self._prevention():
+            if reason := self._reason_to_end():
                 goal.stop(GoalEnd(reason))
             goal.feedback(current_teleop_duration=to_duration(goal.elapsed))
 
@@ -234,16 +235,16 @@ class AssistedTeleop(Nav2Action):
             self._driver.drive(0.0, 0.0, 0.0)  # stop the robot at once
             await self.context.pose.wait_until_standing()
 
-    def _prevention(self) -> str:
+    def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
         part, gate = self.context.part, self.context.part.robot.gate
         if part.robot.chassis.state is not LinkState.READY:
             return "there is no link to the robot"
         if gate.owner and not part.settings().velocity_limits.override:
             return f"{gate.owner} drives the robot"
-        stopping = (EMERGENCY_STOP, *CONTROL_MODES)
+        preventing = (EMERGENCY_STOP, *CONTROL_MODES)
         return "; ".join(
-            str(each) for each in self.context.objections_except_busy if each in stopping
+            str(each) for each in self.context.objections_except_busy if each in preventing
         )
 
     def _stopped(self) -> None:

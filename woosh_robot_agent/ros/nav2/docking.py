@@ -30,8 +30,8 @@ _PHASES = {
     action.kStepCtrl: ("CONTROLLING", "FAILED_TO_CONTROL"),
     action.kCharge: ("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
 }
-"""State in the feedback, and error code if the goal fails then, by the action of the charging task
-that the chassis executes."""
+"""Phases of docking, by the action of the charging task that the chassis executes. Each phase has
+the state in the feedback, and the error code if the goal fails meanwhile."""
 
 
 class _Docking(Nav2Action):
@@ -100,7 +100,7 @@ class DockRobot(_Docking):
 
         def tick() -> None:
             if is_paused and (reasons := self.context.objections_except_busy):
-                # otherwise the task stays paused for ever, or the robot drives on by itself
+                # the task could stay paused for ever, or the robot could later drive on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback
             state = getattr(feedback, _PHASES[phase][0])

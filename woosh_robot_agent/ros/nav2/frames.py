@@ -107,12 +107,12 @@ _UNKNOWN_POSE = (
 
 
 class _Edge(NamedTuple):
-    """A transform as it was last published.
+    """A transform as it was last published on /tf: an edge of the tree of frames.
 
     Attributes:
         parent: name of the parent frame.
         transform: pose of the child frame in the parent frame.
-        received: monotonic time of receipt; infinite for a static transform, which never expires.
+        received: monotonic time of receipt; infinite for a static transform, so it never expires.
     """
 
     parent: str
@@ -142,7 +142,7 @@ class Frames:
     ) -> None:
         self._context = context
         self._own: dict[str, Callable[[], Pose2D | None]] = {
-            context.frame("map"): Pose2D,
+            context.frame("map"): Pose2D,  # the identity
             context.frame("odom"): map_to_odom,
             context.frame("base"): robot_pose,
         }
@@ -184,7 +184,7 @@ class Frames:
             pose_or_reason = self._look_up(frame)
             if isinstance(pose_or_reason, Transform):
                 return pose_or_reason
-            if frame in self._own:  # /tf cannot tell it
+            if frame in self._own:  # /tf does not have its pose either
                 raise ValueError(pose_or_reason)
             self._subscribe()
             self._changed.clear()
@@ -208,9 +208,9 @@ class Frames:
         except ValueError as error:
             return str(error)
         top = list(above)[-1]
-        start = f"{top}, which is above {frame}," if top != frame else frame
+        unconnected = f"{top}, which is above {frame}," if top != frame else frame
         return (
-            f"nothing on /tf connects the frame {start} with one of the robot: publish its "
+            f"nothing on /tf connects the frame {unconnected} with one of the robot: publish its "
             f"transform, or give the pose in one of {', '.join(self._own)}"
         )
 

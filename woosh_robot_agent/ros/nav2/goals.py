@@ -78,7 +78,7 @@ class GoalEnd(Exception):
 
 
 class CancelLog:
-    """Remembers what last cancelled a task or an action, apart from the clients of the goals.
+    """Remembers what last cancelled a task or an action, other than the client of its goal.
 
     Used in the link thread.
 
@@ -145,10 +145,6 @@ class FailedCommand(GoalEnd):
         self.status_code = code
 
 
-def _nothing() -> None:
-    """Do nothing."""
-
-
 class Nav2Goal:
     """A running goal of a Nav2 action. Use it in the link thread.
 
@@ -177,7 +173,7 @@ class Nav2Goal:
         self._chassis_goal: AgentGoal | None = None
         """The goal that the chassis executes for this one now."""
         self._older: Nav2Goal | None = None
-        """The navigation that this goal replaces once the chassis has accepted it; else None."""
+        """The navigation that this goal replaces when the chassis accepts this goal; or None."""
         self._timer: asyncio.TimerHandle | None = None
 
     @property
@@ -232,7 +228,7 @@ class Nav2Goal:
         self,
         command: Message,
         *,
-        tick: Callable[[], None] = _nothing,
+        tick: Callable[[], None] = lambda: None,
         on_report: Callable[[Message], None] = lambda _report: None,
         is_done: Callable[[], bool] = lambda: False,
     ) -> Cause | None:
@@ -282,8 +278,9 @@ class Nav2Goal:
         if end.outcome is Outcome.CANCELED:
             await self._context.pose.wait_until_standing()
             raise reason
+        # the cancel had no effect: the text of the failure says that the robot may go on
         if reason.outcome is Outcome.CANCELED or reason.code == "TIMEOUT":
-            raise await self._failure(end, sent)  # says that the robot may go on
+            raise await self._failure(end, sent)
         raise reason
 
     async def _failure(self, end: End, sent: float) -> FailedCommand:
@@ -292,7 +289,7 @@ class Nav2Goal:
         return FailedCommand(end, await self._context.cancels.source(sent) if is_cancelled else "")
 
     async def wait_for(
-        self, future: asyncio.Future[Any], tick: Callable[[], None] = _nothing
+        self, future: asyncio.Future[Any], tick: Callable[[], None] = lambda: None
     ) -> None:
         """Wait until a future is done.
 
@@ -312,7 +309,7 @@ class Nav2Goal:
         Raises:
             GoalEnd: the goal has ended before.
         """
-        await self._repeat(_nothing, self._reason, condition)
+        await self._repeat(lambda: None, self._reason, condition)
         if not condition():
             self.raise_if_ending()
 
@@ -338,7 +335,7 @@ class Nav2Goal:
     def finish(self, reason: GoalEnd | None) -> None:
         """End the goal: with success if the reason is None."""
         self.clear_timeout()
-        if self._older is not None:  # no command of this goal has replaced that of the older one
+        if self._older is not None:  # this goal sent no command, so the older one is still driving
             self._older.stop(GoalEnd(_REPLACED))
         result = self.result
         if hasattr(result, "total_elapsed_time"):
@@ -384,7 +381,7 @@ class Slot:
             await goal.wait_for(each.ended)
 
     def stop(self, reason: GoalEnd) -> bool:
-        """End the goal that the chassis executes, for a reason; return False if there is none."""
+        """End the goal that the chassis executes; return False if it executes none."""
         running = [each for each, _ in self._goals if each.is_executing]
         for each in running:
             each.stop(reason)
@@ -495,7 +492,7 @@ class Nav2Action(ABC):
             task.add_done_callback(self._tasks.pop)
 
     async def _run(self, goal: Nav2Goal) -> None:
-        reason: GoalEnd | None = GoalEnd(STOPPING)
+        reason: GoalEnd | None = GoalEnd(STOPPING)  # if the task is cancelled
         try:
             if goal.objection:
                 raise GoalEnd(goal.objection, "TF_ERROR")

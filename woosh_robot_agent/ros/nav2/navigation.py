@@ -75,10 +75,11 @@ def chassis_pose(message: PoseStamped) -> ChassisPose:
 class Progress:
     """The poses, the distance and the time that are left of a navigation.
 
-    The distance is measured along the path that the robot reports.
+    The distance is measured along the path that the robot reports. Call the methods often while the
+    robot drives: they compare its present pose with the poses and the path.
 
     Args:
-        stops: the poses to pass, the last one being the goal.
+        stops: the poses to pass; the last one is the goal.
     """
 
     def __init__(self, context: Nav2Context, stops: Sequence[PoseStamped]) -> None:
@@ -102,14 +103,13 @@ class Progress:
         self._segment = 0
         """Index of the point of the path that the robot has passed last."""
 
-    @property
     def stops_left(self) -> int:
-        """Number of poses that are still to be passed."""
+        """Return the number of poses that are still to be passed."""
         while len(self._stops) > 1 and self._is_passed(self._stops[0]):
             self._stops.pop(0)
         return len(self._stops)
 
-    def left(self) -> tuple[float, float]:
+    def distance_and_time_left(self) -> tuple[float, float]:
         """Return the remaining distance in metres, and the expected time in seconds."""
         pose = self._robot_pose.pose
         if pose is None:
@@ -143,7 +143,7 @@ class Progress:
         here = numpy.array((pose.x, pose.y))
         if path is not self._path:
             self._path = path
-            self._read(path, here)
+            self._use_path(path, here)
         if len(self._points) < 2:
             return None
         along, offset = self._projected(self._segment, here)
@@ -155,7 +155,7 @@ class Progress:
             along, offset = next_along, next_offset
         return float(self._distances[self._segment]) - along
 
-    def _read(self, path: NavPath | None, here: Any) -> None:
+    def _use_path(self, path: NavPath | None, here: Any) -> None:
         """Set the points and distances of a path, and the segment nearest to `here`."""
         poses = () if path is None else path.path.poses
         points = numpy.array([(each.x, each.y) for each in poses]).reshape(-1, 2)
@@ -187,7 +187,7 @@ class _Navigation(Nav2Action):
 
     def publish(self, goal: Nav2Goal, progress: Progress, **fields: Any) -> None:
         """Publish feedback on a navigation."""
-        distance, time = progress.left()
+        distance, time = progress.distance_and_time_left()
         goal.feedback(
             current_pose=self.context.pose.stamped,
             navigation_time=to_duration(goal.elapsed),
@@ -249,7 +249,7 @@ class NavigateThroughPoses(_Navigation):
             raise
         finally:
             if hasattr(goal.result, "waypoint_statuses"):
-                passed = len(poses) if end is None else len(poses) - progress.stops_left
+                passed = len(poses) if end is None else len(poses) - progress.stops_left()
                 goal.result.waypoint_statuses = _statuses(poses, passed, str(end or ""))
 
     async def _drive(
@@ -264,7 +264,7 @@ class NavigateThroughPoses(_Navigation):
             raise
 
     def _publish(self, goal: Nav2Goal, poses: Sequence[PoseStamped], progress: Progress) -> None:
-        left = progress.stops_left
+        left = progress.stops_left()
         fields: dict[str, Any] = {"number_of_poses_remaining": left}
         if hasattr(goal.result, "waypoint_statuses"):
             fields["waypoint_statuses"] = _statuses(poses, len(poses) - left)
@@ -291,7 +291,7 @@ def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> l
     ]
 
 
-_LATE = (
+_LATE_REPORT = (
     "the robot reached waypoint {} while the link was lost, and what happened since is not known: "
     "send the remaining waypoints again"
 )
@@ -316,7 +316,7 @@ class FollowWaypoints(_Navigation):
         for loop in range(getattr(goal.request, "number_of_loops", 0) + 1):
             for number in range(0 if loop else first, len(poses)):
                 if cause is Cause.LATE_REPORT:
-                    raise GoalEnd(_LATE.format(number - 1 if number else len(poses) - 1))
+                    raise GoalEnd(_LATE_REPORT.format(number - 1 if number else len(poses) - 1))
                 cause = await self._visit(goal, number, poses[number])
 
     async def _visit(self, goal: Nav2Goal, number: int, pose: PoseStamped) -> Cause | None:

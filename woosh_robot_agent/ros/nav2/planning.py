@@ -30,7 +30,8 @@ class _Planning(Nav2Action):
         Raises:
             RejectedError: a pose is invalid, or in a frame that is not known.
         """
-        await transform_all(self.context.frames, [*goals, *([request.start] * request.use_start)])
+        poses = [*goals, request.start] if request.use_start else goals
+        await transform_all(self.context.frames, poses)
         self.log_unused(request, "planner_id")
 
     async def plan(self, goal: Nav2Goal, goals: Sequence[PoseStamped]) -> None:

@@ -36,15 +36,12 @@ class Lifecycle:
 
     def __init__(self, context: PartContext) -> None:
         self._robot = context.robot
-        for node, is_active in (
-            ("bt_navigator", self._accepts_tasks),
+        for node, manager, is_active in (
+            ("bt_navigator", MANAGERS[0], self._accepts_tasks),
             # also active when the robot is lost: clients wait for amcl before they set the pose
-            ("amcl", self._is_connected),
+            ("amcl", MANAGERS[1], self._is_connected),
         ):
             create_service(context, f"{node}/get_state", partial(_get_state, is_active))
-        for manager, is_active in zip(
-            MANAGERS, (self._accepts_tasks, self._is_connected), strict=True
-        ):
             create_service(context, f"{manager}/is_active", partial(_is_active, is_active))
             create_service(context, f"{manager}/manage_nodes", partial(_manage, manager, is_active))
 
@@ -71,13 +68,13 @@ async def _is_active(is_active: Callable[[], bool], _request: Any, response: Any
     response.success = is_active()
 
 
-async def _manage(name: str, is_active: Callable[[], bool], request: Any, response: Any) -> None:
+async def _manage(manager: str, is_active: Callable[[], bool], request: Any, response: Any) -> None:
     response.success = request.command in (request.STARTUP, request.RESUME) and is_active()
     if not response.success:
         _LOG.warning(
             "%s: command %d is not possible: the robot navigates by itself, and is active while "
             "there is a link to it and it accepts tasks",
-            name,
+            manager,
             request.command,
         )
 
@@ -145,7 +142,9 @@ class MapServer:
         return int(response.RESULT_SUCCESS)
 
     async def _scene_of(self, name: str) -> str | None:
-        """Return the scene of a map, preferably the current one; log and return None if unclear.
+        """Return the scene of a map, preferably the current one.
+
+        If no scene has the map, or several others have it, log that and return None.
 
         Raises:
             LinkError: the chassis does not answer.
@@ -186,7 +185,7 @@ class MapServer:
 
 
 class Costmaps:
-    """The services that clear costmaps. They have no effect: the robot notes obstacles by itself.
+    """The services that clear costmaps. They do nothing: the robot keeps no costmap for clients.
 
     Programs call them before they try again, and wait for the answer.
     """

@@ -64,7 +64,7 @@ class CmdVel(Part):
         stamped = context.settings().cmd_vel_stamped
         context.subscribe(
             "cmd_vel",
-            self._stamped if stamped else self._drive,
+            self._drive_stamped if stamped else self._drive,
             "geometry_msgs/TwistStamped" if stamped else "",
             with_info=True,
             urgent=True,
@@ -78,7 +78,7 @@ class CmdVel(Part):
     async def run(self) -> None:
         await self._driver.run()
 
-    def _stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
+    def _drive_stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
         if objection := stamp_objection(self._context, message.header.stamp):
             self._driver.log_refusal("age", objection)
         else:

@@ -255,9 +255,6 @@ class Diagnostics(Part):
         await self._subscribers.repeat(lambda: _RATE, self._publish)
 
     async def _publish(self, _now: float) -> None:
-        self._publisher.publish(self._message())
-
-    def _message(self) -> DiagnosticArray:
         context = self._context.robot
         chassis, info = context.chassis, context.last_known.value(RobotInfo)
         statuses = [link_status(chassis, context.gate.superseded, context.thread.longest_turns)]
@@ -281,4 +278,4 @@ class Diagnostics(Part):
         prefix = context.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, hardware_id) for each in statuses])
         message.header.stamp = self._context.now()
-        return message
+        self._publisher.publish(message)

@@ -70,7 +70,7 @@ class InitialPose(Part):
 
 
 class GoalPose(Part):
-    """Client of the agent's own MoveBase action; a new goal_pose replaces the previous one.
+    """Client of the agent's own action MoveBase; a new goal_pose replaces the previous one.
 
     The goal is an ordinary goal of the action, visible in the action's status. Its outcome is
     logged, because the sender of a topic gets no answer. All methods run in the executor thread.
@@ -84,7 +84,7 @@ class GoalPose(Part):
         self._newest = 0
         """Number of the newest goal_pose."""
         self._handle: Any = None
-        """Handle of the newest goal while it is active."""
+        """rclpy's handle of the newest goal; None unless the goal is active."""
         self._sending = False
         """True from a goal_pose until the action server has accepted its goal."""
         self._waiting_cancels: list[Reply] = []
@@ -113,8 +113,8 @@ class GoalPose(Part):
         self._newest += 1
         number = self._newest
         self._sending = True
-        sent = self._client.send_goal_async(self._goal(pose))
-        sent.add_done_callback(lambda future: self._sent(number, future))
+        response = self._client.send_goal_async(self._goal(pose))
+        response.add_done_callback(lambda future: self._goal_answered(number, future))
 
     def _goal(self, pose: Pose2D) -> Any:
         goal = self._action.Goal()
@@ -124,7 +124,7 @@ class GoalPose(Part):
         goal.arg.target_pose.theta = pose.theta
         return goal
 
-    def _sent(self, number: int, future: Any) -> None:
+    def _goal_answered(self, number: int, future: Any) -> None:
         handle = future.result()
         if number == self._newest:
             self._sending = False

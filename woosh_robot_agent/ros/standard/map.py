@@ -72,7 +72,7 @@ class GrowingMap:
             self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._pushed)
 
     def take(self) -> BuildMapData | None:
-        """Return the latest report once; None if there is no new one, or it cannot be read."""
+        """Remove the latest report and return it; None if there is none, or it cannot be read."""
         body, self._body = self._body, None
         try:
             return None if body is None else body.message()
@@ -146,7 +146,7 @@ class Map(Part):
         """True if the last message was a map that the robot was making."""
         self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
         context.robot.chassis.on_snapshot(self._snapshot)
-        context.robot.chassis.subscribe(Scene, self._scene)
+        context.robot.chassis.subscribe(Scene, self._scene_reported)
 
     async def run(self) -> None:
         await self._subscribers.repeat(lambda: _CHECK_RATE, self._check)
@@ -165,9 +165,9 @@ class Map(Part):
         # cleared for each link, not after each map, because good and bad maps may alternate
         self._log.clear()
         if info.HasField("scene"):
-            self._scene(info.scene)
+            self._scene_reported(info.scene)
 
-    def _scene(self, scene: Scene) -> None:
+    def _scene_reported(self, scene: Scene) -> None:
         self._used = MapVersion(scene.scene_name, scene.map_id, scene.map_name, scene.version)
         self._not_before = -math.inf
 
@@ -218,7 +218,7 @@ class Map(Part):
             self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
             self._not_before = now + _RETRY_DELAY
             return
-        mask = await self._mask(area, message)
+        mask = await self._keepout_mask(area, message)
         if epoch is not self._epoch or self._growing.active:
             return
         self._publisher.publish(message)
@@ -227,18 +227,20 @@ class Map(Part):
         self._published = used
         self._shows_growing = False
 
-    async def _mask(self, area: SceneData.Map, of: OccupancyGrid) -> OccupancyGrid | None:
-        """Return the mask of a map's keep-out areas; None if it cannot be read."""
+    async def _keepout_mask(
+        self, area: SceneData.Map, published: OccupancyGrid
+    ) -> OccupancyGrid | None:
+        """Return the mask that belongs to a published map; None if it cannot be read."""
         if not area.keepout_png:  # a map without keep-out areas
-            cells = array.array("b", bytes(len(of.data)))
-            return OccupancyGrid(header=of.header, info=of.info, data=cells)
+            cells = array.array("b", bytes(len(published.data)))
+            return OccupancyGrid(header=published.header, info=published.info, data=cells)
         try:
             origin = Pose2D.from_message(area.origin)
             mask = await grid(self._context, area.keepout_png, area.resolution, origin)
         except ValueError as error:
             self._context.robot.chassis.count_bad_value(SceneData, f"no keepout_mask, {error}")
             return None
-        mask.header, mask.info.map_load_time = of.header, of.info.map_load_time
+        mask.header, mask.info.map_load_time = published.header, published.info.map_load_time
         return mask
 
 

@@ -18,9 +18,9 @@ from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, Velocity, check_finite
 
 _SILENCE = HORIZON
-"""Time without a report after which the robot does not move sideways, in seconds."""
+"""Time without a report after which the robot counts as not moving sideways, in seconds."""
 _STANDSTILL = 1.0
-"""Time without a report after which the robot stands, in seconds."""
+"""Time without a report after which the robot counts as standing, in seconds."""
 
 
 class Odom(Part):
@@ -88,7 +88,7 @@ class Odom(Part):
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):
             # the robot may have moved while there was no link
-            self._odometry.lost(self._prediction.last)
+            self._odometry.continue_from(self._prediction.last)
             self._pushed(info.pose_speed)
 
     def _link_changed(self, state: LinkState) -> None:
@@ -125,9 +125,9 @@ class Odom(Part):
     def _note_silence(self, seconds: float) -> None:
         """Conclude from the time without a report that the robot stands."""
         odometry = self._odometry
-        if seconds > _SILENCE and odometry.velocity.left:  # it may have moved sideways only
-            odometry.silent()
-            if not odometry.velocity.moving:
+        if seconds > _SILENCE and odometry.velocity.left:
+            odometry.end_sideways_movement()
+            if not odometry.velocity.moving:  # it moved sideways only
                 self._prediction.stand()
         if seconds > _STANDSTILL:
             self._prediction.stand()
@@ -153,15 +153,15 @@ class Odom(Part):
     def _publish(self, now: float, stamp: Any, pose: Pose2D, velocity: Velocity) -> None:
         self._last_sent = now
         if self._odom is not None and self._odom.get_subscription_count():
-            self._odom.publish(self._filled(stamp, pose, velocity))
+            self._odom.publish(self._fill_message(stamp, pose, velocity))
         if self._tf is not None and self._tf.get_subscription_count():
             to_odom, to_base = self._transforms.transforms
             _set_transform(to_odom, stamp, self._odometry.map_to_odom)
             _set_transform(to_base, stamp, pose)
             self._tf.publish(self._transforms)
 
-    def _filled(self, stamp: Any, pose: Pose2D, velocity: Velocity) -> OdometryMsg:
-        """Return `_message` with these values."""
+    def _fill_message(self, stamp: Any, pose: Pose2D, velocity: Velocity) -> OdometryMsg:
+        """Set the values in the reused `_message`, and return it."""
         settings, message = self._context.settings(), self._message
         if settings is not self._covariances_of:
             self._covariances_of = settings

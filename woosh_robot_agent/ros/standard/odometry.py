@@ -45,11 +45,7 @@ class ReportTime:
         """Estimated time of the previous report."""
 
     def first(self, received: float) -> float:
-        """Return the time of a report that cannot be compared with the previous one.
-
-        Args:
-            received: time of receipt, in seconds.
-        """
+        """Return the time of a report that is not compared with the previous one: its receipt."""
         self._last = received
         return received
 
@@ -67,6 +63,7 @@ class ReportTime:
         edge = (before.turn + after.turn) / 2 * LEVER  # speed of a point beside the robot
         square = forward * forward + edge * edge
         if before.moving and square > _MIN_SPEED * _MIN_SPEED:
+            # the duration that fits both movements best, by least squares
             duration = (forward * arc.forward + edge * arc.turn * LEVER) / square
             delay = received - self._last - _TOLERANCE * max(duration, 0.0)
             if 0.0 < delay < _MAX_REPORT_DELAY:
@@ -80,7 +77,7 @@ HORIZON = 0.3
 _BLEND = 0.15
 """Time over which the error of a prediction is blended out, in seconds."""
 _FIRST_STEP = 0.05
-"""Part of `_BLEND` that may have passed at the first prediction from a report, in seconds."""
+"""Maximum part of `_BLEND` that the first prediction from a report skips, in seconds."""
 _LONGEST_PAUSE = 1.5
 """Maximum time between two predictions that must not differ by a jump, in seconds."""
 _MIN_REPORT_INTERVAL = 0.01
@@ -117,8 +114,9 @@ class Prediction:
         self._last_velocity = STANDSTILL
         """Reported velocity from which the last pose was predicted."""
         self._error = Pose2D()
-        """Difference between the old and the new prediction, at the time `_error_time`."""
+        """Difference between the old and the new prediction, which is blended out."""
         self._error_time = -math.inf
+        """Time at which blending began."""
 
     @property
     def velocity(self) -> Velocity:
@@ -160,30 +158,26 @@ class Prediction:
         if self._is_new:
             self._start(time)
         pose = self._unblended(time)
-        share = 1.0 - (time - self._error_time) / _BLEND  # of the error that still remains
-        if share > 0.0:
+        remaining = 1.0 - (time - self._error_time) / _BLEND  # share of the error
+        if remaining > 0.0:
             error = self._error
             pose = Pose2D(
-                pose.x + share * error.x,
-                pose.y + share * error.y,
-                math.remainder(pose.theta + share * error.theta, math.tau),
+                pose.x + remaining * error.x,
+                pose.y + remaining * error.y,
+                math.remainder(pose.theta + remaining * error.theta, math.tau),
             )
         self._last_time, self._last, self._last_velocity = time, pose, self._velocity
-        elapsed, velocity, change = time - self._time, self._velocity, self._acceleration
+        elapsed, velocity, acceleration = time - self._time, self._velocity, self._acceleration
         if elapsed > 0.0 and velocity.moving:
             velocity = Velocity(
-                _slowed(velocity.forward, change.forward, elapsed),
-                _slowed(velocity.left, change.left, elapsed),
-                _slowed(velocity.turn, change.turn, elapsed),
+                _slowed(velocity.forward, acceleration.forward, elapsed),
+                _slowed(velocity.left, acceleration.left, elapsed),
+                _slowed(velocity.turn, acceleration.turn, elapsed),
             )
         return pose, velocity
 
     def _start(self, time: float) -> None:
-        """Start to predict from a new report.
-
-        Args:
-            time: time of the first prediction.
-        """
+        """Prepare to predict from a new report; `time` is that of its first prediction."""
         self._is_new = False
         interval, now, before = self._interval, self._velocity, self._before
         if not _MIN_REPORT_INTERVAL <= interval <= _MAX_INTERVAL:
@@ -207,7 +201,7 @@ class Prediction:
     def _reachable(self, pose: Pose2D, seconds: float) -> Pose2D:
         """Return the pose nearest to `pose` that the robot can reach from the last predicted pose.
 
-        It drives at speeds between zero and the reported speeds before and after.
+        The robot may drive at any speed between zero and the speeds before and after the pause.
         """
         forward, left, turn = pose.seen_from(self._last).arc
         before, now = self._last_velocity, self._velocity
@@ -220,24 +214,28 @@ class Prediction:
     def _unblended(self, time: float) -> Pose2D:
         """Return the pose at a time as predicted from the last report, without blending."""
         elapsed = max(-HORIZON, min(time - self._time, HORIZON))
-        velocity, change = self._velocity, self._acceleration
+        velocity, acceleration = self._velocity, self._acceleration
         if elapsed > 0.0:
             if not velocity.moving:
                 return self._pose
-            # `from_arc` is exact for a constant velocity
-            forward = _mean(velocity.forward, change.forward, elapsed)
-            left = _mean(velocity.left, change.left, elapsed)
-            turn = _mean(velocity.turn, change.turn, elapsed)
+            # `from_arc` needs a constant velocity: use the mean over the elapsed time
+            forward = _mean(velocity.forward, acceleration.forward, elapsed)
+            left = _mean(velocity.left, acceleration.left, elapsed)
+            turn = _mean(velocity.turn, acceleration.turn, elapsed)
         else:  # between the last two reports, where the velocity changed from one to the other
-            half = max(elapsed, -self._interval) / 2
-            forward = velocity.forward + change.forward * half
-            left = velocity.left + change.left * half
-            turn = velocity.turn + change.turn * half
+            # time from the last report back to the middle of the interval, so it is negative
+            to_middle = max(elapsed, -self._interval) / 2
+            forward = velocity.forward + acceleration.forward * to_middle
+            left = velocity.left + acceleration.left * to_middle
+            turn = velocity.turn + acceleration.turn * to_middle
         return self._pose * Pose2D.from_arc(forward * elapsed, left * elapsed, turn * elapsed)
 
 
 def _slowed(speed: float, acceleration: float, seconds: float) -> float:
-    """Return the speed after some time: a robot that slows down does so to zero, others keep it."""
+    """Return the speed after some time.
+
+    A robot that slows down goes on slowing down to zero; any other keeps its speed.
+    """
     if speed * acceleration >= 0.0:
         return speed
     slowed = speed + acceleration * seconds
@@ -258,7 +256,7 @@ def _limited(distance: float, before: float, now: float, seconds: float) -> floa
 
 
 def _difference(one: Pose2D, other: Pose2D) -> Pose2D:
-    """Return the difference of two poses, number by number."""
+    """Return the differences of x, y and theta."""
     return Pose2D(
         one.x - other.x, one.y - other.y, math.remainder(one.theta - other.theta, math.tau)
     )
@@ -289,7 +287,7 @@ _POSE_SET_TOLERANCE = 0.01
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
 """`_POSE_SET_TOLERANCE` for a standing robot."""
 _MIN_SIDEWAYS = 0.004
-"""Minimum sideways movement that is not taken for an inexact curve, in metres."""
+"""Sideways movement up to which it may only be due to an inexact curve, in metres."""
 
 
 class Odometry:
@@ -322,12 +320,8 @@ class Odometry:
         self._pose_set_until = -math.inf
         """Time until which a report may show the jump to a pose that was set."""
 
-    def lost(self, pose: Pose2D) -> None:
-        """Note that reports were missed: the next one must not count as a movement.
-
-        Args:
-            pose: pose of the robot in `odom` that was published last.
-        """
+    def continue_from(self, pose: Pose2D) -> None:
+        """Continue from a pose in `odom` after missed reports: the next one is no movement."""
         self._is_comparable = False
         self.pose = pose
 
@@ -335,7 +329,7 @@ class Odometry:
         """Note that the robot's pose was set at `time`: a following report may jump."""
         self._pose_set_until = time + _POSE_SET_INTERVAL
 
-    def silent(self) -> None:
+    def end_sideways_movement(self) -> None:
         """Assume that the robot does not move sideways: no report has come for a while."""
         self._sideways = 0.0
         if self.velocity.left:
@@ -393,11 +387,12 @@ class Odometry:
         slows_down = abs(sideways) < abs(self._sideways) and sideways * self._sideways > 0.0
         if not slows_down:
             return sideways
-        left = sideways + (sideways - self._sideways) / 2  # as if it slows down at a constant rate
+        # at a constant deceleration, half of the change is still to come after the mean
+        left = sideways + (sideways - self._sideways) / 2
         return left if left * sideways > 0.0 else 0.0
 
     def _are_possible(self, forward: float, turn: float, arc: Arc, interval: float) -> bool:
-        """Return True if the robot can have these speeds after its last movement."""
+        """Return True if these reported speeds are possible after the robot's last movement."""
         if abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:
             return False
         if not self._is_comparable:

@@ -108,7 +108,7 @@ class PartContext:
             urgent: receive messages before all other callbacks (`UrgentCallbackGroup`).
         """
         endpoint = BY_NAME[name]
-        call = self._logging(callback) if in_executor else partial(self.robot.thread.call, callback)
+        call = partial(self._call if in_executor else self.robot.thread.call, callback)
         self.robot.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
@@ -124,11 +124,7 @@ class PartContext:
         srv = class_of(BY_NAME[name].type, "srv")
         DeferredService(self.robot.node, srv, name, handle, urgent=urgent)
 
-    def _logging(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """Wrap a callback for the executor thread, so that it logs to the node's logger."""
-
-        def call(*arguments: Any) -> None:
-            log_as(self.robot.node.get_logger())
-            callback(*arguments)
-
-        return call
+    def _call(self, callback: Callable[..., None], *arguments: Any) -> None:
+        """Call a callback in the executor thread; it logs to the node's logger."""
+        log_as(self.robot.node.get_logger())
+        callback(*arguments)

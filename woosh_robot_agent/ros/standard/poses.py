@@ -155,11 +155,11 @@ def to_pose(pose: Pose2D) -> Pose:
 
 
 def from_pose_in(required_frame: str, frame: str, message: Any) -> Pose2D:
-    """Return the pose in a geometry_msgs/Pose that a client gave in `frame`; "" is any frame.
+    """Return the pose in a geometry_msgs/Pose, and check the frame in which a client gave it.
 
     Raises:
-        ValueError: `frame` is not the required one, or the pose is invalid; the text says what to
-            do.
+        ValueError: `frame` is neither empty nor the required one, or the pose is invalid; the text
+            says what to do.
     """
     if frame not in ("", required_frame):
         raise ValueError(

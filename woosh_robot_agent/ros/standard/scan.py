@@ -96,7 +96,10 @@ class Scan(Part):
         self._log.clear()
 
     def _filled(self, data: ScannerData, stamp: int) -> LaserScan:
-        """Return `_reused` with a scan; `stamp` is the scan's time, in nanoseconds.
+        """Set the values of a scan in `_reused`, and return it.
+
+        Args:
+            stamp: time of the scan, in nanoseconds.
 
         Raises:
             ValueError: a number other than a range is not finite.

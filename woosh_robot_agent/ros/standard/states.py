@@ -97,8 +97,8 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
     return message
 
 
-class _State(Part):
-    """Publishes a value of the chassis as a ROS message: the first value, and each push.
+class _ValuePart(Part):
+    """Publishes one type of value of the chassis as a ROS message: the first value, and each push.
 
     A value that the ROS message cannot hold is skipped and counted.
 
@@ -127,10 +127,12 @@ class _State(Part):
         """The last value; None if it is unknown."""
         self._subscribers = context.subscribers()
         self._publisher = context.publisher(name, self._subscribers if rate else None)
-        context.robot.chassis.on_snapshot(self._snapshot, self._in_snapshot)
+        context.robot.chassis.on_snapshot(self._publish_snapshot, self._convert_snapshot)
         if not is_part_of_info(proto_class):
             context.robot.chassis.on_state(self._link_changed)
-        context.robot.chassis.subscribe_raw(proto_class, self._publish_converted, self._converted)
+        context.robot.chassis.subscribe_raw(
+            proto_class, self._publish_converted, self._convert_push
+        )
 
     async def run(self) -> None:
         if self._rate:
@@ -139,20 +141,20 @@ class _State(Part):
     async def _republish(self, _now: float) -> None:
         if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
             last = self._last
-            large = last.ByteSize() >= LARGE
             convert = self._convert_or_error
-            converted = await aside(convert, last) if large else convert(last)
+            is_large = last.ByteSize() >= LARGE
+            converted = await aside(convert, last) if is_large else convert(last)
             if last is self._last:  # otherwise a push was published meanwhile
                 self._publish_converted(converted)
 
-    def _in_snapshot(self, info: RobotInfo) -> list[tuple[Message, Any]]:
+    def _convert_snapshot(self, info: RobotInfo) -> list[tuple[Message, Any]]:
         return [
             self._convert_or_error(part)
             for part in parts_of(info)
             if isinstance(part, self._proto_class)
         ]
 
-    def _snapshot(self, converted: list[tuple[Message, Any]]) -> None:
+    def _publish_snapshot(self, converted: list[tuple[Message, Any]]) -> None:
         for each in converted:
             self._publish_converted(each)
 
@@ -163,7 +165,8 @@ class _State(Part):
     async def _request(self) -> None:
         """Request the first value of a type that is not part of RobotInfo."""
         request = self._context.robot.requests.empty(self._proto_class)
-        try:  # sent ahead of pending requests, regardless of max_in_flight
+        try:
+            # `first`: ahead of pending requests, regardless of max_in_flight
             answer = await self._context.robot.chassis.request(request, first=True)
         except LinkError as error:
             _LOG.debug("cannot request the first %s: %s", self._proto_class.DESCRIPTOR.name, error)
@@ -171,11 +174,11 @@ class _State(Part):
         if answer.ok and isinstance(answer.body, self._proto_class):
             self._publish_converted(self._convert_or_error(answer.body))
 
-    def _converted(self, body: Body) -> tuple[Message, Any]:
+    def _convert_push(self, body: Body) -> tuple[Message, Any]:
         return self._convert_or_error(body.message())
 
     def _convert_or_error(self, value: Message) -> tuple[Message, Any]:
-        """Return a value, and either its serialized ROS message or the error why there is none."""
+        """Return a value, and its serialized ROS message or the ValueError of its conversion."""
         try:
             message = self._convert(self._context, value)
             return value, message if isinstance(message, bytes) else serialize(message)
@@ -191,23 +194,23 @@ class _State(Part):
         self._publisher.publish(message)
 
 
-def battery_part(context: PartContext) -> _State:
+def battery_part(context: PartContext) -> _ValuePart:
     """Return the part that publishes battery_state."""
-    return _State(context, "battery_state", Battery, battery_state, rate=_BATTERY_RATE)
+    return _ValuePart(context, "battery_state", Battery, battery_state, rate=_BATTERY_RATE)
 
 
-def plan_part(context: PartContext) -> _State:
+def plan_part(context: PartContext) -> _ValuePart:
     """Return the part that publishes plan."""
-    return _State(context, "plan", NavPath, plan)
+    return _ValuePart(context, "plan", NavPath, plan)
 
 
-def footprint_part(context: PartContext) -> _State:
+def footprint_part(context: PartContext) -> _ValuePart:
     """Return the part that publishes footprint."""
-    return _State(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
+    return _ValuePart(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
 
 
 class Connected(Part):
-    """Publishes the topic connected, at the start and on each change: True while the link is up."""
+    """Publishes whether the link is ready on the topic connected, at the start and on changes."""
 
     def __init__(self, context: PartContext) -> None:
         self._publisher = context.publisher("connected")
