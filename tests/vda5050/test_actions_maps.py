@@ -125,8 +125,13 @@ async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
 async def test_a_position_on_another_map_is_initialised(site: Site) -> None:
     async with site.online() as master:
         pose = {"x": 1.0, "y": 2.0, "theta": 0.5}
+        # the new pose must not be left to the next push, which comes after the end of the action
+        push_again = site.chassis.intercept(
+            lambda out: [] if out.type == full_name(PoseSpeed) and not out.sn else [out]
+        )
         master.instant(action("initPosition", "i", **pose, mapId="scenex2", lastNodeId="lift"))
         state = await master.status("i", "FINISHED")
+        push_again()
         place = state["agvPosition"]
         assert {key: place[key] for key in pose} == pytest.approx(pose)
         assert place["mapId"] == "scenex2"

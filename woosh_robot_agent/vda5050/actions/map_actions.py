@@ -219,10 +219,14 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     run.require_not_driving_order()
     await run.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
     await run.wait(lambda: _is_current(execution, chosen), _TIMEOUT, _NOT_USED(map=name))
-    # a robot that stands does not push its pose, which now belongs to this map
+    await _read_pose(run)
+
+
+async def _read_pose(run: Run) -> None:
+    """Read the pose after a change: a robot that stands pushes it late, or not at all."""
     answer = await run.link.ask(PoseSpeed())
     if isinstance(answer.body, PoseSpeed):
-        execution.robot.remember_pose(answer.body)
+        run.execution.robot.remember_pose(answer.body)
 
 
 @vehicle_action(
@@ -259,6 +263,7 @@ async def _init_position(run: Run) -> None:
     run.require_not_driving_order()
     await _switch_map(run, given["mapId"])
     await run.request(InitRobot(pose=Pose2D(x=given["x"], y=given["y"], theta=given["theta"])))
+    await _read_pose(run)
     await run.wait(is_there, _TIMEOUT, _NOT_FOUND())
     if "lastNodeId" in given:
         execution.order.set_last_node(given["lastNodeId"])
