@@ -193,8 +193,10 @@ def test_an_emergency_stop_ends_the_sideways_velocity(simulator, connect, client
 def test_a_pose_set_by_another_client_ends_the_velocity(simulator, connect, client):
     connect(publish_tf=True)
     odom = odoms(client)
-    assert client.command("robot/Twist", linear=0.2).ok
-    odom.wait(lambda m: m.twist.twist.linear.x > 0.15)
+    sender = Sender(client)
+    sender.repeat(20, x=0.2)
+    odom.wait(lambda m: m.twist.twist.linear.x > 0.15 and m.pose.pose.position.x > 0.03)
+    sender.pause()
 
     def set_aside(sim: Any) -> None:
         sim.chassis.localise(sim.chassis.base.pose.moved(0.0, 0.4, 0.0))
