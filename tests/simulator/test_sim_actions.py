@@ -340,6 +340,10 @@ def test_nav_mode_action_limits_the_speed_and_ends(client: JsonClient) -> None:
     assert states == [EXECUTING, SUCCESS]
 
 
+def test_nav_mode_action_with_an_unusable_wait_is_refused(client: JsonClient) -> None:
+    assert "wait_time is" in client.refusal(CALL, {"navMode": {"mode": 3, "waitTime": 1e38}})
+
+
 def test_path_requests_refer_to_the_job_that_drives(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})

@@ -123,6 +123,10 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     return None
 
 
+_LONGEST_WAIT = 2**32 - 1
+"""Largest value of `ModeSetting.wait_timeout`, in seconds."""
+
+
 def _set_navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> None:
     modes = {
         action_pb2.NavigationMode.kVagueAvoid: (navigation_pb2.kVague, navigation_pb2.kAvoid),
@@ -132,6 +136,10 @@ def _set_navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -
     }
     if command.mode not in modes:
         raise RefusedError(f"unknown navigation mode {command.mode}: use one of {list(modes)}")
+    if command.wait_time > _LONGEST_WAIT:
+        raise RefusedError(
+            f"wait_time is {command.wait_time:g} s: give a number of at most {_LONGEST_WAIT}"
+        )
     arrival, mode = modes[command.mode]
     setting = navigation_pb2.ModeSetting(
         type=arrival,
