@@ -428,6 +428,30 @@ def test_stop_works_for_a_finger_while_another_one_holds_the_stick(
     window.touch("touchEnd")
 
 
+@pytest.mark.parametrize("change", ["turn", "zoom", "layout"])
+def test_another_place_of_the_stick_on_the_screen_ends_the_press(
+    serve: Serve, window: Browser, change: str
+) -> None:
+    served = serve({})
+    (robot,) = served.robots
+    open_observed(window, served.url, 390, 844)
+    x, y = hold_stick(window, lambda: robot.state.velocity.forward < -0.05, 0, 40)
+    if change == "turn":
+        window.set_screen(844, 390)
+    elif change == "zoom":
+        window.set_screen(390, 844, 2)
+    else:
+        window.script("document.querySelector('#stick').style.marginBottom = '20px'")
+    eventually(lambda: robot.last(full_name(Twist)) == Twist(), "the zero, without a touch")
+    eventually(lambda: "turned, resized or zoomed" in window.text("#answer"), "why")
+    window.touch("touchMove", (x, y - 1))
+    assert window.script("store.held.value === null")
+    window.touch("touchEnd")
+    assert robot.last(full_name(Twist)) == Twist()
+    hold_stick(window, lambda: robot.state.velocity.forward < -0.05, 0, 40)  # another press
+    window.touch("touchEnd")
+
+
 _HIDDEN = """(selector) => {
   const target = document.querySelector(selector);
   const range = document.createRange();

@@ -130,6 +130,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @typedef {object} Grip
  * @property {number} id of the pointer
  * @property {Point} start where it went down, in pixels
+ * @property {string} place of the stick at that time, as in `stickPlace`
  * @property {number} right how far right of the start it is, as a fraction of the stick's radius
  * @property {number} up how far above the start
  */

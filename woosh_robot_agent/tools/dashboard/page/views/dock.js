@@ -3,7 +3,7 @@
 import { html, useEffect, useRef, useState } from "../vendor/preact.js";
 import { commandProps, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
-import { keysOff } from "../drive.js";
+import { checkStickPlace, keysOff, stickPlace } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
 import { degrees, goalText, Icon, placeText } from "./parts.js";
@@ -248,6 +248,7 @@ function Stick() {
 
   /** Drive by the distance of the pointer from where it went down. @param {PointerEvent} event */
   const move = (event) => {
+    checkStickPlace();
     const { value } = store.grip;
     if (!value || event.pointerId !== value.id || !stick.current) return;
     if (event.buttons !== 1) {
@@ -266,7 +267,7 @@ function Stick() {
     if (store.held.value || event.button !== 0) return;
     stick.current?.setPointerCapture(event.pointerId);
     const start = { x: event.clientX, y: event.clientY };
-    store.grip.value = { id: event.pointerId, start, right: 0, up: 0 };
+    store.grip.value = { id: event.pointerId, start, place: stickPlace(), right: 0, up: 0 };
   };
   /** @param {PointerEvent} event */
   const end = (event) => {
