@@ -73,13 +73,18 @@ function CurrentTask() {
   if (store.tool.value === "pose" && !drives) return html`<${PoseDraft} />`;
   if (task?.running) return html`<${Running} />`;
   if (store.target.value) return html`<${Preview} />`;
-  const limit = store.control.value?.speedLimit;
   const hints = [
     !refusal("go") && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
     !refusal("drive") && store.robot.value?.control === "auto" && t("dock.hintDrive"),
-    limit && t("dock.limit", { limit }),
+    limitText(),
   ];
   return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
+}
+
+/** Return the speed limit; empty without one. */
+function limitText() {
+  const limit = store.control.value?.speedLimit;
+  return limit ? t("dock.limit", { limit }) : "";
 }
 
 /**
@@ -229,7 +234,7 @@ function Running() {
   return html`<${Now}
       title=${running ? goalText(running) : stateText()}
       text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
-      more=${[...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
+      more=${[limitText(), ...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
     />
     <${Buttons}>${taskButtons()}<//>`;
 }
