@@ -131,6 +131,12 @@ effect(() => {
   if (reason && failed) tell(true, { key: "alarm.ended", values: {} }, answer.robot);
 });
 
+// This also replaces the answer that says the limit was accepted.
+effect(() => {
+  const limit = store.endedLimit.value;
+  if (limit) tell(false, { key: "notice.limitEnded", values: { limit } });
+});
+
 /** @param {number} index */
 export function chooseRobot(index) {
   if (index === store.chosen.value) return;

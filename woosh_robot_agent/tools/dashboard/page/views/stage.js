@@ -251,6 +251,12 @@ function notices() {
     const text = robot?.known ? t("notice.outdated") : t("notice.unknown");
     found.push({ tone: "bad", title: short, text: [long, text].filter(Boolean).join(" ") });
   }
+  const limit = store.endedLimit.value;
+  if (limit) {
+    const dismiss = () => store.forgetEndedLimits([store.robots.value[store.chosen.value]]);
+    const [title, text] = [t("notice.limitEnded", { limit }), t("notice.limitEndedRemedy")];
+    found.push({ tone: "warn", title, text, action: [t("notice.dismiss"), dismiss] });
+  }
   if (!robot?.known) return found;
   const may = store.mayControl.value;
   const locating = store.isPending("keepPose") || store.isPending("setPose");
