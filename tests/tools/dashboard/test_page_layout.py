@@ -16,6 +16,7 @@ from tests.tools.dashboard.browsers import Browser, are_apart, eventually
 from tests.tools.dashboard.conftest import Serve, Served
 from tests.tools.dashboard.pages import page
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 pytestmark = pytest.mark.timeout(300)
@@ -244,6 +245,32 @@ def test_an_unconfirmed_stop_and_a_lost_link_are_counted_as_alarms(
     eventually(lambda: window.text("#alarm"), "the unconfirmed stop")
     assert window.text("button.chip") == "2 alarms"
     assert "bad" in window.element("button.chip").get_attribute("class")
+
+
+def test_the_bar_the_banner_and_the_list_agree_how_much_is_wrong(
+    serve: Serve, window: Browser
+) -> None:
+    def check(count: int) -> None:
+        alarms = "1 alarm" if count == 1 else f"{count} alarms"
+        eventually(lambda: window.text("button.chip") == alarms, alarms)
+        assert len(window.elements("#problems > li")) == count
+        assert window.text("#tab-state .badge") == str(count)
+        more = [each.text for each in window.elements("#notice .actions .quiet")]
+        assert more == ([f"{count - 1} more"] if count > 1 else [])
+
+    served = serve({})
+    (robot,) = served.robots
+    open_observed(window, served.url, 1440, 900)
+    window.press("#tab-state")
+    robot.set_emergency_stop(True)
+    eventually(lambda: "emergency stop" in window.text("#notice"), "the banner")
+    check(1)
+    robot.inject("key_switch")
+    robot.inject("lost_localisation")
+    check(3)
+    code = StatusCode(code=110401000111, level=StatusCode.kWarn, msg="low voltage")
+    robot.push(AbnormalCodes(scs=[code]))  # in no banner
+    check(4)
 
 
 _SMALL_TARGETS = """[...document.querySelectorAll("button, select, input, summary, [role=tab]")]
