@@ -156,8 +156,14 @@ def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
     chassis: SimulatorThread, other: SimulatorThread, window: Browser
 ) -> None:
     def set_limit(limit: float) -> None:
-        window.element(f"#speed-limit option[value='{limit}']").click()
-        eventually(lambda: window.script("store.control.value.speedLimit") == limit, "the limit")
+        def is_set() -> bool:
+            if window.script("store.fleet.value[0].speedLimit") == limit:
+                return True
+            # on a busy machine, the connection may have been too slow for it
+            window.element(f"#speed-limit option[value='{limit}']").click()
+            return False
+
+        eventually(is_set, "the limit")
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         options = ["--page-port", str(taken.getsockname()[1])]
