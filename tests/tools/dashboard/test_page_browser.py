@@ -470,6 +470,18 @@ def test_modes_speed_limit_and_volume(robot: SimulatedPage, browser: Browser) ->
     browser.element("#speed-limit option[value='0.3']").click()
     eventually(lambda: browser.script("store.control.value.speedLimit") == 0.3, "the limit")
     assert browser.script("store.control.value.limits.linear") == 0.3
+    # the last of several choices within a moment
+    browser.script(
+        """["0.1", "", "0.1"].forEach((value) => {
+          const list = document.querySelector("#speed-limit");
+          list.value = value;
+          list.dispatchEvent(new Event("change", {bubbles: true}));
+        })"""
+    )
+    eventually(lambda: browser.script("connection.replies.size === 0"), "the answers")
+    known = "[store.control.value.speedLimit, document.querySelector('#speed-limit').value]"
+    eventually(lambda: browser.script(known) != [0.3, "0.3"], "another limit")
+    eventually(lambda: browser.script(known) == [0.1, "0.1"], "the last choice")
     from selenium.webdriver.common.keys import Keys
 
     browser.element("#volume").send_keys(Keys.ARROW_RIGHT)

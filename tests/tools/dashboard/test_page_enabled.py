@@ -190,6 +190,7 @@ def test_what_another_viewer_controls_is_off(robot: SimulatedPage, browser: Brow
     eventually(lambda: not browser.is_enabled(".doing #pause"), "Pause to be off")
     assert "off" in browser.element("#stick").get_attribute("class").split()
     assert browser.is_enabled("#stop")
+    eventually(lambda: "Speed limit: 0.5 m/s" in browser.text("#now"), "it during the task")
     browser.show("state")
     eventually(lambda: "0.5 m/s" in browser.text("#facts"), "the other's speed limit")
     robot.run(other.socket.close())

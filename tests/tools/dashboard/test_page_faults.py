@@ -152,6 +152,42 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
         eventually(lambda: " m" in window.text("#now .way"), "the way, asked again")
 
 
+def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
+    chassis: SimulatorThread, other: SimulatorThread, window: Browser
+) -> None:
+    def set_limit(limit: float) -> None:
+        def is_set() -> bool:
+            if window.script("store.fleet.value[0].speedLimit") == limit:
+                return True
+            # on a busy machine, the connection may have been too slow for it
+            window.element(f"#speed-limit option[value='{limit}']").click()
+            return False
+
+        eventually(is_set, "the limit")
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        options = ["--page-port", str(taken.getsockname()[1])]
+    with program(chassis, other, options=options) as (process, url):
+        window.open(url)
+        window.show("setup")
+        set_limit(0.1)
+        process.kill()
+        process.wait()
+    with program(chassis, other, options=options) as (process, url):
+        eventually(lambda: "0.1 m/s has ended" in window.text("#notice"), "the notice")
+        assert "0.1 m/s has ended" in window.text("#answer")
+        eventually(lambda: window.is_enabled("#speed-limit"), "the new dashboard")
+        set_limit(0.2)
+        eventually(lambda: "has ended" not in window.text("#notice"), "the end of the notice")
+        process.kill()
+        process.wait()
+    with program(chassis, other, options=options):
+        eventually(lambda: "0.2 m/s has ended" in window.text("#notice"), "the notice")
+        eventually(lambda: window.script("!store.outdated.value"), "the new dashboard")
+        window.press("#notice .actions button")
+        assert "has ended" not in window.text("#notice")
+
+
 def test_a_stop_is_for_the_robot_that_is_shown(serve: Serve, window: Browser) -> None:
     served = serve({"robot_id": 7}, {"robot_id": 8})
     window.open(served.url)

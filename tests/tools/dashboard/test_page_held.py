@@ -149,6 +149,19 @@ def test_the_held_stick_drives_no_more_after(
     browser.release()
 
 
+def test_a_held_key_drives_on_when_the_window_gets_another_size(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.set_screen(1440, 900)
+    browser.press("#keyboard")
+    hold_key(browser, lambda: is_driving(robot))
+    browser.set_screen(1300, 800)
+    eventually(lambda: browser.script("innerWidth") == 1300, "the other size")
+    hold_key(browser, lambda: is_driving(robot))
+    assert "resized" not in browser.text("#answer")
+    key(browser, "keyUp", "ArrowUp")
+
+
 def test_another_robot_is_not_driven_by_the_keys_of_the_former(
     serve: Serve, window: Browser
 ) -> None:

@@ -16,6 +16,7 @@ from tests.tools.dashboard.browsers import Browser, are_apart, eventually
 from tests.tools.dashboard.conftest import Serve, Served
 from tests.tools.dashboard.pages import page
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 pytestmark = pytest.mark.timeout(300)
@@ -246,6 +247,32 @@ def test_an_unconfirmed_stop_and_a_lost_link_are_counted_as_alarms(
     assert "bad" in window.element("button.chip").get_attribute("class")
 
 
+def test_the_bar_the_banner_and_the_list_agree_how_much_is_wrong(
+    serve: Serve, window: Browser
+) -> None:
+    def check(count: int) -> None:
+        alarms = "1 alarm" if count == 1 else f"{count} alarms"
+        eventually(lambda: window.text("button.chip") == alarms, alarms)
+        assert len(window.elements("#problems > li")) == count
+        assert window.text("#tab-state .badge") == str(count)
+        more = [each.text for each in window.elements("#notice .actions .quiet")]
+        assert more == ([f"{count - 1} more"] if count > 1 else [])
+
+    served = serve({})
+    (robot,) = served.robots
+    open_observed(window, served.url, 1440, 900)
+    window.press("#tab-state")
+    robot.set_emergency_stop(True)
+    eventually(lambda: "emergency stop" in window.text("#notice"), "the banner")
+    check(1)
+    robot.inject("key_switch")
+    robot.inject("lost_localisation")
+    check(3)
+    code = StatusCode(code=110401000111, level=StatusCode.kWarn, msg="low voltage")
+    robot.push(AbnormalCodes(scs=[code]))  # in no banner
+    check(4)
+
+
 _SMALL_TARGETS = """[...document.querySelectorAll("button, select, input, summary, [role=tab]")]
   .map((each) => [each, (each.closest("label") ?? each).getBoundingClientRect()])
   .filter(([, box]) => box.width && (box.height < 43.5 || box.width < 43.5))
@@ -428,6 +455,30 @@ def test_stop_works_for_a_finger_while_another_one_holds_the_stick(
     window.touch("touchEnd")
 
 
+@pytest.mark.parametrize("change", ["turn", "zoom", "layout"])
+def test_another_place_of_the_stick_on_the_screen_ends_the_press(
+    serve: Serve, window: Browser, change: str
+) -> None:
+    served = serve({})
+    (robot,) = served.robots
+    open_observed(window, served.url, 390, 844)
+    x, y = hold_stick(window, lambda: robot.state.velocity.forward < -0.05, 0, 40)
+    if change == "turn":
+        window.set_screen(844, 390)
+    elif change == "zoom":
+        window.set_screen(390, 844, 2)
+    else:
+        window.script("document.querySelector('#stick').style.marginBottom = '20px'")
+    eventually(lambda: robot.last(full_name(Twist)) == Twist(), "the zero, without a touch")
+    eventually(lambda: "turned, resized or zoomed" in window.text("#answer"), "why")
+    window.touch("touchMove", (x, y - 1))
+    assert window.script("store.held.value === null")
+    window.touch("touchEnd")
+    assert robot.last(full_name(Twist)) == Twist()
+    hold_stick(window, lambda: robot.state.velocity.forward < -0.05, 0, 40)  # another press
+    window.touch("touchEnd")
+
+
 _HIDDEN = """(selector) => {
   const target = document.querySelector(selector);
   const range = document.createRange();
@@ -438,6 +489,20 @@ _HIDDEN = """(selector) => {
   ).map((each) => JSON.stringify(each));
 }"""
 """Lists the lines of an element's text that something lies over."""
+_ABOVE_HANDLE = """(() => {
+  const panel = document.querySelector(".panel");
+  const [top, handle] = [panel, panel.querySelector(".handle")]
+    .map((each) => each.getBoundingClientRect().top);
+  const found = new Set();
+  for (let y = top + 2; y < handle; y += 4) {
+    for (let x = 2; x < innerWidth; x += 8) {
+      const [first] = document.elementsFromPoint(x, y).filter((each) => panel.contains(each));
+      if (first?.closest("#panel")) found.add(first.outerHTML);
+    }
+  }
+  return [...found];
+})()"""
+"""Lists what is seen of the panel's content between its top and the handle, but for the notices."""
 _UNDER_NOTICES = """(selector) => {
   const {x, y, width, height} = document.querySelector(selector).getBoundingClientRect();
   return document.elementFromPoint(x + width / 2, y + height / 2).closest(".notices") !== null;
@@ -472,6 +537,12 @@ def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
     size = f".panel [aria-label={'Smaller' if larger else 'Larger'}]"
     window.script("document.querySelector('.panel').scrollTo(0, 0)")
     eventually(lambda: not window.script(f"({_UNDER_NOTICES})('{size}')"), "the handle")
+    if larger:
+        window.press("#tab-setup")
+        window.script("document.querySelector('.panel').scrollTo(0, 9999)")
+        assert window.script("document.querySelector('.panel').scrollTop > 50")
+        eventually(lambda: window.script(_ABOVE_HANDLE) == [], "nothing above the handle")
+        window.press("#tab-tasks")
     robot.set_emergency_stop(False)
     eventually(lambda: not window.text("#notice"), "the end of the banner")
     eventually(lambda: window.script(top) == begin, "the former place")

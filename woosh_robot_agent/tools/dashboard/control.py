@@ -122,16 +122,20 @@ class Control:
     Args:
         robot: the robot.
         config: limits and timeouts.
-        on_stopped: called after each answer to a stop.
+        on_card_changed: called after each answer to a stop and each new speed limit.
 
     Attributes:
         owner: the viewer that has the control; None if no viewer has it.
         tasks: the tasks of the robot.
         alarm: the alarm of a stop that is not confirmed.
+        speed_limit: speed limit that a viewer has set, in m/s; None without one.
     """
 
     def __init__(
-        self, robot: Robot, config: ControlConfig, on_stopped: Callable[[], None] = lambda: None
+        self,
+        robot: Robot,
+        config: ControlConfig,
+        on_card_changed: Callable[[], None] = lambda: None,
     ) -> None:
         self._robot = robot
         self._config = config
@@ -139,8 +143,7 @@ class Control:
         self._limits = VelocityLimits(
             config.max_linear, config.max_angular, _STICK_RATE, config.stick_timeout
         )
-        self._speed_limit: float | None = None
-        """Speed limit that a viewer has set, in m/s; None without one."""
+        self.speed_limit: float | None = None
         self._speed_limiter = SpeedLimiter(
             robot.chassis,
             self._gate,
@@ -158,7 +161,8 @@ class Control:
             robot.chassis, self._gate, last_known, velocities, goals=lambda: ()
         )
         self.tasks = TaskLog(robot, self._who_drives.now)
-        self.alarm = StopAlarm(robot, on_stopped)
+        self.alarm = StopAlarm(robot, on_card_changed)
+        self._on_card_changed = on_card_changed
         self.owner: Viewer | None = None
         self._used_at = -math.inf
         """Loop time of the last command of the owner."""
@@ -367,13 +371,14 @@ class Control:
         return _BECAUSE(text=text, reason=joined(THEN, (each.said for each in reasons)))
 
     async def _limit_speed(self, limit: float | None) -> Outcome:
-        self._speed_limit = limit
+        self.speed_limit = limit
         self._speed_limiter.limit(math.inf if limit is None else limit)
         self._robot.parts.changed()
+        self._on_card_changed()
         return Outcome(True, Text("reply.accepted", command=_name(SPEED_LIMIT)))
 
     def _stick_limits(self) -> VelocityLimits:
-        linear = min(self._limits.max_linear, self._speed_limit or math.inf)
+        linear = min(self._limits.max_linear, self.speed_limit or math.inf)
         return replace(self._limits, max_linear=linear)
 
     def _stopped(self) -> None:
@@ -408,7 +413,7 @@ class Control:
             "owner": self.owner.name if self.owner else None,
             "limits": {"linear": limits.max_linear, "angular": limits.max_angular},
             "maximum": self._limits.max_linear,
-            "speedLimit": self._speed_limit,
+            "speedLimit": self.speed_limit,
             "speedRefusal": value_data(self._speed_limiter.refusal),
             "driver": {"name": driver.name, "detail": value_data(driver.detail)},
             "standstill": value_data(self._standstill.warning),

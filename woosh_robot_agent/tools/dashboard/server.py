@@ -8,6 +8,7 @@ import logging
 import mimetypes
 import socket
 import ssl
+import uuid
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -128,6 +129,8 @@ class Dashboard:
         self._viewers: set[Viewer] = set()
         self._count = 0
         """Number of viewers so far."""
+        self._process = uuid.uuid4().hex
+        """Tells the page whether it is connected to another process than before."""
         self._opening: dict[LimitedConnection, None] = {}
         """Connections that are no WebSockets (yet), the oldest first."""
         self._http: web.Server | None = None
@@ -219,6 +222,7 @@ class Dashboard:
                 "order": each.order(),
                 "task": control.tasks.running(),
                 "alarm": value_data(control.alarm.reason),
+                "speedLimit": control.speed_limit,
             }
             for each, control in self._controls.items()
         ]
@@ -345,6 +349,7 @@ class Dashboard:
 
     def _hello(self, viewer: Viewer) -> dict[str, Any]:
         return {
+            "process": self._process,
             "you": viewer.name,
             "control": viewer.may_control,
             "robots": [robot.chassis.config.address for robot in self.robots],

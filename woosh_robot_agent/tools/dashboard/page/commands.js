@@ -14,8 +14,8 @@ export const connection = new Connection(received, receivedScan, (problem) => {
   checkAlarm();
 });
 
-/** When each command was sent or answered last. */
-const usedAt = /** @type {Map<string, number>} */ (new Map());
+/** Arguments of each command that was sent last, and when it was sent or answered. */
+const used = /** @type {Map<string, {args: string, at: number}>} */ (new Map());
 let standingSince = 0; // time since which the robot is seen to stand still
 
 /**
@@ -59,19 +59,20 @@ export async function run(name, args = {}) {
   const { robot } = connection;
   const now = performance.now();
   const pending = store.pendingKey(name);
-  const key = store.MOVES.includes(name) ? pending : `${pending} ${JSON.stringify(args)}`;
-  if (now < (usedAt.get(key) ?? -Infinity) + DOUBLE_CLICK) return false;
+  const use = { args: store.MOVES.includes(name) ? "" : JSON.stringify(args), at: now };
+  const last = used.get(pending);
+  if (last?.args === use.args && now < last.at + DOUBLE_CLICK) return false;
   const values = { command: { key: `command.${name}`, values: {} } };
   const reason = refusal(name);
   if (reason) {
     tell(false, { key: "reply.notSent", values: { ...values, reason } }, robot);
     return false;
   }
-  usedAt.set(key, now);
+  used.set(pending, use);
   setPending(pending, true);
   tell(true, { key: "reply.sent", values }, robot);
   const { ok, text, data } = await connection.command(name, args);
-  usedAt.set(key, performance.now());
+  use.at = performance.now();
   setPending(pending, false);
   tell(ok, text, robot, data);
   return ok;
@@ -128,6 +129,12 @@ effect(() => {
   formerAlarms = store.alarms.value;
   const failed = answer && (answer.text.key === "reply.notStopped" || answer.text === reason);
   if (reason && failed) tell(true, { key: "alarm.ended", values: {} }, answer.robot);
+});
+
+// This also replaces the answer that says the limit was accepted.
+effect(() => {
+  const limit = store.endedLimit.value;
+  if (limit) tell(false, { key: "notice.limitEnded", values: { limit } });
 });
 
 /** @param {number} index */

@@ -15,13 +15,18 @@ effect(() => {
     press++;
     store.answer.value = null; // answer to an earlier press or command
     sendVelocity();
-    timer = setInterval(sendVelocity, PERIOD);
+    timer = setInterval(repeatVelocity, PERIOD);
   } else if (!isHeld && timer) {
     clearInterval(timer);
     timer = 0;
     sendVelocity(); // zero
   }
 });
+
+function repeatVelocity() {
+  checkStickPlace();
+  if (store.held.peek()) sendVelocity();
+}
 
 function sendVelocity() {
   const { linear, angular } = store.held.peek() ?? { linear: 0, angular: 0 };
@@ -60,6 +65,24 @@ function keyUp(event) {
 /** @param {PointerEvent} event */
 function pointerDown({ target }) {
   if (!(target instanceof Element && target.closest("#stick"))) store.letGo();
+}
+
+/** Return where the stick is on the glass of the screen, for a comparison. @returns {string} */
+export function stickPlace() {
+  const { left, top, width } = /** @type {HTMLElement} */ (
+    document.getElementById("stick")
+  ).getBoundingClientRect();
+  const { scale, offsetLeft, offsetTop } = /** @type {VisualViewport} */ (visualViewport);
+  const view = [innerWidth, innerHeight, devicePixelRatio, scale, offsetLeft, offsetTop];
+  return [left, top, width, ...view, screen.orientation?.angle].join(" ");
+}
+
+/** End a press of the stick that began at another place of the stick. */
+export function checkStickPlace() {
+  const grip = store.grip.peek();
+  if (!grip || grip.place === stickPlace()) return;
+  store.letGo();
+  tell(false, { key: "reason.screenChanged", values: {} });
 }
 
 /** Switch the arrow keys off, because the viewer can no longer see that they drive. */

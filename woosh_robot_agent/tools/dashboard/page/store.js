@@ -100,6 +100,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {Task | null} task the one that runs
  * @property {Order | null} order
  * @property {import("./texts.js").Value} alarm why a stop was not confirmed; empty without an alarm
+ * @property {number | null} speedLimit
  */
 /**
  * @typedef {{id: string, node: string, nodesLeft: number, paused: boolean, errors: {type: string,
@@ -130,6 +131,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @typedef {object} Grip
  * @property {number} id of the pointer
  * @property {Point} start where it went down, in pixels
+ * @property {string} place of the stick at that time, as in `stickPlace`
  * @property {number} right how far right of the start it is, as a fraction of the stick's radius
  * @property {number} up how far above the start
  */
@@ -231,6 +233,10 @@ export const alarms = computed(() => {
   fleet.value.forEach(({ alarm }, index) => alarm && found.set(index, alarm));
   return found;
 });
+/** Speed limits that ended with a restart of the dashboard, in m/s, by the address of the robot. */
+export const endedLimits = state(/** @type {ReadonlyMap<string, number>} */ (new Map()));
+/** The one of the robot that the viewer has chosen. */
+export const endedLimit = computed(() => endedLimits.value.get(robots.value[chosen.value] ?? ""));
 /** Commands without an answer so far, as robot and name. */
 export const pending = state(/** @type {ReadonlySet<string>} */ (new Set()));
 /** True if the arrow keys drive. */
@@ -269,6 +275,22 @@ export const pendingKey = (name) => `${chosen.value} ${MOVES.includes(name) ? "g
 /** @param {string} name */
 export const isPending = (name) => pending.value.has(pendingKey(name));
 
+let process = ""; // that of the dashboard
+
+/** Note the speed limits of a former process of the dashboard, which only this page still knows. */
+function endLimits() {
+  const ended = new Map(endedLimits.value);
+  for (const { address, speedLimit } of fleet.value) if (speedLimit) ended.set(address, speedLimit);
+  endedLimits.value = ended;
+}
+
+/** @param {string[]} addresses of robots whose viewer knows that a limit has ended, or has set another one */
+export function forgetEndedLimits(addresses) {
+  const ended = new Map(endedLimits.value);
+  for (const each of addresses) ended.delete(each);
+  endedLimits.value = ended;
+}
+
 /** Parts about all robots. */
 const SHARED = { fleet, places, simulator };
 
@@ -280,6 +302,8 @@ const SHARED = { fleet, places, simulator };
 export function receive(name, data) {
   if (name === "hello") {
     batch(() => {
+      if (process && process !== data.process) endLimits();
+      process = data.process;
       you.value = data.you;
       mayControl.value = data.control;
       robots.value = data.robots;
@@ -290,6 +314,8 @@ export function receive(name, data) {
     watching.value = data;
   } else if (Object.hasOwn(SHARED, name)) {
     SHARED[/** @type {keyof typeof SHARED} */ (name)].value = data;
+    const limited = fleet.value.filter(({ speedLimit }) => speedLimit);
+    if (name === "fleet") forgetEndedLimits(limited.map(({ address }) => address));
   } else if (Object.hasOwn(OF_ROBOT, name) && watching.value === chosen.value) {
     OF_ROBOT[/** @type {keyof typeof OF_ROBOT} */ (name)].value = data;
   }

@@ -6,6 +6,7 @@ import * as store from "../store.js";
 import { alarmCount, LANGUAGES, language, say, setLanguage, t, tOr } from "../texts.js";
 import { openTab } from "./panel.js";
 import { Icon, robotLabel, robotName, shortLabel } from "./parts.js";
+import { wrongCount, wrongTone } from "./stage.js";
 
 export function Bar() {
   return html`<header class="bar">
@@ -93,14 +94,10 @@ function ModeChip() {
 }
 
 function AlarmChip() {
-  const problems = store.robot.value?.problems ?? [];
-  const faults = problems.filter(({ level }) => level === "fault").length;
-  const pageAlarms = store.alarms.value.size + Number(store.outdated.value);
-  const count = problems.length + pageAlarms;
-  const tone = !count ? "" : faults + pageAlarms ? "bad" : "warn";
+  const count = wrongCount.value;
   return html`<button
     type="button"
-    class="chip ${tone}"
+    class="chip ${wrongTone.value}"
     aria-label=${alarmCount(count)}
     title=${alarmCount(count)}
     onClick=${() => openTab("state")}

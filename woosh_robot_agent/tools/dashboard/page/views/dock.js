@@ -3,7 +3,7 @@
 import { html, useEffect, useRef, useState } from "../vendor/preact.js";
 import { commandProps, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
-import { keysOff } from "../drive.js";
+import { checkStickPlace, keysOff, stickPlace } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
 import { degrees, goalText, Icon, placeText } from "./parts.js";
@@ -73,13 +73,18 @@ function CurrentTask() {
   if (store.tool.value === "pose" && !drives) return html`<${PoseDraft} />`;
   if (task?.running) return html`<${Running} />`;
   if (store.target.value) return html`<${Preview} />`;
-  const limit = store.control.value?.speedLimit;
   const hints = [
     !refusal("go") && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
     !refusal("drive") && store.robot.value?.control === "auto" && t("dock.hintDrive"),
-    limit && t("dock.limit", { limit }),
+    limitText(),
   ];
   return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
+}
+
+/** Return the speed limit; empty without one. */
+function limitText() {
+  const limit = store.control.value?.speedLimit;
+  return limit ? t("dock.limit", { limit }) : "";
 }
 
 /**
@@ -229,7 +234,7 @@ function Running() {
   return html`<${Now}
       title=${running ? goalText(running) : stateText()}
       text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
-      more=${[...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
+      more=${[limitText(), ...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
     />
     <${Buttons}>${taskButtons()}<//>`;
 }
@@ -248,6 +253,7 @@ function Stick() {
 
   /** Drive by the distance of the pointer from where it went down. @param {PointerEvent} event */
   const move = (event) => {
+    checkStickPlace();
     const { value } = store.grip;
     if (!value || event.pointerId !== value.id || !stick.current) return;
     if (event.buttons !== 1) {
@@ -266,7 +272,7 @@ function Stick() {
     if (store.held.value || event.button !== 0) return;
     stick.current?.setPointerCapture(event.pointerId);
     const start = { x: event.clientX, y: event.clientY };
-    store.grip.value = { id: event.pointerId, start, right: 0, up: 0 };
+    store.grip.value = { id: event.pointerId, start, place: stickPlace(), right: 0, up: 0 };
   };
   /** @param {PointerEvent} event */
   const end = (event) => {

@@ -9,6 +9,7 @@ import { MapTab } from "./map_tab.js";
 import { compact, Icon } from "./parts.js";
 import { Setup } from "./setup.js";
 import { Simulator } from "./simulator.js";
+import { wrongCount } from "./stage.js";
 import { State } from "./state.js";
 import { Tasks } from "./tasks.js";
 
@@ -56,7 +57,7 @@ export function Tabs() {
   const isCompact = useMatches();
   const open = !isCompact || store.sheet.value !== "closed";
   const tabs = visibleTabs();
-  const problems = store.robot.value?.problems.length ?? 0;
+  const problems = wrongCount.value;
   /** @param {KeyboardEvent} event */
   const move = (event) => {
     const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];

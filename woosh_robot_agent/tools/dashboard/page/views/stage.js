@@ -1,6 +1,6 @@
 // The map with its tools, and the notices over it.
 
-import { html, useEffect, useRef, useState } from "../vendor/preact.js";
+import { computed, html, useEffect, useRef, useState } from "../vendor/preact.js";
 import { refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import { MapCanvas } from "../map/map.js";
@@ -13,6 +13,23 @@ import { outcomeText, TONES } from "./tasks.js";
 
 /** @typedef {[string, () => void]} Action  text of a button, and what it does */
 /** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice */
+
+/** @type {Record<string, string[]>} status codes that say the same as an objection, without the level */
+const SAME_CODES = {
+  emergency_stop: ["11020100001", "11020100002", "11020100003"],
+  lost: ["13010300001"],
+  not_initialised: ["13010300001"],
+};
+
+/** Number of the entries in the list of what is wrong, in the tab State. */
+export const wrongCount = computed(
+  () => store.alarms.value.size + notices().length + otherProblems().length,
+);
+/** CSS class of the worst of them; empty without one. */
+export const wrongTone = computed(() => {
+  const isBad = store.alarms.value.size || notices().some(({ tone }) => tone === "bad");
+  return isBad ? "bad" : wrongCount.value ? "warn" : "";
+});
 
 /** @type {MapCanvas | null} */
 let map = null;
@@ -165,6 +182,7 @@ function Layers() {
 function Notices() {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const [notice, ...more] = notices();
+  const moreCount = more.length + otherProblems().length;
   const alarms = [...store.alarms.value];
   const isTiny = useMatches(tiny);
   useEffect(() => {
@@ -200,9 +218,9 @@ function Notices() {
             html`<button type="button" onClick=${notice.action[1]}>${notice.action[0]}</button>`
           }
           ${
-            more.length > 0 &&
+            moreCount > 0 &&
             html`<button type="button" class="quiet" onClick=${() => openTab("state")}>
-              ${t("notice.more", { count: more.length })}
+              ${t("notice.more", { count: moreCount })}
             </button>`
           }
         </div>
@@ -242,7 +260,7 @@ function updateCovered() {
  * Return the problems of the robot with their remedies, the most urgent first.
  * @returns {Notice[]}
  */
-function notices() {
+export function notices() {
   const robot = store.robot.value;
   /** @type {Notice[]} */
   const found = [];
@@ -250,6 +268,12 @@ function notices() {
     const { short, long } = linkText();
     const text = robot?.known ? t("notice.outdated") : t("notice.unknown");
     found.push({ tone: "bad", title: short, text: [long, text].filter(Boolean).join(" ") });
+  }
+  const limit = store.endedLimit.value;
+  if (limit) {
+    const dismiss = () => store.forgetEndedLimits([store.robots.value[store.chosen.value]]);
+    const [title, text] = [t("notice.limitEnded", { limit }), t("notice.limitEndedRemedy")];
+    found.push({ tone: "warn", title, text, action: [t("notice.dismiss"), dismiss] });
   }
   if (!robot?.known) return found;
   const may = store.mayControl.value;
@@ -282,7 +306,7 @@ function notices() {
     const text = waits ? t("notice.locating") : remedy;
     found.push({ tone: toneOf(each), title: reason, text, action: actions[each.name] });
   }
-  for (const code of robot.problems.filter(({ level }) => level === "fault")) {
+  for (const code of unexplained().filter(({ level }) => level === "fault")) {
     const title = t("notice.fault", { text: meaningOf(code) || code.text || code.code });
     found.push({ tone: "bad", title, text: t("notice.faultRemedy", { code: code.code }) });
   }
@@ -299,6 +323,18 @@ function notices() {
     found.push({ tone: "warn", title: reason, text: remedy, action });
   }
   return found;
+}
+
+/** Return the status codes of the robot that say something else than its objections. */
+function unexplained() {
+  const { problems = [], objections = [] } = store.robot.value ?? {};
+  const same = objections.flatMap(({ name }) => SAME_CODES[name] ?? []);
+  return problems.filter(({ code }) => !same.includes(code.slice(0, -1)));
+}
+
+/** Return the status codes of the robot that are in no notice. */
+export function otherProblems() {
+  return unexplained().filter(({ level }) => level !== "fault");
 }
 
 /** @param {store.Objection} doubt */

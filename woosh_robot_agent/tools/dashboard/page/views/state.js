@@ -7,6 +7,7 @@ import { meaningOf, moment, say, t, tOr } from "../texts.js";
 import { linkText } from "./bar.js";
 import { alarmText, degrees, LEVEL_CLASSES, objectionText, placeText } from "./parts.js";
 import { Plot } from "./plot.js";
+import { notices, otherProblems, wrongCount } from "./stage.js";
 
 /** @typedef {[number, number | null, number | null, number | null]} Sample  Unix time in s, speed in
  *   m/s, battery in percent, delay in ms */
@@ -38,9 +39,9 @@ export function State() {
   }, [store.you.value, store.chosen.value]);
   const robot = store.robot.value;
   if (!robot?.known)
-    return html`<${Problems} problems=${[]} />
+    return html`<${Problems} />
       <section><p class="faint">${t("notice.unknown")}</p></section>`;
-  return html`<${Problems} problems=${robot.problems} />
+  return html`<${Problems} />
     <${Summary} robot=${robot} />
     <${Plots} />
     <${Codes} />
@@ -129,30 +130,28 @@ function batteryTrend() {
   return Math.round((change * 3600) / (last[0] - first[0]));
 }
 
-/** List of all that the bar counts as alarms. @param {{problems: store.Code[]}} props */
-function Problems({ problems }) {
+/** List of all that the bar counts as alarms. */
+function Problems() {
   const alarms = [...store.alarms.value];
-  const old = store.outdated.value;
-  if (!problems.length && !alarms.length && !old) return null;
-  const { short, long } = linkText();
+  if (!wrongCount.value) return null;
   return html`<section>
     <h2>${t("problems.name")}</h2>
     <ul class="rows" id="problems">
       ${alarms.map(([robot, reason]) => {
         const about = [t("alarm.reason", { reason }), t("alarm.advice")];
-        return html`<${Line} key=${robot} text=${alarmText([robot])} about=${about} />`;
+        return html`<${Line} key=${robot} tone="bad" text=${alarmText([robot])} about=${about} />`;
       })}
-      ${old && html`<${Line} text=${short} about=${[long, t("notice.outdated")]} />`}
-      ${problems.map((code) => html`<${CodeLine} key=${code.code} code=${code} />`)}
+      ${notices().map(({ tone, title, text }) => html`<${Line} key=${title + text} tone=${tone} text=${title} about=${[text]} />`)}
+      ${otherProblems().map((code) => html`<${CodeLine} key=${code.code} code=${code} />`)}
     </ul>
   </section>`;
 }
 
-/** @param {{text: string, about: string[]}} props */
-function Line({ text, about }) {
+/** @param {{tone: string, text: string, about: string[]}} props */
+function Line({ tone, text, about }) {
   return html`<li>
     <div>
-      <p class="bad">${text}</p>
+      <p class=${tone}>${text}</p>
       ${about.filter(Boolean).map((each) => html`<small key=${each}>${each}</small>`)}
     </div>
   </li>`;
