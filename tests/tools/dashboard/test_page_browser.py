@@ -14,7 +14,7 @@ import pytest
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually, firefox
 from tests.tools.dashboard.pages import TOO_SLOW, is_driving, is_stopped_by_zero, last
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, SetRobotPose
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -484,6 +484,17 @@ def test_modes_speed_limit_and_volume(robot: SimulatedPage, browser: Browser) ->
     assert "key switch" in browser.text("#notice")
 
 
+def test_a_double_press_confirms_nothing(robot: SimulatedPage, browser: Browser) -> None:
+    browser.show("map")
+    switch = "#maps li:not(.chosen) button"
+    browser.actions().double_click(browser.element(switch)).perform()
+    assert not browser.is_enabled("#maps .asks .primary")
+    eventually(lambda: browser.is_enabled("#maps .asks .primary"), "the confirmation")
+    assert robot.counts[full_name(SwitchMap)] == 0
+    browser.press("#maps .asks .primary")
+    eventually(lambda: robot.counts[full_name(SwitchMap)] == 1, "the switch")
+
+
 def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     browser.show("map")
     browser.press("#deploy")
@@ -504,7 +515,9 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     if "in use" not in row.text:
         row.find_element("css selector", "button").click()
         assert row.find_element("css selector", "b").rect["height"] < 30  # one line
-        row.find_element("css selector", "button.primary").click()
+        confirm = row.find_element("css selector", "button.primary")
+        eventually(confirm.is_enabled, "the confirmation")
+        confirm.click()
     eventually(lambda: browser.script("store.robot.value.map") == "ground", "the new map in use")
 
 

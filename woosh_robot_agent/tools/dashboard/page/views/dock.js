@@ -1,16 +1,15 @@
 // The current task of the robot, and the stick, whose place on the screen never changes.
 
-import { html, useEffect, useRef, useState } from "../vendor/preact.js";
+import { html, useEffect, useRef } from "../vendor/preact.js";
 import { commandProps, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import { keysOff } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
-import { degrees, goalText, Icon, placeText } from "./parts.js";
+import { degrees, goalText, Icon, placeText, useSettling } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
-const SETTLE = 1000; // milliseconds for which buttons that replace others are disabled
 const TURN = Math.PI / 180; // radians by which a button turns the pose
 const TRAVEL = 132; // half of the stick's width, in percent of the knob's width
 
@@ -114,18 +113,15 @@ function stateText() {
 let shownButtons = 0; // number of `Buttons` that are shown
 
 /**
- * Buttons below these texts. If they replace others, they are disabled for a moment, so that a press
- * that was aimed at the others does nothing.
+ * Buttons below these texts. If they replace others, they are disabled for a moment.
  * @param {{children?: unknown}} props
  */
 function Buttons({ children }) {
-  const [off, setOff] = useState(shownButtons > 0);
+  const off = useSettling(shownButtons > 0);
   useEffect(() => {
     shownButtons++;
-    const timer = setTimeout(() => setOff(false), SETTLE);
     return () => {
       shownButtons--;
-      clearTimeout(timer);
     };
   }, []);
   return html`<fieldset class="act" disabled=${off}>${children}</fieldset>`;

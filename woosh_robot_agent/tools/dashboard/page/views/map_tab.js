@@ -5,7 +5,7 @@ import { commandProps } from "../allowed.js";
 import { run, startPose } from "../commands.js";
 import * as store from "../store.js";
 import { t } from "../texts.js";
-import { Icon } from "./parts.js";
+import { Icon, useSettling } from "./parts.js";
 
 /** True once a map has been saved here, until another one is begun or deployment mode ends. */
 const saved = signal(false);
@@ -217,12 +217,22 @@ function Confirmed({ command, label, question, onConfirm }) {
     setAsks(false);
     onConfirm();
   };
-  return html`<span class="act asks">
+  return html`<${Question} onCancel=${() => setAsks(false)}>
     <button type="button" class="primary" ...${commandProps(command)} onClick=${confirm}>
       ${question}
     </button>
-    <button type="button" aria-label=${t("target.cancel")} onClick=${() => setAsks(false)}>
+  <//>`;
+}
+
+/**
+ * The button that confirms, and one that does not. They replace the button that was pressed.
+ * @param {{onCancel: () => void, children?: unknown}} props
+ */
+function Question({ onCancel, children }) {
+  return html`<fieldset class="act asks" disabled=${useSettling(true)}>
+    ${children}
+    <button type="button" aria-label=${t("target.cancel")} onClick=${onCancel}>
       <${Icon} name="close" />
     </button>
-  </span>`;
+  </fieldset>`;
 }
