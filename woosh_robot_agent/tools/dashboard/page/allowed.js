@@ -72,9 +72,18 @@ function robotRefusal({ task, objections }, name) {
     case "keepPose":
     case "switchMap":
       return objection("mapping") ?? busy;
+    case "saveMap":
+    case "discardMap":
+      return mappingEnd();
     default:
       return null;
   }
+}
+
+/** Return how the map that is being made ends; null if it does not end. */
+export function mappingEnd() {
+  if (store.isPending("saveMap")) return text("mapping.saving");
+  return store.isPending("discardMap") ? text("mapping.discarding") : null;
 }
 
 /**
