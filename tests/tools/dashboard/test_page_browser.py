@@ -15,6 +15,7 @@ from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually, f
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import TOO_SLOW, is_driving, is_stopped_by_zero, last
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMap, ExecTask, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
@@ -300,6 +301,40 @@ def test_what_was_about_to_be_done_on_a_map_ends_with_it(
     assert count_tasks(robot) == 0
 
 
+def test_without_the_map_that_the_robot_uses_the_former_one_is_gone(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.hold_stick(lambda: browser.script("mapCanvas.trail.length > 2"))
+    browser.release()
+    robot.refuse(full_name(SceneData), "the scene is damaged")
+    switch = "connection.command('switchMap', {scene: 'scenex', map: 'scenex2'})"
+    eventually(lambda: browser.script(switch)["ok"], "the switch of the map")
+    eventually(lambda: "No map" in browser.text("#notice"), "the banner")
+    assert browser.script("[mapCanvas.area, mapCanvas.keepout]") == [None, None]
+    assert browser.script("mapCanvas.trail.length") < 2
+    assert not browser.elements("#marks li")
+    pose = "connection.command('setPose', {x: 1, y: 1, theta: 0, ...store.shownMap.value})"
+    eventually(lambda: browser.script(pose)["ok"], "the pose")
+    reason = "The robot's map is not loaded"
+    eventually(lambda: reason in browser.text("#now"), "the reason")
+    browser.click_at(*_PLACE)
+    eventually(lambda: " m" in browser.text("#now .way"), "the way")
+    assert not browser.is_enabled("#go")
+    assert reason in browser.text("#now")
+    browser.show("map")
+    assert not browser.is_enabled("#set-pose")
+    robot.clear_faults()
+    browser.wait_for_map()
+    assert browser.is_enabled("#set-pose")
+    # this map has no charger
+    browser.show("go")
+    assert not browser.is_enabled("#charge")
+    assert "no charger" in browser.text("#no-charger")
+    browser.script("store.target.value = {command: 'charge', plan: null}")
+    eventually(lambda: "no charger" in browser.text("#now"), "why it is off")
+    assert not browser.is_enabled("#go")
+
+
 def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     robot: SimulatedPage, browser: Browser
 ) -> None:
@@ -508,6 +543,7 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     browser.drive(robot)
     eventually(lambda: browser.script("store.map.value.resolution > 0"), "the growing map")
     browser.release()
+    eventually(lambda: browser.text("#now").startswith("The robot is making a map"), "the state")
     eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
     browser.press("#save-map")
     eventually(lambda: "ground" in browser.text("#maps"), "the new map in the list")
@@ -573,8 +609,12 @@ def test_a_map_is_begun_and_ended_only_if_the_robot_can(
     discard = ".steps [aria-current] .act :last-child"
     assert browser.is_enabled(discard)
     robot.inject("delay", seconds=2.0, type=full_name(BuildMap))
-    browser.press("#save-map")
-    eventually(lambda: browser.text("#mapping-ends") == "The map is being saved", "the save")
+    again_if_slow(
+        browser,
+        lambda: browser.press("#save-map"),
+        lambda: browser.text("#mapping-ends") == "The map is being saved",
+        "the save",
+    )
     assert not browser.is_enabled(discard)
     # the next map is in the scene that the robot uses now
     eventually(lambda: browser.is_enabled("#collect-mark"), "the next step")

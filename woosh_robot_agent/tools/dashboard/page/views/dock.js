@@ -129,15 +129,15 @@ function Buttons({ children }) {
 
 function PoseDraft() {
   const draft = store.draft.value;
+  const reason = refusal("setPose");
+  const question = draft && `${placeText(draft)} · ${degrees(draft.theta)}. ${t("pose.laser")}`;
   /** @param {number} angle */
   const turn = (angle) => {
     if (draft) store.draft.value = { ...draft, theta: draft.theta + angle };
   };
   return html`<div class="now" id="now">
       <b>${draft ? t("pose.question") : t("pose.set")}</b>
-      <p>
-        ${draft ? `${placeText(draft)} · ${degrees(draft.theta)}. ${t("pose.laser")}` : t("pose.drag")}
-      </p>
+      <p>${reason ? say(reason) : (question ?? t("pose.drag"))}</p>
     </div>
     <${Buttons}>
       <button
