@@ -12,15 +12,19 @@ from typing import Any
 import pytest
 
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually, firefox
+from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import TOO_SLOW, is_driving, is_stopped_by_zero, last
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, SetRobotPose
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMap, ExecTask, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.util import task_pb2 as task
 
 pytestmark = pytest.mark.timeout(300)
 _REAL_SCENE = Path(__file__).parents[2] / "facts/real_scene"
+_NAMES = ("#scene", "#map-name")
+"""Fields for the names of the scene and of the map."""
 _PLACE = (1.0, -6.0)
 """A place on the map where the robot can stand, in metres."""
 
@@ -297,6 +301,40 @@ def test_what_was_about_to_be_done_on_a_map_ends_with_it(
     assert count_tasks(robot) == 0
 
 
+def test_without_the_map_that_the_robot_uses_the_former_one_is_gone(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.hold_stick(lambda: browser.script("mapCanvas.trail.length > 2"))
+    browser.release()
+    robot.refuse(full_name(SceneData), "the scene is damaged")
+    switch = "connection.command('switchMap', {scene: 'scenex', map: 'scenex2'})"
+    eventually(lambda: browser.script(switch)["ok"], "the switch of the map")
+    eventually(lambda: "No map" in browser.text("#notice"), "the banner")
+    assert browser.script("[mapCanvas.area, mapCanvas.keepout]") == [None, None]
+    assert browser.script("mapCanvas.trail.length") < 2
+    assert not browser.elements("#marks li")
+    pose = "connection.command('setPose', {x: 1, y: 1, theta: 0, ...store.shownMap.value})"
+    eventually(lambda: browser.script(pose)["ok"], "the pose")
+    reason = "The robot's map is not loaded"
+    eventually(lambda: reason in browser.text("#now"), "the reason")
+    browser.click_at(*_PLACE)
+    eventually(lambda: " m" in browser.text("#now .way"), "the way")
+    assert not browser.is_enabled("#go")
+    assert reason in browser.text("#now")
+    browser.show("map")
+    assert not browser.is_enabled("#set-pose")
+    robot.clear_faults()
+    browser.wait_for_map()
+    assert browser.is_enabled("#set-pose")
+    # this map has no charger
+    browser.show("go")
+    assert not browser.is_enabled("#charge")
+    assert "no charger" in browser.text("#no-charger")
+    browser.script("store.target.value = {command: 'charge', plan: null}")
+    eventually(lambda: "no charger" in browser.text("#now"), "why it is off")
+    assert not browser.is_enabled("#go")
+
+
 def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     robot: SimulatedPage, browser: Browser
 ) -> None:
@@ -496,6 +534,17 @@ def test_modes_speed_limit_and_volume(robot: SimulatedPage, browser: Browser) ->
     assert "key switch" in browser.text("#notice")
 
 
+def test_a_double_press_confirms_nothing(robot: SimulatedPage, browser: Browser) -> None:
+    browser.show("map")
+    switch = "#maps li:not(.chosen) button"
+    browser.actions().double_click(browser.element(switch)).perform()
+    assert not browser.is_enabled("#maps .asks .primary")
+    eventually(lambda: browser.is_enabled("#maps .asks .primary"), "the confirmation")
+    assert robot.counts[full_name(SwitchMap)] == 0
+    browser.press("#maps .asks .primary")
+    eventually(lambda: robot.counts[full_name(SwitchMap)] == 1, "the switch")
+
+
 def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     browser.show("map")
     browser.press("#deploy")
@@ -506,6 +555,7 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     browser.drive(robot)
     eventually(lambda: browser.script("store.map.value.resolution > 0"), "the growing map")
     browser.release()
+    eventually(lambda: browser.text("#now").startswith("The robot is making a map"), "the state")
     eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
     browser.press("#save-map")
     eventually(lambda: "ground" in browser.text("#maps"), "the new map in the list")
@@ -516,8 +566,73 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     if "in use" not in row.text:
         row.find_element("css selector", "button").click()
         assert row.find_element("css selector", "b").rect["height"] < 30  # one line
-        row.find_element("css selector", "button.primary").click()
+        confirm = row.find_element("css selector", "button.primary")
+        eventually(confirm.is_enabled, "the confirmation")
+        confirm.click()
     eventually(lambda: browser.script("store.robot.value.map") == "ground", "the new map in use")
+
+
+def test_the_form_of_a_map_is_of_the_chosen_robot(serve: Serve, window: Browser) -> None:
+    def fields() -> list[str]:
+        return [str(window.script(f"document.querySelector({each!r}).value")) for each in _NAMES]
+
+    window.open(serve({}, {"robot_id": 30002, "scenes": (_REAL_SCENE,)}).url)
+    window.show("map")
+    window.press("#deploy")
+    eventually(lambda: window.is_enabled("#scene"), "the form")
+    for each in _NAMES:
+        window.element(each).send_keys("x")
+    window.element("#robots option:nth-child(2)").click()
+    window.press("#deploy")
+    eventually(lambda: window.is_enabled("#scene"), "the form")
+    assert fields() == [window.script("store.robot.value.scene"), ""]
+    assert fields() != ["wooshmap", ""]
+
+
+def test_a_map_is_begun_and_ended_only_if_the_robot_can(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    def state() -> tuple[bool, bool, str]:
+        on = [browser.is_enabled(each) for each in ("#add-map", "#update-map")]
+        return on[0], on[1], browser.text("#mapping-off")
+
+    def name(scene: str, area: str) -> None:
+        for selector, text in zip(_NAMES, (scene, area), strict=True):
+            browser.element(selector).clear()
+            browser.element(selector).send_keys(text)
+
+    browser.show("map")
+    browser.press("#deploy")
+    eventually(lambda: browser.is_enabled("#map-name"), "the form")
+    unnamed = "Both are off until the scene and the map have a name."
+    assert state() == (False, False, unnamed)
+    name("wooshmap", "wooshmap")
+    eventually(lambda: state()[:2] == (False, True), "the map in use")
+    assert "New map is off" in state()[2]
+    name("scenex", "scenex")
+    eventually(lambda: state()[:2] == (False, False), "another map")
+    assert "does not use it" in state()[2]
+    name("hall", "ground")
+    eventually(lambda: state()[:2] == (True, False), "a new map")
+    assert "Improve this map is off" in state()[2]
+    browser.press("#add-map")
+    eventually(lambda: browser.is_enabled("#save-map"), "mapping")
+    eventually(lambda: browser.script("store.map.value.resolution > 0"), "the growing map")
+    discard = ".steps [aria-current] .act :last-child"
+    assert browser.is_enabled(discard)
+    robot.inject("delay", seconds=2.0, type=full_name(BuildMap))
+    again_if_slow(
+        browser,
+        lambda: browser.press("#save-map"),
+        lambda: browser.text("#mapping-ends") == "The map is being saved",
+        "the save",
+    )
+    assert not browser.is_enabled(discard)
+    # the next map is in the scene that the robot uses now
+    eventually(lambda: browser.is_enabled("#collect-mark"), "the next step")
+    scene = "document.querySelector('#scene').value"
+    eventually(lambda: browser.script(scene) == "hall", "the new scene")
+    eventually(lambda: state() == (False, False, unnamed), "the empty name")
 
 
 def test_emergency_stop_lost_position_faults_and_obstacles(

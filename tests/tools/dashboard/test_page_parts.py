@@ -15,6 +15,7 @@ from tests.tools.dashboard.pages import controlled, dashboard, fetch, page, say
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, ScannerData
 from woosh_robot_agent.pb.util import task_pb2
@@ -55,6 +56,18 @@ async def test_the_map_is_a_picture_with_marks(chassis: SimulatorThread) -> None
         with Image.open(io.BytesIO(body)) as image:
             assert image.format == "PNG"
             assert image.width > 100
+
+
+@aio
+async def test_no_map_is_shown_but_the_one_that_the_robot_uses(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        await viewer.until(lambda parts: parts["map"]["marks"])
+        chassis.refuse(full_name(SceneData), "the scene is damaged")
+        await viewer.give("switchMap", scene="scenex", map="scenex2")
+        area = await viewer.until(lambda parts: parts["map"]["error"] and parts["map"])
+        assert set(area) == {"number", "error"}
+        chassis.clear_faults()
+        await viewer.until(lambda parts: parts["map"]["name"] == "scenex2")
 
 
 @aio

@@ -46,6 +46,11 @@ class MapPicture:
     problem: str
     data: dict[str, Any]
 
+    def shows(self, scene: Scene) -> bool:
+        """Return True if this is the map that a robot uses."""
+        names = self.data.get("scene"), self.data.get("name")
+        return names == (scene.scene_name, scene.map_name)
+
 
 class MapSource:
     """Requests the map that the robot uses, and receives the map that the robot is making.
@@ -81,9 +86,14 @@ class MapSource:
         self._list_at = -math.inf
         """Loop time from which the list of scenes is requested again."""
 
-    def data(self) -> dict[str, Any]:
-        """Return the data of the part `map` of the page."""
-        if self.picture is None:
+    def data(self, scene: Scene, mapping: bool) -> dict[str, Any]:
+        """Return the data of the part `map` of the page, without a picture that is of another map.
+
+        Args:
+            scene: scene and map that the robot uses.
+            mapping: True while the robot is making a map.
+        """
+        if self.picture is None or not (mapping or self.picture.shows(scene)):
             return {"number": self.number, "error": value_data(self.error)}
         error = self.error or self.picture.problem
         return {"number": self.number, "error": value_data(error), **self.picture.data}

@@ -25,7 +25,7 @@ from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
-from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, objections
 from woosh_robot_agent.sentences import REFUSED, Said, Sentence, said_by
@@ -125,7 +125,7 @@ class Robot:
             ("outline", lambda: part_data.outline_data(self.view.info)),
             ("path", lambda: part_data.path_data(self.view)),
             ("codes", self._codes_data),
-            ("map", self.map.data),
+            ("map", lambda: self.map.data(*self._map_use)),
             ("scenes", self.map.scenes_data),
         ):
             self.parts.add(name, source)
@@ -156,6 +156,11 @@ class Robot:
     def no_data(self) -> Text | None:
         """Reason that the robot has sent nothing for some seconds; None if it sends frames."""
         return Text("reason.noData", seconds=self.silence) if self.silence else None
+
+    @property
+    def _map_use(self) -> tuple[Scene, bool]:
+        """Scene and map that the robot uses; True while it is making a map."""
+        return self.view.info.scene, self.view.info.state == robot.kMapping
 
     @property
     def history(self) -> dict[str, Any]:
@@ -236,7 +241,7 @@ class Robot:
         while True:
             await self.parts.wait_watched()
             info = self.view.info
-            self.map.update(info.scene, info.state == robot.kMapping)
+            self.map.update(*self._map_use)
             # robots push the path only when it changes, which may have been before the connection
             unknown = is_unfinished(info.task_proc) and self.view.values.value(NavPath) is None
             if unknown and (asking is None or asking.done()):

@@ -55,9 +55,17 @@ function robotRefusal({ task, objections }, name) {
     const found = objections.find((each) => names.includes(each.name));
     return found ? text(`objection.${found.name}.reason`) : null;
   };
-  switch (store.MOVES.includes(name) ? "go" : name) {
+  const area = store.map.value;
+  const noMap = area?.resolution ? null : text("reason.noMap");
+  const hasCharger = area?.marks?.some(({ type }) => type === "charger") ?? true;
+  const noTask =
+    busy ?? objection("emergency_stop", "mapping") ?? objection(...HINDRANCES, "following", "busy");
+  switch (name) {
     case "go":
-      return busy ?? objection(...HINDRANCES, "mapping", "following", "busy");
+    case "goMark":
+      return noTask ?? noMap;
+    case "charge":
+      return noTask ?? (hasCharger ? null : text("marks.noCharger"));
     case "drive":
       return objection("emergency_stop", "maintenance") ?? driving;
     case "pause":
@@ -68,13 +76,22 @@ function robotRefusal({ task, objections }, name) {
     case "continue":
       return paused ? objection(...HINDRANCES) : text("reason.notPaused");
     case "setPose":
-      return objection("mapping") ?? driving;
+      return objection("mapping") ?? driving ?? noMap;
     case "keepPose":
     case "switchMap":
       return objection("mapping") ?? busy;
+    case "saveMap":
+    case "discardMap":
+      return mappingEnd();
     default:
       return null;
   }
+}
+
+/** Return how the map that is being made ends; null if it does not end. */
+export function mappingEnd() {
+  if (store.isPending("saveMap")) return text("mapping.saving");
+  return store.isPending("discardMap") ? text("mapping.discarding") : null;
 }
 
 /**

@@ -229,7 +229,8 @@ export async function confirmPose() {
   if (pose && (await run("setPose", { ...pose, ...store.shownMap.value }))) forgetTarget();
 }
 
-const mapNames = computed(() => {
+/** Names of the maps that are shown and used; they change with each of them. */
+export const mapNames = computed(() => {
   const { scene, map } = store.robot.value ?? {};
   return JSON.stringify([store.shownMap.value, scene, map]);
 });

@@ -81,6 +81,7 @@ export class MapCanvas {
       { passive: false },
     );
     effect(() => this.loadMap(store.map.value, store.chosen.value));
+    commands.mapNames.subscribe(() => (this.trail = []));
     effect(() => this.addToTrail(store.pose.value));
     effect(() => this.followRobot());
     effect(() => {
@@ -354,7 +355,6 @@ export class MapCanvas {
     if (!map || !url) {
       this.area = this.keepout = this.keepoutImage = null;
       this.fittedOnce = false;
-      this.trail = [];
       this.redraw();
       return;
     }

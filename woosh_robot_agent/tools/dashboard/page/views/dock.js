@@ -1,16 +1,15 @@
 // The current task of the robot, and the stick, whose place on the screen never changes.
 
-import { html, useEffect, useRef, useState } from "../vendor/preact.js";
+import { html, useEffect, useRef } from "../vendor/preact.js";
 import { commandProps, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import { checkStickPlace, keysOff, stickPlace } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
-import { degrees, goalText, Icon, placeText } from "./parts.js";
+import { degrees, goalText, Icon, placeText, useSettling } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
-const SETTLE = 1000; // milliseconds for which buttons that replace others are disabled
 const TURN = Math.PI / 180; // radians by which a button turns the pose
 const TRAVEL = 132; // half of the stick's width, in percent of the knob's width
 
@@ -119,18 +118,15 @@ function stateText() {
 let shownButtons = 0; // number of `Buttons` that are shown
 
 /**
- * Buttons below these texts. If they replace others, they are disabled for a moment, so that a press
- * that was aimed at the others does nothing.
+ * Buttons below these texts. If they replace others, they are disabled for a moment.
  * @param {{children?: unknown}} props
  */
 function Buttons({ children }) {
-  const [off, setOff] = useState(shownButtons > 0);
+  const off = useSettling(shownButtons > 0);
   useEffect(() => {
     shownButtons++;
-    const timer = setTimeout(() => setOff(false), SETTLE);
     return () => {
       shownButtons--;
-      clearTimeout(timer);
     };
   }, []);
   return html`<fieldset class="act" disabled=${off}>${children}</fieldset>`;
@@ -138,15 +134,15 @@ function Buttons({ children }) {
 
 function PoseDraft() {
   const draft = store.draft.value;
+  const reason = refusal("setPose");
+  const question = draft && `${placeText(draft)} · ${degrees(draft.theta)}. ${t("pose.laser")}`;
   /** @param {number} angle */
   const turn = (angle) => {
     if (draft) store.draft.value = { ...draft, theta: draft.theta + angle };
   };
   return html`<div class="now" id="now">
       <b>${draft ? t("pose.question") : t("pose.set")}</b>
-      <p>
-        ${draft ? `${placeText(draft)} · ${degrees(draft.theta)}. ${t("pose.laser")}` : t("pose.drag")}
-      </p>
+      <p>${reason ? say(reason) : (question ?? t("pose.drag"))}</p>
     </div>
     <${Buttons}>
       <button

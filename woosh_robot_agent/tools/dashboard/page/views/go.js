@@ -22,11 +22,12 @@ export function Go() {
   });
   const may = store.mayControl.value;
   const hasMap = Boolean(store.map.value?.resolution);
+  const charges = !hasMap || marks.some(({ type }) => type === "charger");
   const parks = marks.some(({ type }) => type === "parkspot");
   return html`${
       may &&
       html`<section class="pair">
-          <button type="button" id="charge" onClick=${charge}>
+          <button type="button" id="charge" disabled=${!charges} onClick=${charge}>
             <${Icon} name="charge" />${t("type.charge")}
           </button>
           <button
@@ -38,6 +39,7 @@ export function Go() {
             <${Icon} name="park" />${t("type.parking")}
           </button>
         </section>
+        ${!charges && html`<p class="faint" id="no-charger">${t("marks.noCharger")}</p>`}
         ${!parks && html`<p class="faint" id="no-parking">${t("marks.noParking")}</p>`}`
     }
     <section>

@@ -1,11 +1,11 @@
 // The robot's place and its maps: set pose, switch map, make a map.
 
 import { effect, html, signal, useState } from "../vendor/preact.js";
-import { commandProps } from "../allowed.js";
+import { commandProps, mappingEnd } from "../allowed.js";
 import { run, startPose } from "../commands.js";
 import * as store from "../store.js";
-import { t } from "../texts.js";
-import { Icon } from "./parts.js";
+import { say, t } from "../texts.js";
+import { Icon, useSettling } from "./parts.js";
 
 /** True once a map has been saved here, until another one is begun or deployment mode ends. */
 const saved = signal(false);
@@ -37,7 +37,7 @@ export function MapTab() {
       }
     </section>
     <${Scenes} />
-    ${may && html`<${Mapping} mapping=${mapping} />`}`;
+    ${may && html`<${Mapping} key=${store.chosen.value} mapping=${mapping} />`}`;
 }
 
 function Scenes() {
@@ -80,10 +80,15 @@ function Scenes() {
  */
 function Mapping({ mapping }) {
   const robot = store.robot.value;
-  const [scene, setScene] = useState(robot?.scene ?? "");
+  const [typedScene, setScene] = useState(/** @type {string | null} */ (null));
+  const scene = typedScene ?? robot?.scene ?? "";
   const [name, setName] = useState("");
+  const has = store.scenes.value.some((each) => each.name === scene && each.maps.includes(name));
+  const used = robot?.scene === scene && robot.map === name;
+  const off = !(scene && name) ? "unnamed" : !has ? "notKnown" : used ? "known" : "notUsed";
   const deploying = robot?.work === "deploy";
   const ready = deploying && !mapping;
+  const ending = mappingEnd();
   const step = mapping ? 3 : ready ? (saved.value ? 4 : 2) : 1;
   /** @param {string} type */
   const begin = (type) => {
@@ -93,6 +98,7 @@ function Mapping({ mapping }) {
   const save = async () => {
     if (!(await run("saveMap"))) return;
     saved.value = true;
+    setScene(null);
     setName("");
   };
   return html`<section id="mapping">
@@ -138,17 +144,18 @@ function Mapping({ mapping }) {
                 command="buildMap"
                 label=${t("mapping.add")}
                 isPrimary=${step === 2}
-                isComplete=${Boolean(scene && name)}
+                isComplete=${off === "notKnown"}
                 onClick=${() => begin("add")}
               />
               <${CommandButton}
                 id="update-map"
                 command="buildMap"
                 label=${t("mapping.update")}
-                isComplete=${Boolean(scene && name)}
+                isComplete=${off === "known"}
                 onClick=${() => begin("update")}
               />
-            </div>`
+            </div>
+            <p class="faint" id="mapping-off">${t(`mapping.${off}`)}</p>`
         }
       </li>
       <li aria-current=${step === 3 ? "step" : undefined}>
@@ -156,14 +163,15 @@ function Mapping({ mapping }) {
         ${
           step === 3 &&
           html`<div class="act">
-            <${CommandButton} id="save-map" command="saveMap" isPrimary onClick=${save} />
-            <${Confirmed}
-              command="discardMap"
-              label=${t("command.discardMap")}
-              question=${t("mapping.sure")}
-              onConfirm=${() => run("discardMap")}
-            />
-          </div>`
+              <${CommandButton} id="save-map" command="saveMap" isPrimary onClick=${save} />
+              <${Confirmed}
+                command="discardMap"
+                label=${t("command.discardMap")}
+                question=${t("mapping.sure")}
+                onConfirm=${() => run("discardMap")}
+              />
+            </div>
+            ${ending && html`<p class="faint" id="mapping-ends">${say(ending)}</p>`}`
         }
       </li>
       <li aria-current=${step === 4 ? "step" : undefined}>
@@ -217,12 +225,22 @@ function Confirmed({ command, label, question, onConfirm }) {
     setAsks(false);
     onConfirm();
   };
-  return html`<span class="act asks">
+  return html`<${Question} onCancel=${() => setAsks(false)}>
     <button type="button" class="primary" ...${commandProps(command)} onClick=${confirm}>
       ${question}
     </button>
-    <button type="button" aria-label=${t("target.cancel")} onClick=${() => setAsks(false)}>
+  <//>`;
+}
+
+/**
+ * The button that confirms, and one that does not. They replace the button that was pressed.
+ * @param {{onCancel: () => void, children?: unknown}} props
+ */
+function Question({ onCancel, children }) {
+  return html`<fieldset class="act asks" disabled=${useSettling(true)}>
+    ${children}
+    <button type="button" aria-label=${t("target.cancel")} onClick=${onCancel}>
       <${Icon} name="close" />
     </button>
-  </span>`;
+  </fieldset>`;
 }

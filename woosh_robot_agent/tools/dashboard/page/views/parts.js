@@ -1,8 +1,10 @@
 // Small things that several views use: icons, and names of robots, places and tasks.
 
-import { html } from "../vendor/preact.js";
+import { html, useEffect, useState } from "../vendor/preact.js";
 import * as store from "../store.js";
 import { t, tOr } from "../texts.js";
+
+const SETTLE = 1000; // milliseconds for which buttons that replace others are disabled
 
 /** @type {Record<string, string>} paths of icons of 24 x 24 pixels, as in SVG */
 const ICONS = {
@@ -156,6 +158,20 @@ export function objectionText({ name, reason, remedy }) {
  */
 export function toneOf({ name }) {
   return name === "emergency_stop" || name === "hardware" ? "bad" : "warn";
+}
+
+/**
+ * Return true for a moment if new buttons replace others, so that a press that was aimed at the others
+ * does nothing.
+ * @param {boolean} replaces
+ */
+export function useSettling(replaces) {
+  const [settles, setSettles] = useState(replaces);
+  useEffect(() => {
+    const timer = setTimeout(() => setSettles(false), SETTLE);
+    return () => clearTimeout(timer);
+  }, []);
+  return settles;
 }
 
 /** @type {Record<string, string>} CSS classes of the levels of status codes */
