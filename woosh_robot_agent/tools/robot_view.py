@@ -73,11 +73,14 @@ class RobotView:
 
     def _add_codes(self, codes: Iterable[StatusCode]) -> None:
         """Add status codes, each only once: codes arrive both as pushes and in RobotInfo."""
-        merged = {
-            (code.time, code.code, code.robot_task_id): code for code in (*self.codes, *codes)
-        }
+        merged = {code_key(code): code for code in (*self.codes, *codes)}
         self.codes.clear()
         self.codes.extend(sorted(merged.values(), key=lambda code: code.time))
+
+
+def code_key(code: StatusCode) -> tuple[int, ...]:
+    """Return the values that tell a status code from the others of a robot."""
+    return code.time, code.code, code.robot_task_id
 
 
 MAX_BACKOFF = 3.0

@@ -361,11 +361,13 @@ def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     again = last(robot, ExecTask)
     assert (again.mark_no, again.type, again.task_type_no) == ("A2", task.kCarry, 2)
     assert again.direction == task.kFeeding
+    title = f"document.querySelector({repeat!r}).title"
+    eventually(lambda: "Repeat is off" in browser.script(title), "why it is off")
+    assert "Repeat is off" in browser.text("#panel")
     browser.press("#panel #cancel")
     eventually(lambda: browser.is_enabled(repeat), "its end")
     switch_map(browser, "scenex")
     assert not browser.is_enabled(repeat)
-    title = f"document.querySelector({repeat!r}).title"
     assert browser.script(title) == "A2 is on another map"
 
 

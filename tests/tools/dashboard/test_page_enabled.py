@@ -116,6 +116,29 @@ def test_a_go_is_off_while_it_is_sent_and_a_task_keeps_its_buttons(
     eventually(lambda: "executing a task" in browser.text("#now"), "why it is off")
 
 
+def test_the_target_beside_a_paused_task_can_be_dropped(
+    robot: SimulatedPage, window: Browser
+) -> None:
+    window.set_screen(640, 360)
+    window.open(robot.url)
+    start_task(window, robot)
+    window.press(".doing #pause")
+    eventually(lambda: window.is_enabled(".doing #continue"), "the paused task")
+    boxes = window.script(_BOXES)
+    window.click_at(1.0, -6.0)
+    eventually(lambda: window.script("store.target.value?.plan?.length > 0"), "its way")
+    assert window.script(_BOXES) == boxes
+    window.press("#dismiss")
+    assert window.script("store.target.value === null && !document.querySelector('#dismiss')")
+    assert window.script("store.robot.value.task.state") == "paused"
+    # a long name leaves room for the state
+    name = "{...each, to: 'the mark with a very long name in the hall of the north'}"
+    window.script(f"(store.tasks.value = store.tasks.value.map((each) => ({name})))")
+    eventually(lambda: "very long name" in window.text("#now"), "the name")
+    now, state = (window.element(each).rect for each in ("#now", "#now p"))
+    assert state["y"] + state["height"] <= now["y"] + now["height"]
+
+
 def test_what_became_of_a_go_replaces_its_acceptance(
     robot: SimulatedPage, browser: Browser
 ) -> None:

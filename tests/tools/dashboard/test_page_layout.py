@@ -21,8 +21,8 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 pytestmark = pytest.mark.timeout(300)
 _SCREENS = [(360, 640), (390, 844), (667, 375), (768, 1024), (844, 390), (1024, 768), (1440, 900)]
-_SMALL = [(320, 568), (640, 400), (427, 267)]
-"""An old phone, and a window of 1280 x 800 pixels at 200 % and 300 %."""
+_SMALL = [(320, 568), (640, 360), (640, 400), (512, 330), (427, 267)]
+"""Old phones, and windows of 1280 x 800 and 1024 x 660 pixels at 200 % and 300 %."""
 _STICK_RADIUS = 68.0
 """Radius of the stick on a phone, in pixels."""
 
@@ -147,8 +147,9 @@ def test_nothing_lies_over_anything_that_is_pressed(
     for one, other in itertools.combinations(parts, 2):
         assert are_apart(boxes[one], boxes[other]), (one, other)
     if (width, height) != (427, 267):
-        scrolls = "(({scrollHeight, clientHeight}) => scrollHeight > clientHeight)"
-        assert not window.script(f"{scrolls}(document.querySelector('.tools'))")
+        for side in ("Height", "Width"):
+            scrolls = f"((each) => each.scroll{side} > each.client{side})"
+            assert not window.script(f"{scrolls}(document.querySelector('.tools'))"), side
     # with the sheet open, the whole map is still shown beside it, if there is room
     if (is_small := width < 1000 or height < 600) and (width, height) != (427, 267):
         window.press("#tab-go")
@@ -160,6 +161,23 @@ def test_nothing_lies_over_anything_that_is_pressed(
         assert are_apart(at, panel) or not is_small, (at, panel)
         assert 0 <= x <= canvas["width"], (x, y)
         assert 0 <= y <= canvas["height"], (x, y)
+    assert are_apart(window.script(_MAP_BOX), window.script(_SCALE_BOX))
+    window.press("#layers")
+    assert are_apart(window.element(".menu").rect, boxes["#stick"])
+
+
+def test_the_bar_and_the_banner_of_a_window_at_200_percent_can_be_read(
+    serve: Serve, window: Browser
+) -> None:
+    served = serve({})
+    open_observed(window, served.url, 512, 330)
+    dot, battery = (window.element(each).rect for each in ("#link .dot", ".battery"))
+    assert are_apart(dot, battery)
+    assert window.script(_CUT) == []
+    served.robots[0].set_emergency_stop(True)
+    served.robots[0].inject("lost_localisation")
+    eventually(lambda: window.script("store.robot.value.objections.length") == 2, "both")
+    assert window.element("#notice b").rect["height"] < 48, "two lines"
 
 
 _MAP_BOX = """(() => {
@@ -170,6 +188,13 @@ _MAP_BOX = """(() => {
   return {x, y, width: Math.max(...across) - x, height: Math.max(...down) - y};
 })()"""
 """The box of the map's picture on the screen."""
+_SCALE_BOX = """import("/map/draw.js").then(({scaleBar}) => {
+  const over = document.querySelector("#map").getBoundingClientRect();
+  const {x, y, length} = scaleBar(mapCanvas.view);
+  const width = length * mapCanvas.view.scale;
+  return {x: over.x + x, y: over.y + y - 20, width, height: 20};
+})"""
+"""The box of the scale bar and its text on the screen."""
 
 
 def test_a_whole_map_is_fitted_beside_what_lies_over_it_and_not_moved_by_notices(

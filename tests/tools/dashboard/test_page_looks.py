@@ -144,6 +144,7 @@ def test_colours_have_enough_contrast(robot: SimulatedPage, opened: Opened) -> N
 
 def test_forced_colours_and_less_motion_are_respected(robot: SimulatedPage, opened: Opened) -> None:
     browser = opened(robot.url, 1440, 900)
+    knob = "getComputedStyle(document.querySelector('.knob')).backgroundColor"
     browser.set_media(**{"forced-colors": "active", "prefers-reduced-motion": "reduce"})
     active = "matchMedia('(forced-colors: active)').matches"
     eventually(lambda: browser.script(active), "the colours")
@@ -152,6 +153,9 @@ def test_forced_colours_and_less_motion_are_respected(robot: SimulatedPage, open
     browser.show("state")
     moving = "document.getAnimations().filter((each) => each.playState === 'running').length"
     assert browser.script(moving) == 0
+    on = browser.script(knob)
+    robot.inject("emergency_stop")
+    eventually(lambda: browser.script(knob) != on, "the stick that is off")
 
 
 def test_both_languages_have_the_same_texts() -> None:

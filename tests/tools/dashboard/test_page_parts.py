@@ -103,6 +103,25 @@ async def test_a_page_sees_an_emergency_stop_and_its_remedy(chassis: SimulatorTh
 
 
 @aio
+async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
+    chassis: SimulatorThread,
+) -> None:
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["robot"]["known"])
+        chassis.set_emergency_stop(True)
+        (before,) = await viewer.until(lambda parts: parts["codes"])
+        chassis.inject("clock_jump", by=3600)
+        chassis.set_emergency_stop(False)
+        await viewer.until(lambda parts: not parts["robot"]["emergencyStop"])
+        chassis.set_emergency_stop(True)
+        newest, *_, oldest = await viewer.until(
+            lambda parts: len(parts["codes"]) > 1 and parts["codes"]
+        )
+        assert oldest == before
+        assert abs(newest["time"] / 1000 - time.time()) < TIMEOUT
+
+
+@aio
 async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
     config = LinkConfig("127.0.0.1", chassis.port)
     async with (
@@ -182,6 +201,18 @@ async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread
         assert viewer.parts["robot"]["id"] == 30001
         chassis.listen()
         await viewer.until(lambda parts: parts["link"]["good"])
+
+
+@aio
+async def test_a_lost_robot_that_nobody_has_watched_is_shown_with_its_map(
+    chassis: SimulatorThread, other: SimulatorThread
+) -> None:
+    async with dashboard(chassis, other) as running, page(running) as viewer:
+        await eventually(lambda: running.robots[1].map.picture)
+        other.stop_listening()
+        await viewer.until(lambda parts: parts["fleet"][1]["link"] == "lost")
+        await viewer.send(do="watch", robot=1)
+        await viewer.until(lambda parts: parts["robot"]["id"] == 8 and parts["map"]["marks"])
 
 
 @aio

@@ -11,7 +11,7 @@ import math
 import struct
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from woosh_robot_agent.link import ChassisClient, LinkState
@@ -40,7 +40,7 @@ from woosh_robot_agent.robot.readiness import (
 )
 from woosh_robot_agent.robot.status_codes import meaning
 from woosh_robot_agent.tools.dashboard.texts import value_data
-from woosh_robot_agent.tools.robot_view import RobotView
+from woosh_robot_agent.tools.robot_view import RobotView, code_key
 
 _MAX_CODES = 50
 """Maximum number of status codes on the page."""
@@ -169,16 +169,15 @@ def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
     }
 
 
-def codes_data(view: RobotView, clock_offset: float | None) -> list[dict[str, Any]]:
+def codes_data(view: RobotView, times: Mapping[tuple[int, ...], int]) -> list[dict[str, Any]]:
     """Return the last status codes, the newest first, with times of this computer's clock.
 
     Args:
         view: state of the robot.
-        clock_offset: time by which the robot's clock is ahead, in seconds; None if unknown.
+        times: times of the codes as Unix time in milliseconds, by `code_key`.
     """
-    ahead = 1000.0 * (clock_offset or 0.0)
     return [
-        {"time": int(code.time - ahead), **code_data(code)}
+        {"time": times[code_key(code)], **code_data(code)}
         for code in reversed(list(view.codes)[-_MAX_CODES:])
     ]
 

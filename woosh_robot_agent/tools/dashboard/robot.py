@@ -35,7 +35,12 @@ from woosh_robot_agent.tools.dashboard.map_source import MapSource
 from woosh_robot_agent.tools.dashboard.parts import SCAN, Parts
 from woosh_robot_agent.tools.dashboard.texts import Text, value_data
 from woosh_robot_agent.tools.options import link_arguments
-from woosh_robot_agent.tools.robot_view import MAX_BACKOFF, RobotView, subscribe_all
+from woosh_robot_agent.tools.robot_view import (
+    MAX_BACKOFF,
+    RobotView,
+    code_key,
+    subscribe_all,
+)
 
 _LOG = logging.getLogger(__name__)
 M = TypeVar("M", bound=Message)
@@ -70,7 +75,7 @@ READ_ONLY = Text("reason.readOnly")
 class Robot:
     """A robot that viewers watch: its link, and the parts about it. Used in one event loop.
 
-    While nobody watches, no scans and no maps are requested.
+    Scans are requested while somebody watches this robot, its map while somebody watches any robot.
 
     Args:
         config: address and timeouts of the robot.
@@ -117,6 +122,8 @@ class Robot:
         self._update_period = update_period
         self._samples: deque[list[Any]] = deque(maxlen=_MAX_SAMPLES)
         """Samples as returned by `_sample`, oldest first."""
+        self._code_times: dict[tuple[int, ...], int] = {}
+        """Times of the status codes on this computer's clock, as Unix time in ms, by `code_key`."""
         self._fastest = 0.0
         """Greatest speed since the last sample, in m/s."""
         for name, source in (
@@ -195,11 +202,19 @@ class Robot:
 
     def _received(self, message: Message) -> None:
         self.view.update(message)
+        self._note_code_times()
         twist = self.view.info.pose_speed.twist
         if math.isfinite(twist.linear):
             self._fastest = max(self._fastest, abs(twist.linear))
         self.parts.changed()
         self._shared.changed()
+
+    def _note_code_times(self) -> None:
+        """Note when the codes that have just arrived were reported; the robot's clock may jump."""
+        ahead = 1000.0 * (self.chassis.stats.clock_offset or 0.0)
+        times = {code_key(code): int(code.time - ahead) for code in self.view.codes}
+        known = self._code_times
+        self._code_times = {key: known.get(key, time) for key, time in times.items()}
 
     async def _run(self) -> None:
         loops = [
@@ -239,12 +254,13 @@ class Robot:
     async def _update_map_and_path(self) -> None:
         asking: asyncio.Task[None] | None = None
         while True:
-            await self.parts.wait_watched()
+            # a robot whose link is lost later is shown with its map
+            await self._shared.wait_watched()
             info = self.view.info
             self.map.update(*self._map_use)
             # robots push the path only when it changes, which may have been before the connection
             unknown = is_unfinished(info.task_proc) and self.view.values.value(NavPath) is None
-            if unknown and (asking is None or asking.done()):
+            if self.parts.watched and unknown and (asking is None or asking.done()):
                 asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
 
@@ -304,7 +320,7 @@ class Robot:
         return answer.body if answer.ok and isinstance(answer.body, cls) else None
 
     def _codes_data(self) -> list[dict[str, Any]]:
-        return part_data.codes_data(self.view, self.chassis.stats.clock_offset)
+        return part_data.codes_data(self.view, self._code_times)
 
     def _link_data(self) -> dict[str, Any]:
         chassis = self.chassis

@@ -40,6 +40,7 @@ const DEFAULT_OUTLINE = [
   [0.3, -0.25],
 ]; // outline of a robot that has not reported its own, in metres
 const MIN_RADIUS = 16; // minimum pixels from the middle of a robot to its farthest corner
+const FONT = "600 12px system-ui, sans-serif"; // of the texts
 const MANY_MARKS = 150; // if more marks are on the screen, they are drawn without texts
 
 /**
@@ -195,7 +196,11 @@ function drawMarks(painter, { marks, chosenMark }) {
     context.fillStyle = chosen ? colours["on-accent"] : colours.accent;
     triangle(context, 5.5, -3, 4);
     context.restore();
-    if (!many || chosen) text(painter, mark.number, at.x + 11, at.y - 6);
+    if (many && !chosen) continue;
+    // at the right edge, the text is to the left of the mark
+    context.font = FONT;
+    const fits = at.x + 11 + context.measureText(mark.number).width < view.width;
+    text(painter, mark.number, at.x + (fits ? 11 : -11), at.y - 6, fits ? "left" : "right");
   }
 }
 
@@ -222,7 +227,7 @@ function triangle(context, front, back, side) {
  * @param {CanvasTextAlign} align
  */
 function text({ context, colours }, content, x, y, align = "left") {
-  context.font = "600 12px system-ui, sans-serif";
+  context.font = FONT;
   context.textAlign = align;
   context.lineJoin = "round";
   context.lineWidth = 3;
@@ -321,8 +326,15 @@ function drawMeasured(painter, [from, to]) {
     context.fillStyle = colours.ink;
     context.fill();
   }
-  const length = Math.hypot(to.x - from.x, to.y - from.y).toFixed(2);
-  text(painter, `${length} m`, (begin.x + end.x) / 2, (begin.y + end.y) / 2 - 8, "center");
+  const length = `${Math.hypot(to.x - from.x, to.y - from.y).toFixed(2)} m`;
+  // above the line, or beside a steep one, at a right angle to it
+  const slope = Math.atan((end.y - begin.y) / (end.x - begin.x || 1e-9));
+  context.font = FONT;
+  const { width } = context.measureText(length);
+  const away = 4 + 8 * Math.cos(slope) + (width / 2) * Math.abs(Math.sin(slope));
+  const x = (begin.x + end.x) / 2 + away * Math.sin(slope);
+  const y = (begin.y + end.y) / 2 - away * Math.cos(slope);
+  text(painter, length, x, y + 4, "center");
 }
 
 /** @param {Painter} painter */
@@ -346,16 +358,20 @@ function drawCross(painter) {
 }
 
 /**
- * Draw a bar that shows how long a metre is.
- * @param {Painter} painter
+ * Return the place and the length of the bar that shows how long a metre is; its text is above it.
+ * @param {View} view
  */
-function drawScale(painter) {
-  const { context, view, colours } = painter;
+export function scaleBar(view) {
   const maximum = 120 / view.scale; // metres
   const power = 10 ** Math.floor(Math.log10(maximum));
   const length = [5, 2, 1].map((factor) => factor * power).find((each) => each <= maximum) ?? power;
-  const x = 14 + view.inset.left;
-  const y = view.height - 14 - view.inset.bottom;
+  return { x: 14 + view.inset.left, y: view.height - 14 - view.inset.bottom, length };
+}
+
+/** @param {Painter} painter */
+function drawScale(painter) {
+  const { context, view, colours } = painter;
+  const { x, y, length } = scaleBar(view);
   context.beginPath();
   context.moveTo(x, y - 5);
   context.lineTo(x, y);

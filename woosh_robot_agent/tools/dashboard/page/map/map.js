@@ -3,7 +3,7 @@
 import { effect } from "../vendor/preact.js";
 import * as commands from "../commands.js";
 import * as store from "../store.js";
-import { draw, recoloured } from "./draw.js";
+import { draw, recoloured, scaleBar } from "./draw.js";
 import { View } from "./view.js";
 
 /** @typedef {import("../store.js").Point} Point */
@@ -19,6 +19,8 @@ const DIRECTION = 24; // minimum pixels of a drag that gives a direction
 const HIT = 22; // pixels within which a press hits a mark or an obstacle
 const KEY_STEP = 60; // pixels by which an arrow key moves the map
 const SMALL_KEY_STEP = 5; // pixels by which it does so with Shift
+const SCALE_TEXT = 22; // pixels from the scale bar to the top of its text
+const SCALE_ROOM = 36; // pixels from the bottom to the top of this text
 const ZOOM_STEP = 1.4;
 const COLOURS = [
   ...["accent", "edge", "faint", "ink", "laser", "map-floor", "map-unknown", "map-wall"],
@@ -100,11 +102,28 @@ export class MapCanvas {
     this.view.inset = this.area ? this.covered : { ...this.covered, top: 0 };
     store.follow.value = false;
     const pose = store.pose.value;
-    if (this.area) this.view.fit(this.corners(this.area));
+    if (this.area) this.fitArea(this.corners(this.area));
     else if (pose) this.view.fit([-5, 5].map((side) => ({ x: pose.x + side, y: pose.y + side })));
     this.fittedOnce = this.area !== null;
     this.stillFitted = true;
     this.redraw();
+  }
+
+  /** Show the whole map beside the scale bar, as large as possible. @param {Point[]} corners */
+  fitArea(corners) {
+    for (let below = 0; below <= SCALE_ROOM; below += 2) {
+      this.view.fit(corners, below);
+      if (!this.coversScale(corners)) return;
+    }
+  }
+
+  /** @param {Point[]} corners */
+  coversScale(corners) {
+    const { x, y, length } = scaleBar(this.view);
+    const pixels = corners.map((each) => this.view.toScreen(each.x, each.y));
+    const left = Math.min(...pixels.map((each) => each.x));
+    const bottom = Math.max(...pixels.map((each) => each.y));
+    return left < x + length * this.view.scale && bottom > y - SCALE_TEXT;
   }
 
   /**

@@ -95,8 +95,9 @@ export class View {
   /**
    * Show all of these places in the part of the canvas that nothing covers.
    * @param {Point[]} places
+   * @param {number} below pixels at the bottom that remain free
    */
-  fit(places) {
+  fit(places, below = 0) {
     const cos = Math.cos(this.angle);
     const sin = Math.sin(this.angle);
     // in metres along the axes of the screen
@@ -106,12 +107,12 @@ export class View {
     const [low, high] = [Math.min(...up), Math.max(...up)];
     const { inset } = this;
     const width = Math.max(1, this.width - inset.left - inset.right);
-    const height = Math.max(1, this.height - inset.top - inset.bottom);
+    const height = Math.max(1, this.height - inset.top - inset.bottom - below);
     const scale = FILL * Math.min(width / (right - left || 1), height / (high - low || 1));
     this.scale = Math.min(MAX_SCALE, Math.max(MIN_SCALE, scale));
     const middle = { across: (left + right) / 2, up: (low + high) / 2 };
     const x = middle.across * cos + middle.up * sin;
     const y = middle.up * cos - middle.across * sin;
-    this.put({ x, y }, this.middle);
+    this.put({ x, y }, { x: this.middle.x, y: this.middle.y - below / 2 });
   }
 }

@@ -88,11 +88,12 @@ function limitText() {
 
 /**
  * Texts about the robot; if they are outdated, it says so.
- * @param {{title: unknown, text: string, more?: string}} props
+ * @param {{title: unknown, text: string, more?: string, button?: unknown}} props
  */
-function Now({ title, text, more = "" }) {
+function Now({ title, text, more = "", button }) {
   const old = store.outdated.value;
   return html`<div class="now ${old ? "old" : ""}" id="now">
+    ${button}
     <b>${title}</b>
     <p>${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}</p>
     ${more && html`<p>${more}</p>`}
@@ -231,6 +232,7 @@ function Running() {
       title=${running ? goalText(running) : stateText()}
       text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
       more=${[limitText(), ...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
+      button=${target && html`<${Dismiss} />`}
     />
     <${Buttons}>${taskButtons()}<//>`;
 }

@@ -57,7 +57,8 @@ function OrderLines({ order }) {
   const parts = [
     order.id ? t("order.id", { id: order.id }) : t("order.none"),
     order.node && t("order.node", { node: order.node }),
-    order.nodesLeft && t("order.left", { count: order.nodesLeft }),
+    order.nodesLeft &&
+      t(order.nodesLeft === 1 ? "order.oneLeft" : "order.left", { count: order.nodesLeft }),
     order.paused && t("task.paused"),
   ];
   return html`<small class="order">${parts.filter(Boolean).join(" · ")}</small> ${order.errors.map(

@@ -37,6 +37,12 @@ export function Tasks() {
     <section>
       <h2>${t("tasks.ended")}</h2>
       ${
+        ended.length > 0 &&
+        store.mayControl.value &&
+        isBusy() &&
+        html`<p class="faint">${t("tasks.repeatOff")}</p>`
+      }
+      ${
         ended.length
           ? html`<ul class="rows" id="ended">
               ${ended.map((task) => html`<${Entry} key=${task.id} task=${task} />`)}
@@ -45,6 +51,8 @@ export function Tasks() {
       }
     </section>`;
 }
+
+const isBusy = () => Boolean(store.robot.value?.task?.running);
 
 /**
  * Return the buttons for the running task. Each keeps its place, so that a repeated press of Pause
@@ -172,11 +180,11 @@ function Repeat({ task }) {
   if (!target) return null;
   const here = isHere(task, target);
   const label = t(here ? "tasks.repeat" : "tasks.otherMap", { place: destination(task) });
-  const busy = Boolean(store.robot.value?.task?.running);
+  const busy = isBusy();
   return html`<button
     type="button"
     class="quiet"
-    title=${label}
+    title=${busy ? t("tasks.repeatOff") : label}
     aria-label=${label}
     disabled=${busy || !here}
     onClick=${() => selectAgain(target)}
