@@ -622,7 +622,7 @@ def test_a_map_is_begun_and_ended_only_if_the_robot_can(
     eventually(lambda: browser.script("store.map.value.resolution > 0"), "the growing map")
     discard = ".steps [aria-current] .act :last-child"
     assert browser.is_enabled(discard)
-    robot.inject("delay", seconds=2.0, type=full_name(BuildMap))
+    robot.inject("delay", seconds=6.0, type=full_name(BuildMap))
     again_if_slow(
         browser,
         lambda: browser.press("#save-map"),

@@ -192,7 +192,8 @@ def test_the_dock_says_what_the_banner_says(
         assert "last known state" in browser.text("#now")
         return
     browser.press(".doing #cancel")
-    eventually(lambda: says in browser.text("#now"), "the reason")
+    eventually(lambda: "Paused" not in browser.text("#now"), "the end of the task")
+    assert says in browser.text("#now")
     assert "Press a place" not in browser.text("#now")
     assert ("Hold the stick" in browser.text("#now")) == (fault == "lost_localisation")
     browser.click_at(1.0, -6.0)
