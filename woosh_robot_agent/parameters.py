@@ -250,6 +250,7 @@ class StandardSettings:
                 raise ValueError(f"{name} must not begin with a slash: {frame!r}")
             if not frame and name != "frame_prefix":
                 raise ValueError(f"{name} must not be empty")
+        # the default is [""], because ROS cannot tell the type of an empty list
         if unknown := set(self.disabled_parts) - {*PARTS, ""}:
             raise ValueError(
                 f"disabled_parts has no part {', '.join(sorted(unknown))!r}; the parts are "

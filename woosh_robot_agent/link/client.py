@@ -415,10 +415,11 @@ class ChassisClient:
     def _queueing_tap(
         self, message: Message, tap: Callable[[Answer], None] | None
     ) -> Callable[[Answer], None] | None:
-        """Return a function that puts the answer to `message` into the queue of the pushes.
+        """Return a function that queues the answer to `message` behind the pushes received before.
 
-        From there, the answer goes to `tap` and to the callbacks of `on_accepted` and `on_refused`.
-        Return None if there are no such callbacks.
+        From the queue, the answer goes to the callbacks of `on_accepted` or `on_refused`, then to
+        `tap`, so that they get answers and pushes in order of arrival. Return None if there is
+        neither a `tap` nor a callback.
         """
         on_accepted = self._accepted_callbacks.get(full_name(message), ())
         if tap is None and not on_accepted and not self._refused_callbacks:
@@ -435,6 +436,7 @@ class ChassisClient:
                 tap(answer)
 
         def put(answer: Answer) -> None:
+            # callbacks of `on_refused` alone do not need an accepted answer
             if tap is not None or on_accepted or not answer.ok:
                 self._subscriptions.put_answer(call_all, answer)
 

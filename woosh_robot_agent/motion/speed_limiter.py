@@ -118,8 +118,10 @@ class SpeedLimiter:
         self._send()
 
     def _actions_reported(self, reports: Feedbacks) -> None:
+        """Note whether the action MoveBase navigates, and send the limit if needed."""
         for report in reports.fbs:
             if report.action == _MOVE_BASE:
+                # kRosErrMsg reports an error on the way; the navigation goes on
                 navigates = report.state in (kRosExecuting, kRosErrMsg)
                 if navigates and not self._action_navigates:
                     self._begin()

@@ -192,6 +192,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
 
 def _dashboard(simulator: SimulatedChassis, port: int) -> AbstractAsyncContextManager[str]:
     """Return the context in which the page is served; it yields the address of the page."""
+    # by name and on demand: the dashboard belongs to a layer above the simulator
     module = importlib.import_module(_DASHBOARD)
     context: AbstractAsyncContextManager[str] = module.dashboard_beside(simulator, port)
     return context

@@ -73,7 +73,8 @@ def has_pose(storage: mark_pb2.Storage) -> bool:
 
 
 def mark_of(storage: mark_pb2.Storage) -> Mark:
-    """Return the mark that a message describes. It keeps a reference to the message."""
+    """Return the mark that a message describes. The mark keeps a reference to the message."""
+    # prefer the pose of a robot that docks there to the pose of the place itself
     pose = storage.pose.dock if storage.pose.HasField("dock") else storage.pose.real
     return Mark(
         id=storage.identity.id,
@@ -86,7 +87,7 @@ def mark_of(storage: mark_pb2.Storage) -> Mark:
 
 
 def storage_of(mark: Mark) -> mark_pb2.Storage:
-    """Return all data of a mark, as a new message."""
+    """Return the Storage message with all data of a mark, as a new message."""
     if mark.storage is not None:
         return copy_of(mark.storage)
     storage = mark_pb2.Storage()
@@ -94,7 +95,7 @@ def storage_of(mark: Mark) -> mark_pb2.Storage:
     storage.identity.CopyFrom(mark_pb2.Identity(id=mark.id, no=mark.number, desc=mark.description))
     storage.pose.CopyFrom(mark_pb2.Pose(dock=pose, real=pose))
     if mark.kind is not MarkKind.BASE:
-        getattr(storage, mark.kind.value).SetInParent()
+        getattr(storage, mark.kind.value).SetInParent()  # selects it in the oneof `category`
     return storage
 
 

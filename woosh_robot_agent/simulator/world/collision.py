@@ -67,20 +67,23 @@ class Obstacles:
 
     @property
     def walls(self) -> tuple[Wall, ...]:
-        """Sides of all obstacles; the same tuple object as long as no obstacle changes."""
+        """Sides of all obstacles.
+
+        The tuple is a new object only after a change, so that callers can compare it with `is`.
+        """
         return self._all_sides
 
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest obstacle, in metres.
 
-        It is 0 inside an obstacle, and infinite without obstacles.
+        It is 0 inside the inscribed circle of an obstacle, and infinite without obstacles.
         """
         nearest = math.inf
         for name, (centre_x, centre_y, radius) in self._circles.items():
             distance = math.hypot(x - centre_x, y - centre_y)
-            if distance <= radius * math.cos(math.pi / _CORNERS):
+            if distance <= radius * math.cos(math.pi / _CORNERS):  # inside the inscribed circle
                 return 0.0
-            if distance - radius < nearest:
+            if distance - radius < nearest:  # otherwise no side of it can be nearer
                 nearest = min(nearest, *(wall.distance(x, y) for wall in self._sides[name]))
         return nearest
 

@@ -45,7 +45,9 @@ _PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id")
 
 
 class _RetriedCall:
-    """A service call that is repeated after a timeout, because DDS can lose the first request.
+    """A service call that is retried after a timeout, because DDS can lose the first request.
+
+    Call `call` periodically: it makes the first call and the retries.
 
     Args:
         client: rclpy's client of the service.
@@ -65,7 +67,10 @@ class _RetriedCall:
         self._called_at = 0.0
 
     def call(self) -> None:
-        """Call the service unless it is unavailable or another call is in flight."""
+        """Call the service if it is available.
+
+        Do nothing while a call is in flight; after the timeout, cancel that call and retry.
+        """
         if self._future is not None:
             if time.monotonic() - self._called_at < self._timeout:
                 return

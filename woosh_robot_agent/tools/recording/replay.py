@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(arguments)
     if not 0 < options.speed < 1e6:
-        parser.error(f"--speed must be above 0: {options.speed}")
+        parser.error(f"--speed must be above 0 and below 1000000: {options.speed:g}")
     for port in (options.port, options.tcp_port):
         if not 0 <= port < 2**16:
             parser.error(f"port must be in 0..65535: {port}")
@@ -58,7 +58,10 @@ def make_parser() -> argparse.ArgumentParser:
         "replay", "Simulate the chassis of a recording made with `record`.", _EPILOG
     )
     parser.add_argument(
-        "file", type=Path, nargs="+", help="the recording; all files of one that was split"
+        "file",
+        type=Path,
+        nargs="+",
+        help="file of the recording; for a split recording, all its files",
     )
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default: %(default)s)"

@@ -157,7 +157,7 @@ class Edge:
         max_speed: maximum speed on the edge, in m/s; None without a limit.
         trajectory: curve to drive along; None if the robot plans its path.
         description: further information; may be empty.
-        unsupported: names of set fields that the robot cannot obey.
+        unsupported: names of the fields that the message has but the robot cannot obey.
     """
 
     id: str
@@ -177,7 +177,7 @@ class Order:
     """An order or an update of an order.
 
     Attributes:
-        unsupported: names of set fields that the robot cannot obey.
+        unsupported: names of the fields that the message has but the robot cannot obey.
     """
 
     id: str

@@ -70,10 +70,10 @@ class _Run:
 
     Attributes:
         accepted: True if the robot has accepted the start.
-        reported: True if the robot has reported that it executes, or has paused, the action.
+        reported: True if the robot has reported the action as executing or paused.
         cannot_pause: True if the robot could not pause the action.
-        ended: done when the action has ended, with the reason of its failure; empty after a
-            success.
+        ended: future that is done when the action has ended. Its result is the reason of the
+            failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.

@@ -57,6 +57,7 @@ export class MapCanvas {
     this.bind();
   }
 
+  /** Connect the canvas to events of the browser and to the signals of the store. */
   bind() {
     const { canvas } = this;
     new ResizeObserver(() => this.resize()).observe(canvas);
@@ -83,7 +84,7 @@ export class MapCanvas {
       { passive: false },
     );
     effect(() => this.loadMap(store.map.value, store.chosen.value));
-    commands.mapNames.subscribe(() => (this.trail = []));
+    commands.mapNames.subscribe(() => (this.trail = [])); // a trail belongs to one map
     effect(() => this.addToTrail(store.pose.value));
     effect(() => this.followRobot());
     effect(() => {
