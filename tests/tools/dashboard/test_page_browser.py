@@ -317,7 +317,8 @@ def test_without_the_map_that_the_robot_uses_the_former_one_is_gone(
     eventually(lambda: browser.script(pose)["ok"], "the pose")
     reason = "The robot's map is not loaded"
     eventually(lambda: reason in browser.text("#now"), "the reason")
-    browser.click_at(*_PLACE)
+    eventually(lambda: browser.script("store.pose.value.y") == 1.0, "the pose in the page")
+    browser.click_at(2.0, 1.0)
     eventually(lambda: " m" in browser.text("#now .way"), "the way")
     assert not browser.is_enabled("#go")
     assert reason in browser.text("#now")
