@@ -87,9 +87,10 @@ function Mapping({ mapping }) {
   const used = robot?.scene === scene && robot.map === name;
   const off = !(scene && name) ? "unnamed" : !has ? "notKnown" : used ? "known" : "notUsed";
   const deploying = robot?.work === "deploy";
-  const ready = deploying && !mapping;
   const ending = mappingEnd();
-  const step = mapping ? 3 : ready ? (saved.value ? 4 : 2) : 1;
+  const ends = ending !== null; // also after the robot has ended it, until the answer
+  const ready = deploying && !mapping && !ends;
+  const step = mapping || ends ? 3 : ready ? (saved.value ? 4 : 2) : 1;
   /** @param {string} type */
   const begin = (type) => {
     saved.value = false;
