@@ -1,4 +1,4 @@
-"""The server's end of a connection: clients that leave, send too much or send no text."""
+"""The two ends of a connection: clients that leave, send too much or no text, or close late."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ import pytest
 
 from tests.link.link_peer import aio, config, soon
 from woosh_robot_agent.link.server import serve_tcp, serve_websocket
-from woosh_robot_agent.link.transport import TransportClosedError, open_transport
+from woosh_robot_agent.link.transport import CHUNK, TransportClosedError, open_transport
 
 HANDSHAKE = (
     b"GET / HTTP/1.1\r\nHost: here\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
 )
 CLOSED_AS_TOO_BIG = b"\x88\x02\x03\xf1"  # a close frame with code 1009
+UNREAD = 16 * 1024 * 1024
+"""More bytes than the sockets' buffers hold."""
 
 
 @contextlib.asynccontextmanager
@@ -88,6 +90,30 @@ async def test_too_large_message_is_refused_before_all_of_it_has_arrived() -> No
             assert (await soon(reader.read(1000)))[:4] == CLOSED_AS_TOO_BIG
         assert await soon(ended)
         sending.cancel()
+
+
+@aio
+async def test_client_closes_a_connection_that_sends_its_last_bytes_meanwhile() -> None:
+    closing: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    received: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+    async def read_late(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await closing
+        received.set_result(len(await reader.read()))
+        writer.close()
+
+    server = await asyncio.start_server(read_late, "127.0.0.1", 0, limit=CHUNK)
+    client = await open_transport(config(server.sockets[0].getsockname()[1], transport="tcp"))
+    sending = asyncio.ensure_future(client.send(bytes(UNREAD)))
+    await asyncio.sleep(0)
+    assert client.backlog() > 0
+    ends = asyncio.ensure_future(client.close(60.0))
+    await asyncio.sleep(0)
+    closing.set_result(None)
+    await soon(ends)
+    assert await soon(received) > UNREAD
+    await asyncio.gather(sending, return_exceptions=True)
+    server.close()
 
 
 @aio

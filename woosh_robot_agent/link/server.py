@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from woosh_robot_agent.link.frames import Codec
-from woosh_robot_agent.link.tasks import close_or_abort, run_with_timeout
+from woosh_robot_agent.link.tasks import abort_transport, close_or_abort, run_with_timeout
 from woosh_robot_agent.link.transport import (
     CHUNK,
     FrameConnection,
@@ -86,7 +86,7 @@ class Listener:
         """Abort all HTTP connections, also idle ones."""
         for connection in self._http.connections if self._http else ():
             if connection.transport is not None:
-                connection.transport.abort()
+                abort_transport(connection.transport)
 
     async def close(self) -> None:
         """Stop listening, and end the connections after at most a second."""
@@ -262,7 +262,7 @@ class HttpConnection(asyncio.Protocol):
         """Number of bytes that arrived after the last message or ping of the WebSocket."""
         self._max_unread: int | None = None
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
-        self._open_timer = loop.call_later(open_timeout, lambda: self.transport.abort())
+        self._open_timer = loop.call_later(open_timeout, lambda: abort_transport(self.transport))
 
     def note_opened(self, max_message: int | None = None) -> None:
         """Note that the first request has arrived, or that the handshake is complete.
@@ -386,7 +386,7 @@ class WebSocketServerTransport:
         await close_or_abort(self._socket.close(), self.abort, timeout)
 
     def abort(self) -> None:
-        self._connection.transport.abort()
+        abort_transport(self._connection.transport)
 
     def header(self, size: int, *, text: bool = False) -> bytes:
         first = _FINAL_FRAGMENT | (WSMsgType.TEXT if text else WSMsgType.BINARY)

@@ -74,6 +74,16 @@ async def close_or_abort(
             await cancel_and_wait(task)
 
 
+def abort_transport(transport: asyncio.WriteTransport) -> None:
+    """Abort a connection, unless its socket is closed already.
+
+    asyncio's `abort` fails after a transport was closed with unsent bytes and has sent them since.
+    """
+    socket = transport.get_extra_info("socket")
+    if socket is None or socket.fileno() != -1:
+        transport.abort()
+
+
 def _retrieve_exception(task: asyncio.Future[Any]) -> None:
     if not task.cancelled():
         task.exception()

@@ -14,6 +14,7 @@ from woosh_robot_agent.link.config import LinkConfig
 from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.tasks import (
     LARGE,
+    abort_transport,
     cancel_and_wait,
     close_or_abort,
     run_with_timeout,
@@ -221,7 +222,7 @@ class TcpTransport:
             self.abort()
 
     def abort(self) -> None:
-        self._writer.transport.abort()
+        abort_transport(self._writer.transport)
 
     async def _write(self, data: bytes) -> None:
         try:
@@ -336,7 +337,7 @@ class WebSocketTransport:
         await close_or_abort(self._socket.close(), self.abort, timeout)
 
     def abort(self) -> None:
-        self._socket.transport.abort()
+        abort_transport(self._socket.transport)
 
 
 async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransport:
@@ -444,6 +445,6 @@ async def open_transport(config: LinkConfig) -> Transport:
     except BaseException:
         for socket in made:  # first: otherwise websockets may wait for an orderly close
             if transport := getattr(socket, "transport", None):
-                transport.abort()
+                abort_transport(transport)
         await cancel_and_wait(opening)
         raise

@@ -20,7 +20,7 @@ from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.frames import Envelope, FrameError, clip_type_name
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.server import HttpConnection
-from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.link.tasks import abort_transport, run_with_timeout
 from woosh_robot_agent.link.transport import TransportClosedError, peer_address
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
@@ -109,7 +109,7 @@ class HttpTransport:
         self.abort()
 
     def abort(self) -> None:
-        self._connection.transport.abort()
+        abort_transport(self._connection.transport)
 
     def pause(self) -> None:
         self._connection.transport.pause_reading()
@@ -159,7 +159,7 @@ class HttpCalls:
             text = f"there are already {self._config.max_connections} clients"
             return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, text)
         if not self._handler.hooks.admit():
-            connection.transport.abort()
+            abort_transport(connection.transport)
             return web.Response()
         if request.headers.get("Expect", "").lower() == "100-continue":  # curl, for large bodies
             await connection.write(b"HTTP/1.1 100 Continue\r\n\r\n")

@@ -12,7 +12,7 @@ from functools import partial
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.server import Listener
-from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
+from woosh_robot_agent.link.tasks import abort_transport, cancel_and_wait, run_with_timeout
 from woosh_robot_agent.tools.recording.layout import Side
 from woosh_robot_agent.tools.recording.streams import (
     DelimitedParser,
@@ -168,7 +168,7 @@ class RecordingProxy:
             self._note_end(connection, "recorder", f"internal error: {error!r}")
         finally:
             for each in connection.writers:
-                each.transport.abort()
+                abort_transport(each.transport)
             self._recorder.call(self._record_end, connection, self._writer.now())
             self._tasks.discard(task)
 
@@ -241,7 +241,7 @@ class RecordingProxy:
         except ConnectionError as error:
             by = sender if is_reading else receiver
             self._note_end(connection, by, error.strerror or type(error).__name__)
-            writer.transport.abort()
+            abort_transport(writer.transport)
 
     def _note_end(self, connection: _Connection, by: Side, how: str) -> None:
         """Note how a connection ended, unless a close frame was recorded before."""
