@@ -145,7 +145,10 @@ class Browser:
 
         def is_pressed() -> bool:
             try:
-                self.element(selector).click()
+                control = self.element(selector)
+                if not control.is_enabled():  # new buttons are disabled for a moment
+                    return False
+                control.click()
             except WebDriverException:  # not there yet, or something moves over it
                 return False
             return True
