@@ -117,7 +117,9 @@ def test_a_part_that_failed_runs_again(
 def test_stamps_follow_the_parameter_use_sim_time(connect, client):
     connect(use_sim_time=True)
     clock = client.publisher(Clock, "/clock")
-    clock.publish(Clock(clock=Time(sec=100)))
+    now = Clock(clock=Time(sec=100))
+    # a message is lost if the agent has not discovered the publisher yet
+    client.in_executor(lambda: client.node.create_timer(0.1, lambda: clock.publish(now)))
     scans = client.echo_with(LaserScan, "scan", QoSProfile(depth=10))
     scans.wait(lambda scan: scan.header.stamp.sec == 99)  # between request and answer
     odom = client.echo_with(Odometry, "odom", QoSProfile(depth=10))
