@@ -21,7 +21,7 @@ from woosh_robot_agent.ros.releases import count_services
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """Name that rmw reports for the node of an endpoint before it has discovered the node."""
 _LOG = logging.getLogger(__name__)
-_PERIOD = 2.0
+_PERIOD = 5.0
 """Period of the checks of the ROS graph, in seconds."""
 _MAX_LEASE = 25.0
 """Time after which a process that was killed has certainly left the graph, in seconds.

@@ -18,7 +18,7 @@ from woosh_robot_agent.ros.releases import (
     subscriber_event_handlers,
 )
 
-POLL_PERIOD = 0.5
+POLL_PERIOD = 1.0
 """Period of the checks for subscribers if the middleware reports none, in seconds."""
 _NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
 
@@ -174,5 +174,8 @@ class _Repetition:
             if not self.ended.done():
                 self.ended.set_exception(error)
             return
-        self._due = max(self._due + 1.0 / self._rate(), self._loop.time())
-        self._timer = self._loop.call_at(self._due, self._start)
+        period = 1.0 / self._rate()
+        due, now = self._due + period, self._loop.time()
+        # multiples of the period, so that all repetitions and polls wake the loop at the same times
+        self._due = round(max(due, now) / period) * period
+        self._timer = self._loop.call_at(self._due if due > now else now, self._start)
