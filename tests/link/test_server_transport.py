@@ -1,4 +1,4 @@
-"""The two ends of a connection: clients that leave, send too much or no text, or close late."""
+"""Ends of connections: clients that leave, send too much or no text; servers that read late."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import contextvars
 import sys
 from collections.abc import Callable, Coroutine
@@ -75,12 +76,9 @@ async def close_or_abort(
 
 
 def abort_transport(transport: asyncio.WriteTransport) -> None:
-    """Abort a connection, unless its socket is closed already.
-
-    asyncio's `abort` fails after a transport was closed with unsent bytes and has sent them since.
-    """
-    socket = transport.get_extra_info("socket")
-    if socket is None or socket.fileno() != -1:
+    """Abort a connection, which may have ended already."""
+    # asyncio fails if the transport was closed with unsent bytes, and these have been sent since
+    with contextlib.suppress(AttributeError):
         transport.abort()
 
 

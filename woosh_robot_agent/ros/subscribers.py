@@ -174,8 +174,5 @@ class _Repetition:
             if not self.ended.done():
                 self.ended.set_exception(error)
             return
-        period = 1.0 / self._rate()
-        due, now = self._due + period, self._loop.time()
-        # multiples of the period, so that all repetitions and polls wake the loop at the same times
-        self._due = round(max(due, now) / period) * period
-        self._timer = self._loop.call_at(self._due if due > now else now, self._start)
+        self._due = max(self._due + 1.0 / self._rate(), self._loop.time())
+        self._timer = self._loop.call_at(self._due, self._start)

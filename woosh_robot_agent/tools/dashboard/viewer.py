@@ -10,6 +10,7 @@ from typing import Any
 
 from aiohttp import web
 
+from woosh_robot_agent.link.tasks import abort_transport
 from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.texts import Text
@@ -104,7 +105,7 @@ class Viewer:
             self._notes.append(json.dumps(content, separators=(",", ":")))
             self._wake.set()
         else:
-            self._transport.abort()
+            abort_transport(self._transport)
 
     def dismiss(self, code: int, reason: str) -> None:
         """Close the WebSocket; the commands that wait for their answer go on."""
