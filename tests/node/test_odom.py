@@ -141,6 +141,7 @@ def test_odom_follows_a_sideways_drive(simulator, connect, client):
     begin = start_pose(simulator)
     connect()
     odom = odoms(client)
+    odom.wait_count(1)
     drive(client, (LATERAL, 0.8))
     end = start_pose(simulator)
     odom.wait(lambda m: near(begin * planar_pose(m.pose.pose), end))
