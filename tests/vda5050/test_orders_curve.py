@@ -62,6 +62,7 @@ def test_a_very_long_curve_has_few_points() -> None:
         (curve(1, [0, 0, 0, 0], (0, 0), (1, 0)), "all equal"),
         (curve(1, [0, 0, 1, 1], (0, 0, 0.0), (1, 0)), "weight is not positive"),
         (curve(1, [0, 0, 1, 1], (0, math.nan), (1, 0)), "not finite"),
+        (curve(1, [0, 0, 1, 1], (1, 2), (1, 2)), "all the same"),
     ],
 )
 def test_a_defect_is_told(bad: Trajectory, reason: str) -> None:

@@ -350,6 +350,7 @@ def _length(message: aiomqtt.Message) -> int:
 
 def _explained(error: Exception) -> str:
     """Return the reason of a failed connection, and what to do."""
+    # aiomqtt raises an MqttError while it handles the original error
     cause = error.__context__ if isinstance(error, aiomqtt.MqttError) else error
     hint = next((hint for kind, hint in _HINTS if isinstance(cause, kind)), "")
     code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None

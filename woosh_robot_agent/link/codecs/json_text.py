@@ -193,8 +193,7 @@ _SPACE = re.compile(r"[ \t\n\r]*")
 _CLOSING = {"{": "},", "[": "],"}
 """End of an item and the comma after it, by the first character of the items of a list."""
 _CUTS = 4
-"""Number of commas at which it is tried to cut a list between two items. After that, the next item
-is parsed alone."""
+"""Maximum number of attempts to cut a list between two items."""
 
 
 def _after_space(text: str, at: int) -> int:
@@ -246,21 +245,25 @@ def _list(text: str, at: int) -> tuple[list[Any], int]:
 
 
 def _items(text: str, at: int) -> tuple[list[Any], int]:
-    """Return the next items of a list, at least one, and the place where the last item ends."""
+    """Return the next items of a list, at least one, and the place where the last item ends.
+
+    The text is cut at the last likely end of an item within a piece. If that was inside an item, an
+    earlier end is tried. After `_CUTS` attempts, one item is parsed alone.
+    """
     closing = _CLOSING.get(text[at : at + 1], ",")
     end = at + _PIECE
     for _ in range(_CUTS):
         end = text.rfind(closing, at, end)
         if end < 0:
             break
-        end += len(closing) - 1  # the comma
+        end += len(closing) - 1  # now at the comma after the item
         if end == at:
             break
         try:
-            # this succeeds only if the cut was between two items, and not inside of one
+            # this succeeds only if the cut is between two items
             return json.loads(f"[{text[at:end]}]"), end
         except json.JSONDecodeError:
-            end -= len(closing) - 1
+            end -= len(closing) - 1  # search before this cut
     item, end = _value(text, at)
     return [item], end
 

@@ -55,7 +55,7 @@ class _Travelled:
     def turned(self) -> float:
         """Return the angle turned since the start, counter-clockwise, in radians.
 
-        Call it often: it adds up the turns between the calls, each of less than half a turn.
+        Call it often: between two calls, the robot must turn by less than half a revolution.
         """
         pose = self._robot_pose.pose
         if pose is not None and self._last is not None:

@@ -174,7 +174,7 @@ class Mapping:
             self._require_new(self._scene_name, self._map_name)
         robot, profile = self._robot, self._profile
         duration = profile.save.sample(robot.rng)
-        use_map = partial(self._use_map, self._finished_grid(), self.draft, robot.base.pose)
+        use_map = partial(self._use_map, self._current_grid(), self.draft, robot.base.pose)
         self._phase = Phase.SAVING
         self._pictures.cancel_all()
         robot.after(min(profile.scene_after, duration), use_map)
@@ -281,8 +281,8 @@ class Mapping:
         self.picture_time = self._robot.elapsed
         self._pictures.add(self._profile.picture_period, self._request_picture)
 
-    def _finished_grid(self) -> Grid:
-        """Return the cells of the map as it is now."""
+    def _current_grid(self) -> Grid:
+        """Return the cells of the map made so far; an updated map keeps its keep-out cells."""
         from woosh_robot_agent.simulator.world.grid import Grid
 
         assert self._grid

@@ -160,13 +160,13 @@ class Server:
         return self._connections.backlog
 
     def start_clock(self) -> None:
-        """Let simulated time pass."""
+        """Start the simulated time, and begin to read and send frames."""
         self._connections.open()
         self._step_start = asyncio.get_running_loop().time()
         self._ticker = asyncio.ensure_future(self._tick())
 
     def stop_clock(self) -> None:
-        """Let no more simulated time pass."""
+        """Stop the simulated time."""
         if self._ticker:
             self._ticker.cancel()
 

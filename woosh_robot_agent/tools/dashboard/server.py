@@ -30,7 +30,7 @@ from woosh_robot_agent.tools.dashboard.commands import Args, CommandError
 from woosh_robot_agent.tools.dashboard.control import STOP, Control, ControlConfig, Outcome
 from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
-from woosh_robot_agent.tools.dashboard.texts import PAGE, Text, spoken, value_data
+from woosh_robot_agent.tools.dashboard.texts import PAGE, Text, translated, value_data
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 _LOG = logging.getLogger(__name__)
@@ -494,5 +494,5 @@ def _page_files() -> dict[str, tuple[bytes, str]]:
 
 
 def _error(request: web.BaseRequest, status: HTTPStatus, text: str, **headers: str) -> web.Response:
-    shown = spoken(text, request.headers.get("Accept-Language", ""))
+    shown = translated(text, request.headers.get("Accept-Language", ""))
     return web.Response(status=status, text=f"{shown}\n", headers={**SECURITY_HEADERS, **headers})

@@ -33,8 +33,10 @@ class _Task:
         command: name and arguments of the page's command that gave the task; empty for other tasks.
         by: source of the task: the viewer's name, or a name as in `Driver`; empty if unknown.
         known: True if the robot has accepted or reported the task.
-        report: last report about the task; without a state, the end of the task was not seen.
-        place: destination, in metres; None if unknown, since robots report only numbers of marks.
+        report: last report about the task; without a state before the first report, and, if
+            `changed` is set, when the end of the task was not seen.
+        place: destination, in metres; None if unknown, e.g. if the robot reported only the number
+            of a mark.
         scene: scene that the robot used when the task was given or first seen; empty if unknown.
         map: map that the robot used then.
         begun: Unix time at which the task was given or first seen, in milliseconds; 0 if unknown.

@@ -49,16 +49,16 @@ def value_data(value: Value) -> Any:
     return value
 
 
-def spoken(said: str, languages: str) -> str:
-    """Return a `Said` in Chinese if a browser prefers that, otherwise in English.
+def translated(text: str, languages: str) -> str:
+    """Return a text in Chinese if a browser prefers that, otherwise in English.
 
     Args:
-        said: the text.
+        text: the English text; only a `Said`, which has the key of its translation, is translated.
         languages: the `Accept-Language` header of the browser.
     """
-    if not isinstance(said, Said) or not languages.startswith("zh"):
-        return said
-    return _texts("said.zh")[said.key].format_map(said.values)
+    if not isinstance(text, Said) or not languages.startswith("zh"):
+        return text
+    return _texts("said.zh")[text.key].format_map(text.values)
 
 
 def english() -> dict[str, str]:

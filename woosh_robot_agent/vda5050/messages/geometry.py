@@ -47,6 +47,7 @@ _KNOTS = Sentence(
 _DECREASE = Sentence("vda.curve.decrease", "its knots decrease")
 _EQUAL = Sentence("vda.curve.equal", "its knots are all equal")
 _WEIGHT = Sentence("vda.curve.weight", "a weight is not positive")
+_NO_LENGTH = Sentence("vda.curve.noLength", "its control points are all the same")
 
 
 def curve_defect(trajectory: Trajectory) -> str:
@@ -73,6 +74,8 @@ def curve_defect(trajectory: Trajectory) -> str:
         return _EQUAL()
     if any(point.weight <= 0 for point in points):
         return _WEIGHT()
+    if len({(point.x, point.y) for point in points}) == 1:
+        return _NO_LENGTH()
     return ""
 
 

@@ -54,11 +54,11 @@ def check_structure(order: Order) -> None:
     if not order.nodes[0].released:
         raise _malformed(order, _FIRST_NODE(), nodeId=order.nodes[0].id)
     path: list[Node | Edge] = [order.nodes[0]]
-    for edge, node in zip(order.edges, order.nodes[1:], strict=True):
-        path += [edge, node]
-        if (edge.start_node_id, edge.end_node_id) != (path[-3].id, node.id):
+    for (start, end), edge in zip(pairwise(order.nodes), order.edges, strict=True):
+        path += [edge, end]
+        if (edge.start_node_id, edge.end_node_id) != (start.id, end.id):
             raise _malformed(order, _APART(), edgeId=edge.id)
-        if edge.released and not node.released:
+        if edge.released and not end.released:
             raise _malformed(order, _END_NODE(), edgeId=edge.id)
     for before, after in pairwise(path):
         key = "nodeId" if isinstance(after, Node) else "edgeId"

@@ -87,7 +87,7 @@ function limitText() {
 }
 
 /**
- * Texts about the robot; if they are outdated, it says so.
+ * Texts about the robot. While its state is outdated, a notice replaces `text`.
  * @param {{title: unknown, text: string, more?: string, button?: unknown}} props
  */
 function Now({ title, text, more = "", button }) {

@@ -24,10 +24,10 @@ const TABS = {
   simulator: { icon: "simulator", view: Simulator },
 };
 
-/** Return the names of the visible tabs. */
+/** Return the names of the visible tabs. The fleet is shown for one robot too if it has an order. */
 function visibleTabs() {
   const cards = store.fleet.value;
-  const hasFleet = cards.length > 1 || cards.some(({ order }) => order);
+  const hasFleet = cards.length > 1 || cards.some((card) => card.order);
   return Object.keys(TABS).filter(
     (name) =>
       (name !== "fleet" || hasFleet) && (name !== "simulator" || store.simulator.value !== null),
