@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from action_msgs.msg import GoalStatus
 from nav2_msgs.action import NavigateToPose
 from rclpy.action import ActionClient
 
@@ -75,25 +76,36 @@ class GoalSender:
     def send(self, count: int) -> None:
         """Send goals, and record the time of their starts and ends."""
         with no_garbage_collection():
-            sent = [self._send(_TIMEOUT) for _ in range(count)]
+            # the agent refuses goals for a moment after its process stood still
+            sent = [
+                wait_until(lambda: self._send(_TIMEOUT), "a goal to succeed", _TIMEOUT)
+                for _ in range(count)
+            ]
         times = self._times()
-        for goal in sent:
-            assert goal is not None, "a goal did not end"
-            number, begun, ended = goal
+        for number, begun, ended in sent:
             arrived, reported = times[str(number)]
             self._starts.append(arrived - begun)
             self._ends.append(ended - reported)
 
     def _send(self, timeout: float) -> tuple[int, float, float] | None:
-        """Send a goal; return its number, its time and that of its result; None after a timeout."""
+        """Send a goal.
+
+        Returns:
+            The number of the goal, its time and that of its result; None if it did not succeed
+            within `timeout` seconds for each step.
+        """
         self._number += 1
         goal = self._make_goal(self._number)
         begun = time.monotonic()
         accepted = self._client.send_goal_async(goal, feedback_callback=lambda _feedback: None)
         if not self._spin_until(accepted.done, timeout):
             return None
+        if not accepted.result().accepted:
+            return None
         result = accepted.result().get_result_async()
         if not self._spin_until(result.done, timeout):
+            return None
+        if result.result().status != GoalStatus.STATUS_SUCCEEDED:
             return None
         return self._number, begun, time.monotonic()
 
