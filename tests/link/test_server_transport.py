@@ -1,4 +1,4 @@
-"""Ends of connections: clients that leave, send too much or no text; servers that read late."""
+"""Both ends of a connection: clients that leave, send too much or no text, or close."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ const TABS = {
   simulator: { icon: "simulator", view: Simulator },
 };
 
-/** Return the names of the visible tabs. The fleet is shown for one robot too if it has an order. */
+/** Return the names of the visible tabs. One robot has the fleet tab if it has an order. */
 function visibleTabs() {
   const cards = store.fleet.value;
   const hasFleet = cards.length > 1 || cards.some((card) => card.order);
