@@ -26,8 +26,7 @@ from scripts.interface_files import InterfaceError, interface_files, superfluous
 from scripts.markdown_table import table
 from woosh_robot_agent import endpoints, parameters
 from woosh_robot_agent.robot import status_codes
-from woosh_robot_agent.ros.nav2 import endpoints as nav2_endpoints
-from woosh_robot_agent.ros.standard import endpoints as standard_endpoints
+from woosh_robot_agent.ros import standard_endpoints
 from woosh_robot_agent.simulator import faults, refusals
 from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
 from woosh_robot_agent.tools.dashboard import program as dashboard
@@ -95,8 +94,8 @@ FILES: dict[str, Callable[[], str]] = {
 
 TABLES: dict[str, Callable[[], str]] = {
     "endpoints": endpoints.markdown,
-    "standard-topics": standard_endpoints.markdown,
-    "nav2": nav2_endpoints.markdown,
+    "standard-topics": lambda: standard_endpoints.markdown(standard_endpoints.STANDARD),
+    "nav2": lambda: standard_endpoints.markdown(standard_endpoints.NAV2),
     "parameters": parameters.markdown,
     "link-options": lambda: options_list(link_parser()),
     "dashboard-options": lambda: tool_options(dashboard.make_parser()),

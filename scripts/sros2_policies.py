@@ -16,9 +16,7 @@ from fnmatch import fnmatchcase
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, NAMESPACE, QUERIES, TOPICS
-from woosh_robot_agent.ros.nav2.endpoints import NAV2
-from woosh_robot_agent.ros.nav2.endpoints import Kind as Nav2Kind
-from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.ros.standard_endpoints import NAV2, STANDARD, Kind
 
 CLIENT_NODE = "/client"
 """Default name of the client's node."""
@@ -38,21 +36,20 @@ _NODE_TOPICS = ("/rosout", "/parameter_events")
 """Topics that every rclpy node publishes."""
 
 
-def _nav2_names(kind: Nav2Kind) -> list[str]:
-    return [each.name for each in NAV2 if each.kind is kind]
+def _standard_names(*kinds: Kind) -> list[str]:
+    return [each.name for each in (*STANDARD, *NAV2) if each.kind in kinds]
 
 
 _OUTPUTS = [each.name for each in (*TOPICS, AGENT_INFO)]
-_OUTPUTS += [each.name for each in STANDARD if each.is_output] + _nav2_names(Nav2Kind.LATCHED)
-_INPUTS = [each.name for each in STANDARD if each.kind is Kind.INPUT] + _nav2_names(Nav2Kind.INPUT)
+_OUTPUTS += _standard_names(Kind.STREAM, Kind.LATCHED)
+_INPUTS = _standard_names(Kind.INPUT)
 _OWN_INPUTS = ("/tf", "/tf_static")
 """Topics that the agent subscribes to, for goals of Nav2's actions in other frames than its own."""
 _QUERIES = [each.name for each in QUERIES] + [each.name for each in COMMANDS if each.reads]
-_QUERIES += _nav2_names(Nav2Kind.READING_SERVICE)
+_QUERIES += _standard_names(Kind.READING_SERVICE)
 _COMMANDS = [each.name for each in COMMANDS if not each.reads]
-_COMMANDS += [each.name for each in STANDARD if each.kind is Kind.SERVICE]
-_COMMANDS += _nav2_names(Nav2Kind.SERVICE)
-_ACTIONS = [each.name for each in ACTIONS] + _nav2_names(Nav2Kind.ACTION)
+_COMMANDS += _standard_names(Kind.SERVICE)
+_ACTIONS = [each.name for each in ACTIONS] + _standard_names(Kind.ACTION)
 _OWN_ACTIONS = ("ros/MoveBase",)
 """Actions that the agent calls itself: a message on goal_pose becomes a goal."""
 

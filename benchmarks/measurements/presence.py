@@ -16,9 +16,7 @@ from benchmarks.options import Options
 from benchmarks.processes import MIB, Program, agent_command, running, running_chassis
 from tests.harness import Client
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
-from woosh_robot_agent.ros.nav2.endpoints import NAV2
-from woosh_robot_agent.ros.nav2.endpoints import Kind as Nav2Kind
-from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.ros.standard_endpoints import NAV2, STANDARD, Kind
 from woosh_robot_agent.testing import wait_until
 
 FIGURES = {
@@ -85,7 +83,7 @@ def measure_nav2(domain: int, options: Options) -> Measured:
     actions = [
         each.name
         for each in NAV2
-        if each.kind is Nav2Kind.ACTION and hasattr(nav2_actions, each.type.partition("/")[2])
+        if each.kind is Kind.ACTION and hasattr(nav2_actions, each.type.partition("/")[2])
     ]
     with running_chassis(domain) as (_, port):
         nav2, bare = _measure_in_turn(

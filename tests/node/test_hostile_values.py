@@ -48,7 +48,7 @@ from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.ros.standard import diagnostics, states
 from woosh_robot_agent.ros.standard import map as map_part
-from woosh_robot_agent.ros.standard.endpoints import STANDARD
+from woosh_robot_agent.ros.standard_endpoints import STANDARD
 
 NAV_PATH = "woosh.robot.NavPath"
 POSE_SPEED = "woosh.robot.PoseSpeed"

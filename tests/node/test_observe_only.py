@@ -27,7 +27,7 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES, TOPICS
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
-from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.ros.standard_endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import RobotWiFi, Speak
 

@@ -15,7 +15,7 @@ from tests.node.cmd_vel import Sender
 from tests.node.goals import SUCCEEDED, short_task, step
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.ros.standard_endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import StatusCode
 from woosh_robot_msgs.srv import TaskHistory

@@ -22,7 +22,7 @@ from tests.harness import HUMBLE, Client, RunningAgent, wait_until
 from tests.node.goals import replace_answers
 from tests.node.nav2.goals import Nav2Client, ahead
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
-from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
+from woosh_robot_agent.ros.standard_endpoints import NAV2, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import AgentProcess, running_chassis
 

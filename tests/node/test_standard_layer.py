@@ -21,7 +21,7 @@ from tests.node.test_parameters import change
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARTS, StandardSettings
 from woosh_robot_agent.ros.standard import diagnostics
-from woosh_robot_agent.ros.standard.endpoints import STANDARD, Kind
+from woosh_robot_agent.ros.standard_endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 
 TWIST = "woosh.robot.Twist"

@@ -20,7 +20,7 @@ from ament_index_python.packages import PackageNotFoundError
 from tests.tooling import launch_stub
 from woosh_robot_agent import parameters
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.ros.standard.endpoints import BY_NAME
+from woosh_robot_agent.ros.standard_endpoints import STANDARD
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = "woosh_robot_agent"
@@ -389,4 +389,4 @@ class TestConfiguration:
         shown = set(re.findall(r"/woosh_robot/([\w/]+)", text))
         assert len(shown) >= 4
         # robot_state_publisher publishes robot_description
-        assert shown <= {*BY_NAME, *(topic.name for topic in TOPICS), "robot_description"}
+        assert shown <= {each.name for each in (*STANDARD, *TOPICS)} | {"robot_description"}

@@ -15,7 +15,7 @@ import pytest
 
 from scripts import sros2_policies
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
-from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
+from woosh_robot_agent.ros.standard_endpoints import NAV2, Kind
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts" / "make_keystore"

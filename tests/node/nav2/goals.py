@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point, PoseStamped
 from tests.harness import Client, Collector, Logs, wait_future
 from tests.node.goals import START
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
+from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 from woosh_robot_agent.simulator import SimulatorThread
 
 SUCCEEDED = GoalStatus.STATUS_SUCCEEDED

@@ -12,7 +12,7 @@ from rcl_interfaces.srv import GetParameters
 from tests.harness import HUMBLE, Client, Program, RunningAgent, wait_until
 from tests.node.goals import slow_down
 from tests.node.nav2.goals import Nav2Client, go
-from woosh_robot_agent.ros.nav2.endpoints import NAV2, Kind
+from woosh_robot_agent.ros.standard_endpoints import NAV2, Kind
 from woosh_robot_agent.simulator import SimulatorThread
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")

@@ -21,7 +21,7 @@ from woosh_map_msgs.srv import SceneList
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, SwitchMap
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_agent.ros.nav2.endpoints import MANAGERS
+from woosh_robot_agent.ros.standard_endpoints import MANAGERS
 from woosh_robot_agent.simulator import SimulatorThread
 
 pytest.importorskip("nav2_msgs.action")

@@ -15,7 +15,6 @@ from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.robot.readiness import CONTROL_MODES, EMERGENCY_STOP
 from woosh_robot_agent.ros.entities import UrgentCallbackGroup
-from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
 from woosh_robot_agent.ros.nav2.goals import (
     GoalEnd,
     Nav2Action,
@@ -27,6 +26,7 @@ from woosh_robot_agent.ros.nav2.goals import (
 from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.qos import reliable
 from woosh_robot_agent.ros.standard.cmd_vel import stamp_objection
+from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 
 _TURN_SPEED = 0.8
 """Speed of a turn, in rad/s, unless `cmd_vel_max_angular` is less."""

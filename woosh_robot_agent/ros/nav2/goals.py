@@ -35,11 +35,11 @@ from woosh_robot_agent.ros.actions.actions import Actions, AgentGoal
 from woosh_robot_agent.ros.actions.goal import Cause, End, Outcome
 from woosh_robot_agent.ros.actions.run import STOPPING
 from woosh_robot_agent.ros.actions.server import Goal, GoalServer
-from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
 from woosh_robot_agent.ros.nav2.frames import Frames
 from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.qos import RARE_QOS
 from woosh_robot_agent.ros.standard.part import PartContext
+from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 
 _LOG = logging.getLogger(__name__)
 _PERIOD = 0.1

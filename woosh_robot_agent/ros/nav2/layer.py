@@ -9,7 +9,6 @@ from nav2_msgs import action as nav2_actions
 from woosh_robot_agent.ros.actions.actions import Actions
 from woosh_robot_agent.ros.nav2.behaviors import AssistedTeleop, BackUp, DriveOnHeading, Spin, Wait
 from woosh_robot_agent.ros.nav2.docking import DockRobot, UndockRobot
-from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
 from woosh_robot_agent.ros.nav2.frames import Frames
 from woosh_robot_agent.ros.nav2.goals import CancelLog, Nav2Action, Nav2Context, Slot
 from woosh_robot_agent.ros.nav2.navigation import (
@@ -23,6 +22,7 @@ from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.nav2.servers import Costmaps, Lifecycle, MapServer
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D
+from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 
 _ACTIONS: tuple[type[Nav2Action], ...] = (
     NavigateToPose,

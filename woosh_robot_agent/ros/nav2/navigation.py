@@ -20,7 +20,6 @@ from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D as ChassisPose
 from woosh_robot_agent.ros.actions.goal import Cause
 from woosh_robot_agent.ros.actions.server import RejectedError
-from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
 from woosh_robot_agent.ros.nav2.frames import Frames
 from woosh_robot_agent.ros.nav2.goals import (
     FailedCommand,
@@ -34,6 +33,7 @@ from woosh_robot_agent.ros.nav2.goals import (
 from woosh_robot_agent.ros.qos import reliable
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
+from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 
 _LOG = logging.getLogger(__name__)
 _NEAR = 0.5

@@ -12,10 +12,10 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
-from woosh_robot_agent.ros.nav2.endpoints import BY_NAME
 from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, Velocity, check_finite, to_pose
+from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 from woosh_robot_agent.ros.subscribers import create_publisher
 
 _LOG = logging.getLogger(__name__)

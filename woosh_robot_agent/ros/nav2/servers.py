@@ -22,11 +22,11 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.robot.maps import scene_map
 from woosh_robot_agent.robot.readiness import objections_except_busy
 from woosh_robot_agent.ros.bridge import DeferredService, Reply
-from woosh_robot_agent.ros.nav2.endpoints import BY_NAME, CLEARING, MANAGERS
 from woosh_robot_agent.ros.qos import RARE_QOS
 from woosh_robot_agent.ros.standard.map import grid
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D
+from woosh_robot_agent.ros.standard_endpoints import BY_NAME, CLEARING, MANAGERS
 
 _LOG = logging.getLogger(__name__)
 

@@ -19,7 +19,7 @@ from woosh_robot_agent.ros.entities import UrgentCallbackGroup
 from woosh_robot_agent.ros.logs import log_as
 from woosh_robot_agent.ros.qos import latched, reliable
 from woosh_robot_agent.ros.second_agent import SecondAgent
-from woosh_robot_agent.ros.standard.endpoints import BY_NAME, Kind
+from woosh_robot_agent.ros.standard_endpoints import BY_NAME, Kind
 from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
 
 

@@ -1,0 +1,304 @@
+"""The tables of topics, services and actions of standard ROS types, Nav2's among them.
+
+Servers, publishers, policies, documentation and tests derive from them. Names are relative to the
+agent's namespace unless they begin with a slash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Kind(Enum):
+    """Kind of an endpoint; for a published topic also its quality of service (REP 2003)."""
+
+    STREAM = "published, reliable"
+    LATCHED = "published, reliable and transient local"
+    INPUT = "subscribed"
+    SERVICE = "service"
+    READING_SERVICE = "service that changes nothing"
+    ACTION = "action"
+
+
+@dataclass(frozen=True)
+class StandardEndpoint:
+    """A topic, service or action of a standard ROS type.
+
+    Attributes:
+        name: name of the endpoint.
+        type: ROS type, `package/Name`.
+        kind: kind of the endpoint.
+        part: the endpoint's part of the standard layer, as in `parameters.PARTS`, or `tf`, or
+            `nav2`.
+        meaning: what it contains or does, for the documentation.
+        depth: queue size of the publisher or subscription.
+    """
+
+    name: str
+    type: str
+    kind: Kind
+    part: str
+    meaning: str
+    depth: int = 1
+
+    @property
+    def is_output(self) -> bool:
+        """True for a topic that the agent publishes."""
+        return self.kind in (Kind.STREAM, Kind.LATCHED)
+
+
+STANDARD = (
+    StandardEndpoint(
+        "odom",
+        "nav_msgs/Odometry",
+        Kind.STREAM,
+        "odom",
+        "pose in `odom`, velocity in `base_link`",
+        10,
+    ),
+    StandardEndpoint(
+        "/tf",
+        "tf2_msgs/TFMessage",
+        Kind.STREAM,
+        "tf",
+        "`map` -> `odom` -> `base_link`, with each message on `odom`",
+        100,
+    ),
+    StandardEndpoint(
+        "/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "tf", "`base_link` -> `laser`"
+    ),
+    StandardEndpoint(
+        "scan",
+        "sensor_msgs/LaserScan",
+        Kind.STREAM,
+        "scan",
+        "laser scan, requested only while there are subscribers",
+        5,
+    ),
+    StandardEndpoint(
+        "battery_state",
+        "sensor_msgs/BatteryState",
+        Kind.LATCHED,
+        "battery_state",
+        "state of charge, and whether the battery is charging",
+    ),
+    StandardEndpoint(
+        "map",
+        "nav_msgs/OccupancyGrid",
+        Kind.LATCHED,
+        "map",
+        "current map, or the map that the robot is making",
+    ),
+    StandardEndpoint(
+        "keepout_mask",
+        "nav_msgs/OccupancyGrid",
+        Kind.LATCHED,
+        "map",
+        "keep-out areas of the current map, as a mask for Nav2's KeepoutFilter",
+    ),
+    StandardEndpoint(
+        "plan", "nav_msgs/Path", Kind.LATCHED, "plan", "path that the robot is following"
+    ),
+    StandardEndpoint(
+        "footprint",
+        "geometry_msgs/PolygonStamped",
+        Kind.LATCHED,
+        "footprint",
+        "current outline of the robot",
+    ),
+    StandardEndpoint(
+        "cmd_vel",
+        "geometry_msgs/Twist",
+        Kind.INPUT,
+        "cmd_vel",
+        "velocity command; repeat it to keep driving",
+        1,
+    ),
+    StandardEndpoint(
+        "initialpose",
+        "geometry_msgs/PoseWithCovarianceStamped",
+        Kind.INPUT,
+        "initialpose",
+        "sets the pose of the robot in the map",
+        10,
+    ),
+    StandardEndpoint(
+        "goal_pose",
+        "geometry_msgs/PoseStamped",
+        Kind.INPUT,
+        "goal_pose",
+        "navigates to a pose",
+        10,
+    ),
+    StandardEndpoint(
+        "cancel",
+        "std_srvs/Trigger",
+        Kind.SERVICE,
+        "goal_pose",
+        "cancels the navigation to `goal_pose`",
+    ),
+    StandardEndpoint(
+        "stop",
+        "std_srvs/Trigger",
+        Kind.SERVICE,
+        "stop",
+        "stops the robot, and cancels its task and actions",
+    ),
+    StandardEndpoint(
+        "connected",
+        "std_msgs/Bool",
+        Kind.LATCHED,
+        "connected",
+        "true while the link to the chassis is ready",
+    ),
+    StandardEndpoint(
+        "/diagnostics",
+        "diagnostic_msgs/DiagnosticArray",
+        Kind.STREAM,
+        "diagnostics",
+        "link, chassis, battery, hardware, abnormal codes, motion, clock and agents, at 1 Hz",
+        10,
+    ),
+)
+"""All endpoints of the standard layer (`ros/standard/`)."""
+
+
+def _action(name: str, type_name: str, meaning: str) -> StandardEndpoint:
+    return StandardEndpoint(name, f"nav2_msgs/{type_name}", Kind.ACTION, "nav2", meaning)
+
+
+def _reading(name: str, type_name: str, meaning: str) -> StandardEndpoint:
+    return StandardEndpoint(name, type_name, Kind.READING_SERVICE, "nav2", meaning)
+
+
+MANAGERS = ("lifecycle_manager_navigation", "lifecycle_manager_localization")
+"""Managers of Nav2's nodes: the first one manages bt_navigator, the second one amcl."""
+
+CLEARING = {
+    "global_costmap/clear_entirely_global_costmap": "ClearEntireCostmap",
+    "local_costmap/clear_entirely_local_costmap": "ClearEntireCostmap",
+    "local_costmap/clear_costmap_except_region": "ClearCostmapExceptRegion",
+    "local_costmap/clear_costmap_around_robot": "ClearCostmapAroundRobot",
+    "local_costmap/clear_costmap_around_pose": "ClearCostmapAroundPose",
+}
+"""Services that clear costmaps, as nav2_simple_commander names them, and their types."""
+
+NAV2 = (
+    _action("navigate_to_pose", "NavigateToPose", "`MoveBase` to the pose"),
+    _action(
+        "navigate_through_poses",
+        "NavigateThroughPoses",
+        "one `MoveBase` through all poses, one by one",
+    ),
+    _action(
+        "follow_waypoints",
+        "FollowWaypoints",
+        "a `MoveBase` for each pose; a pose without a path to it is missed, and the next one is "
+        "tried",
+    ),
+    _action("compute_path_to_pose", "ComputePathToPose", "`PlanNavPath`"),
+    _action(
+        "compute_path_through_poses",
+        "ComputePathThroughPoses",
+        "`PlanNavPath` from each pose to the next",
+    ),
+    _action("spin", "Spin", "`StepControl`: a turn, at 0.8 rad/s at most"),
+    _action(
+        "drive_on_heading",
+        "DriveOnHeading",
+        "`StepControl`: straight ahead, or back if target and speed are negative",
+    ),
+    _action("backup", "BackUp", "`StepControl`: straight back"),
+    _action("wait", "Wait", "waits; the chassis gets nothing"),
+    _action(
+        "assisted_teleop",
+        "AssistedTeleop",
+        "drives the robot by the velocities on `cmd_vel_teleop` until it is cancelled",
+    ),
+    _action(
+        "dock_robot",
+        "DockRobot",
+        "a charging task at the charger with the mark `dock_id` or near `dock_pose`; with an empty "
+        "id, at the nearest charger; succeeds when the robot charges",
+    ),
+    _action(
+        "undock_robot",
+        "UndockRobot",
+        "cancels a charging task, and backs out of the charger by `ChargeControl`; fails if the "
+        "robot is in no charger",
+    ),
+    StandardEndpoint(
+        "map_server/load_map",
+        "nav2_msgs/LoadMap",
+        Kind.SERVICE,
+        "nav2",
+        "`SwitchMap` to the robot's map with the name of the file, without folder and suffix: in "
+        "the current scene, or else in another scene",
+    ),
+    _reading("map_server/map", "nav_msgs/GetMap", "the map that the robot uses"),
+    _reading(
+        "bt_navigator/get_state",
+        "lifecycle_msgs/GetState",
+        "active while there is a link and the robot accepts tasks",
+    ),
+    _reading("amcl/get_state", "lifecycle_msgs/GetState", "active while there is a link"),
+    *(
+        _reading(f"{manager}/is_active", "std_srvs/Trigger", "true while its node is active")
+        for manager in MANAGERS
+    ),
+    *(
+        _reading(
+            f"{manager}/manage_nodes",
+            "nav2_msgs/ManageLifecycleNodes",
+            "start and resume succeed while active; other commands fail, because the robot's own "
+            "navigation cannot be switched off",
+        )
+        for manager in MANAGERS
+    ),
+    *(
+        _reading(name, f"nav2_msgs/{type_name}", "nothing: the robot keeps no costmap for clients")
+        for name, type_name in CLEARING.items()
+    ),
+    StandardEndpoint(
+        "amcl_pose",
+        "geometry_msgs/PoseWithCovarianceStamped",
+        Kind.LATCHED,
+        "nav2",
+        "the robot's pose in the map: after it was set, and every 0.25 m or 0.2 rad",
+    ),
+    StandardEndpoint(
+        "speed_limit",
+        "nav2_msgs/SpeedLimit",
+        Kind.INPUT,
+        "nav2",
+        "limits the speed of each navigation; a percentage refers to `cmd_vel_max_linear`, and "
+        "100 % is no limit",
+    ),
+    StandardEndpoint(
+        "cmd_vel_teleop",
+        "geometry_msgs/Twist",
+        Kind.INPUT,
+        "nav2",
+        "velocities of `assisted_teleop`, by the rules of `cmd_vel`",
+    ),
+    StandardEndpoint(
+        "preempt_teleop",
+        "std_msgs/Empty",
+        Kind.INPUT,
+        "nav2",
+        "ends `assisted_teleop` with success",
+    ),
+)
+"""The endpoints of Nav2, which the agent has with the parameter `nav2` (`ros/nav2/`)."""
+
+BY_NAME = {each.name: each for each in (*STANDARD, *NAV2)}
+"""All endpoints by name."""
+
+
+def markdown(table: Iterable[StandardEndpoint]) -> str:
+    """Return a table in Markdown."""
+    rows = ["| Name | Type | Kind | Meaning |", "| --- | --- | --- | --- |"]
+    rows += [f"| `{e.name}` | `{e.type}` | {e.kind.value} | {e.meaning} |" for e in table]
+    return "\n".join(rows)
