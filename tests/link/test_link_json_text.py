@@ -1,4 +1,4 @@
-"""JSON texts have the same value with and without orjson."""
+"""JSON texts have the same value with and without orjson, and in pieces."""
 
 from __future__ import annotations
 
@@ -105,3 +105,30 @@ def test_a_number_of_30_digits_is_a_float_too() -> None:
     scan = codec.body(envelope, ScannerData)
     assert scan.range_max == pytest.approx(1e30)
     assert math.isnan(scan.ranges[1])
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        {"ranges": [7] * 50_000, "intensities": [8] * 50_000},
+        {"marks": [{"links": [{"x": 1}, {"y": 2}] * 4}] * 5000, "areas": [{"z": 3}] * 5000},
+        [*([1] * 9000), {"x": list(range(20_000))}] * 4,
+        [[[1, 2, 3]] * 900, [[4]] * 9000] * 4,
+    ],
+    ids=["two lists", "objects with lists", "large object in a list", "lists in lists"],
+)
+def test_no_part_of_a_long_text_is_parsed_again_and_again(
+    value: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = json.dumps(value)
+    parsed = 0
+    loads = json.loads
+
+    def counting(piece: str) -> Any:
+        nonlocal parsed
+        parsed += len(piece)
+        return loads(piece)
+
+    monkeypatch.setattr(json, "loads", counting)
+    assert json_text.parse_in_pieces(text) == value
+    assert parsed < 20 * len(text)

@@ -192,8 +192,10 @@ _DECODER = json.JSONDecoder()
 _SPACE = re.compile(r"[ \t\n\r]*")
 _CLOSING = {"{": "},", "[": "],"}
 """End of an item and the comma after it, by the first character of the items of a list."""
+_SMALLEST_PIECE = 64
+"""Length of the smallest piece that is tried before an item is parsed alone, in characters."""
 _CUTS = 4
-"""Maximum number of attempts to cut a list between two items."""
+"""Maximum number of attempts to cut a piece of a list between two items."""
 
 
 def _after_space(text: str, at: int) -> int:
@@ -247,11 +249,27 @@ def _list(text: str, at: int) -> tuple[list[Any], int]:
 def _items(text: str, at: int) -> tuple[list[Any], int]:
     """Return the next items of a list, at least one, and the place where the last item ends.
 
-    The text is cut at the last likely end of an item within a piece. If that was inside an item, an
-    earlier end is tried. After `_CUTS` attempts, one item is parsed alone.
+    If the rest of the list fits in a piece, it is returned. Otherwise, fewer items: half of a
+    piece, and so on. If not even the first item ends there, that item is parsed alone.
+    """
+    size = _PIECE
+    while size >= _SMALLEST_PIECE:
+        items = _cut(text, at, at + size)
+        if items is None and size == _PIECE:
+            items = _rest(text[at : at + size], at)
+        if items is not None:
+            return items
+        size //= 2
+    item, end = _value(text, at)
+    return [item], end
+
+
+def _cut(text: str, at: int, end: int) -> tuple[list[Any], int] | None:
+    """Return the items before the last likely end of an item in a piece, and that place.
+
+    If that was inside an item, an earlier end is tried. Returns None after `_CUTS` attempts.
     """
     closing = _CLOSING.get(text[at : at + 1], ",")
-    end = at + _PIECE
     for _ in range(_CUTS):
         end = text.rfind(closing, at, end)
         if end < 0:
@@ -264,8 +282,19 @@ def _items(text: str, at: int) -> tuple[list[Any], int]:
             return json.loads(f"[{text[at:end]}]"), end
         except json.JSONDecodeError:
             end -= len(closing) - 1  # search before this cut
-    item, end = _value(text, at)
-    return [item], end
+    return None
+
+
+def _rest(piece: str, at: int) -> tuple[list[Any], int] | None:
+    """Return the items up to the end of the list, and the place of its bracket.
+
+    Returns None if the list does not end in the piece.
+    """
+    try:
+        items, end = _scan(f"[{piece}", 0)
+    except json.JSONDecodeError:
+        return None
+    return items, at + end - 2
 
 
 def _after_comma(text: str, at: int, closing: str) -> int:
