@@ -81,6 +81,7 @@ def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
     robot: SimulatedPage, browser: Browser, reload: bool
 ) -> None:
     start_task(browser, robot)  # takes the control
+    set_speed(robot, 1.0)  # it turns first
     eventually(lambda: browser.script("store.pose.value.linear") > 0, "the robot to drive")
     other = robot.enter(page(robot.url))
     robot.inject("freeze")
@@ -92,7 +93,7 @@ def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
         browser.driver.refresh()
         eventually(lambda: browser.text("#alarm"), "the alarm after a reload")
     assert not stop.result(TIMEOUT)[0]
-    set_speed(robot, 1.0)
+    set_speed(robot, 20.0)
     robot.clear_faults()
     eventually(lambda: not browser.text("#alarm"), "the robot to be seen to stand still")
     assert reload or "The alarm has ended" in browser.text("#answer")
