@@ -39,6 +39,7 @@ class Watch:
         goals: Callable[[], Sequence[str]],
     ) -> None:
         CodeLog(chassis)  # the subscriptions of the link keep it alive
+        # goals log the refusals of their cancel requests themselves
         self.refusal_log = RefusalLog(chassis, gate, explainer, silent=(GOAL_CANCEL,))
         self.velocities = VelocitySources(chassis, gate)
         self.standstill = Standstill(chassis, gate, last_known)

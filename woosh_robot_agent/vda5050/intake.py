@@ -211,8 +211,8 @@ class Intake:
     Each topic has one method, which returns False if the state of the vehicle has not changed.
 
     Attributes:
-        message_error: why the last message with instant actions or zones was rejected; None if the
-            message was accepted.
+        message_error: why the last message with instant actions or zones was rejected; None if it
+            was accepted, and after a new order.
     """
 
     def __init__(self, execution: Execution) -> None:

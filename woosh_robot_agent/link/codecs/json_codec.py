@@ -226,7 +226,7 @@ def _setter(field: Field) -> Setter:
 
     def set_scalar(message: Any, value: Any) -> None:
         converted = read(value)
-        if converted is not None:
+        if converted is not None:  # None for an unknown name of an enum
             setattr(message, name, converted)
 
     return set_scalar

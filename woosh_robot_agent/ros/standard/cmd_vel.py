@@ -31,6 +31,7 @@ class Stop(Part):
         context.service("stop", self._stop_requested, urgent=True)
 
     def _stop_requested(self, _request: Any, reply: Reply) -> None:
+        # at once: commands that wait for the link thread must not be sent before the stop
         self._context.robot.gate.announce_stop()
         self._context.robot.thread.spawn(partial(self._stop, reply), reply.fail)
 

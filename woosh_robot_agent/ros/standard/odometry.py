@@ -367,12 +367,12 @@ class Odometry:
             mean_forward, mean_turn = (before.forward + forward) / 2, (before.turn + turn) / 2
             self.pose *= Pose2D.from_arc(mean_forward * interval, 0.0, mean_turn * interval)
             self.map_to_odom = reported * self.pose.inverse
-            self._pose_set_until = -math.inf
+            self._pose_set_until = -math.inf  # this was the expected jump
         else:
             last = self.time
             self.time = self._report_time.next(received, arc, before, after)
             self.pose *= moved
-            # a report after a long interval is a correction of the localisation
+            # a moving robot reports more often: after a longer time, its localisation was corrected
             if abs(arc.left) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
                 sideways = arc.left / max(self.time - last, _MIN_INTERVAL)
                 sideways = max(-_MAX_SPEED, min(_MAX_SPEED, sideways))

@@ -149,9 +149,15 @@ class _Shuffle:
         """Timeouts of the collected frames, by client."""
 
     def keep(self, client: object, release: Release) -> None:
-        """Collect a frame instead of sending it. This is the `hold` of the frame."""
+        """Collect a frame instead of sending it.
+
+        Args:
+            client: receiver of the frame.
+            release: sends the frame.
+        """
         kept = self._kept.setdefault(client, [])
         kept.append(release)
+        # the frame that ends the fault comes after `flush`
         if len(kept) >= self._injection["window"] or not self._injection.active:
             self._flush(client)
         elif client not in self._timers:

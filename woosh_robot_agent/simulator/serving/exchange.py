@@ -351,7 +351,11 @@ class MessageHandler:
             await self._arrival.wait()
 
     def _read(self, client: Client, codec: Codec, data: str | bytes) -> Request:
-        """Decode a frame. A request that cannot be executed gets a reason to refuse it."""
+        """Decode a frame. A request that cannot be executed gets a `refusal_reason`.
+
+        Raises:
+            FrameError: the envelope, or the body of a subscription, cannot be read.
+        """
         envelope = codec.decode(data)
         name = envelope.type
         if name in _SUBSCRIPTIONS:

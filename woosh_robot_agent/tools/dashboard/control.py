@@ -53,7 +53,7 @@ class Outcome(NamedTuple):
 _STICK = Said("stick", "driver.stick")
 """Name of the stick as a source of velocities."""
 STOP = "stop"
-"""Name of the command that stops the robot, which every viewer may give."""
+"""Name of the command that stops the robot, which does not need the control."""
 SPEED_LIMIT = "speedLimit"
 """Name of the command that limits the speed of the robot."""
 TOO_SLOW = Text("reason.tooSlow")
@@ -104,13 +104,14 @@ class Control:
 
     1. The first viewer to give a command gets the control. It keeps the control until it gives it
        back, hides the page, disconnects, watches another robot, or gives no command for a minute.
-    2. The other viewers are told who has the control. All that may control may stop the robot.
+    2. The other viewers are told who has the control. Every viewer with the
+       permission to control may stop the robot.
     3. When a viewer loses the control, its stick stops the robot.
     4. The stick drives only while the page repeats the velocity; see `VelocityDriver`.
     5. The page repeats the newest time that it got from this process. If that time is old, the
        connection is slow in one direction or the other, and neither a velocity nor a command that
-       may start a motion is sent. The same holds for a time before the last stop, of which the
-       viewer did not know.
+       may start a motion is sent. The same holds if that time is before the last stop, because
+       the viewer did not know of the stop.
     6. Each press of the stick has a number. A stop, a refused velocity, a velocity that the robot
        does not answer, another control mode, a robot that sends nothing or a gap between the
        velocities ends the press. Only another press drives again.
@@ -122,7 +123,8 @@ class Control:
     Args:
         robot: the robot.
         config: limits and timeouts.
-        on_card_changed: called after each answer to a stop and each new speed limit.
+        on_card_changed: called when the robot's card in the fleet view may have changed: after each
+            answer to a stop and each new speed limit.
 
     Attributes:
         owner: the viewer that has the control; None if no viewer has it.

@@ -152,7 +152,7 @@ class ReplayedChassis:
         self._player = asyncio.get_running_loop().create_task(self._play())
 
     async def stop(self) -> None:
-        """Drop all clients and stop listening."""
+        """End the playback, drop all clients and stop listening."""
         if self._player is not None:
             self._player.cancel()
         await self._go_offline()

@@ -27,7 +27,7 @@ _SEPARATOR = "=" * 80
 
 
 class DefinitionError(Exception):
-    """The definition of a type is not installed."""
+    """The definition of a type cannot be read."""
 
 
 def definition(name: str) -> str:
@@ -37,7 +37,7 @@ def definition(name: str) -> str:
         name: package and name of the type, e.g. `nav_msgs/Odometry`.
 
     Raises:
-        DefinitionError: the package of one of the types is not installed.
+        DefinitionError: the definition of one of the types cannot be read.
     """
     from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 

@@ -124,7 +124,8 @@ def fetch(url: str, expected_hash: str = "", max_duration: float = _MAX_DURATION
 
     Args:
         url: http or https URL.
-        expected_hash: hash of the file in hexadecimal; empty for no check.
+        expected_hash: hash of the file in hexadecimal, of a length in `_HASHES`; empty for no
+            check.
         max_duration: maximum duration of the download, in seconds.
 
     Raises:

@@ -164,8 +164,10 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         },
     }
     if version.is_3:
-        # the published schema requires the kinematics by this spelling too
-        message["typeSpecification"] |= {"supportedZones": [], "mobileRobotKinematic": kinematics}
+        specification = message["typeSpecification"]
+        specification["supportedZones"] = []  # the vehicle takes no zones
+        # besides `mobileRobotKinematics`, the new name of `agvKinematic`, the schema requires:
+        specification["mobileRobotKinematic"] = kinematics
         message["physicalParameters"]["minimumHeight"] = factsheet.height
     # `actionDescription` has another name in the other messages of version 3, but not here
     names = {old: new for old, new in version.names.items() if old != "actionDescription"}

@@ -245,12 +245,13 @@ class OrderMachine:
         return kind
 
     def set_last_node(self, node_id: str) -> None:
-        """Set the last node, without a drive to it.
+        """Set the node on which the vehicle stands, e.g. after its position was initialised.
 
         Args:
             node_id: id of the node; empty if the vehicle stands on no node.
         """
         last = self._route.last_node
+        # an update of the order may have to begin with this sequence id
         number = last.sequence_id if last and self.busy else 0
         self._route.set_last_node(Node(node_id, number) if node_id else None)
 

@@ -482,7 +482,7 @@ export class MapCanvas {
     draw({ context, view, colours }, this.picture());
   }
 
-  /** @returns {import("./draw.js").Picture} */
+  /** @returns {import("./draw.js").Picture} what to draw now, without the layers that are off */
   picture() {
     const layers = store.layers.peek();
     const map = store.map.peek();
@@ -525,6 +525,7 @@ export class MapCanvas {
       outline: layers.footprint ? store.outline.peek() : [],
       measured: store.measured.peek() ?? undefined,
       arrow: this.arrow ?? this.enteredArrow ?? undefined,
+      // the place where Enter uses the tool, for users of the keyboard; "move" has no use for Enter
       cross: this.canvas.matches(":focus-visible") && store.tool.peek() !== "move",
     };
   }

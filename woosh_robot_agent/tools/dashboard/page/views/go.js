@@ -106,11 +106,12 @@ export function TaskOptions({ target, command }) {
   const mark = store.map.value?.marks?.find(({ number }) => number === target.mark);
   const usual = command === "charge" ? "charge" : ((mark && USUAL[mark.type]) ?? "pick");
   const initial = target.kind ?? { type: usual, number: 0, direction: "unknown" };
-  const [kind, setKind] = useState(`${initial.type} ${initial.number}`);
+  const [kind, setKind] = useState(`${initial.type} ${initial.number}`); // the value of an option
   const [direction, setDirection] = useState(initial.direction);
   const [type, number] = kind.split(" ");
   const reason = refusal(command);
-  const refused = reason && reason.key !== "reason.pending"; // the reason takes the place of the direction
+  // the reason takes the place of the direction, except while an answer is awaited
+  const refused = reason && reason.key !== "reason.pending";
   const named = store.map.value?.taskTypes ?? [];
   const kinds = TYPES.flatMap((each) => {
     const kindsOfType = named.filter((one) => one.type === each);
@@ -120,6 +121,7 @@ export function TaskOptions({ target, command }) {
       name: `${taskType(each)}: ${one.name}`,
     }));
   });
+  // a kind that the map does not name, e.g. of a repeated task
   if (!kinds.some(({ value }) => value === kind)) {
     kinds.push({ value: kind, name: `${taskType(type)}: ${number}` });
   }
