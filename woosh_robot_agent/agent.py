@@ -15,7 +15,7 @@ from woosh_robot_agent.program import (
     outdated_libraries,
 )
 
-TYPE_CHECKING = False
+TYPE_CHECKING = False  # type checkers take it as True; so `typing` need not be imported
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Any, NoReturn
@@ -134,7 +134,8 @@ def _run(args: list[str], signals: StopSignals) -> int:
         while not signals.received and rclpy.ok():
             _spin_once(executor, _SPIN_TIMEOUT)
             heap.trim()
-        # A normal exit destroys the endpoints. It is safer, but slow with several robots.
+        # Destroying the endpoints is safer, but slow with several robots. They can be left to the
+        # end of the process if the middleware withdraws them then.
         destroy = len(fleet.agents) == 1 or not exit_withdraws_endpoints()
         fleet.close(lambda: _spin_once(executor, _CLOSE_SPIN_TIMEOUT), destroy=destroy)
         executor.shutdown()
@@ -192,12 +193,13 @@ def _as_ros_args(arguments: list[str]) -> Sequence[str]:
     import re
 
     first, *rest = arguments
-    if re.fullmatch(_ROS_OPTION, first):
+    if re.fullmatch(_ROS_OPTION, first):  # only `--ros-args` is missing
         return arguments
     try:
         from woosh_robot_agent.parameters import PARAMETERS
     except ImportError:  # without ROS
         return _EXAMPLE_ARGUMENTS
+    # e.g. --ip=1.2.3.4, --ip 1.2.3.4 or ip:=1.2.3.4
     name, separator, value = first.lstrip("-").replace(":=", "=").partition("=")
     for each in PARAMETERS:
         if each.name == name.replace("-", "_"):
@@ -282,7 +284,7 @@ class Heap:
         self._due = now + _TRIM_PERIOD
         unused = self._unused()
         if unused < self._untrimmable + _TRIM_GROWTH:
-            self._untrimmable = min(self._untrimmable, unused)
+            self._untrimmable = min(self._untrimmable, unused)  # gaps may have been used since
             return
         self._libc.malloc_trim(0)
         self._untrimmable = self._unused()

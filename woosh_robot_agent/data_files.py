@@ -222,7 +222,7 @@ class _Reader:
 
 
 def _below(where: str, key: str) -> str:
-    """Return the place of the value of `key` in the mapping at `where`."""
+    """Return the place of the value of `key` in the mapping at `where`: `FILE: a`, `FILE: a.b`."""
     return f"{where}{'.' if ': ' in where else ': '}{key}"
 
 
@@ -243,10 +243,9 @@ def _check_type(value: Any, kind: type, name: str, where: str) -> None:
 
 
 def _scalar(kind: type, value: Any, where: str) -> Any:
-    """Return a text, number or boolean as the type `kind`."""
-    # In Python a bool is an int too. 1e400 is read as infinity.
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if kind is float and number and abs(value) < math.inf:
+    """Return a text, number or boolean as the type `kind`; an empty text is refused."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)  # a bool is an int, too
+    if kind is float and number and abs(value) < math.inf:  # 1e400 is read as infinity
         try:
             return float(value)
         except OverflowError:  # an integer of hundreds of digits

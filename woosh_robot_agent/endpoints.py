@@ -48,7 +48,8 @@ class Command:
             optionally `ret`.
         request: protobuf full name of the request.
         answer: protobuf full name of the answer, which becomes `ret`; empty if there is no `ret`.
-        timeout: as in `Query`.
+        timeout: minimum timeout for the answer, in seconds; 0 if that of the parameter
+            `poll_timeout` suffices.
         reads: True if the command only reads: it changes and moves nothing.
         two_types: True if an answer may be labelled with the type of the request, although its
             content is of the type `answer`.
@@ -153,6 +154,7 @@ def _topic(short: str, depth: int = 1, package: str = "woosh.robot") -> Topic:
 
 
 def _extra_topic(name: str, depth: int = 1, *, on_demand: bool = False) -> Topic:
+    """Return a topic that the manufacturer's agent lacks."""
     msg, push = _types(name)
     return Topic(name, msg, push, depth, on_demand=on_demand, extra=True)
 
@@ -248,8 +250,7 @@ COMMANDS = (
     _command("robot/BuildMap", timeout=600.0, extra=True),
     _command("robot/Deployment", "woosh.robot.DeploymentResponse", extra=True),
     _command("robot/LED", extra=True),
-    # according to the manufacturer not implemented yet
-    _command("robot/ExecTaskSet", extra=True),
+    _command("robot/ExecTaskSet", extra=True),  # not implemented yet, says the manufacturer
     _command("task/RepeatTask", extra=True),
 )
 

@@ -79,7 +79,7 @@ class Parameter:
             # accept an integer for a floating-point number
             dynamic_typing=isinstance(self.default, float | tuple) and not self.holds_names,
         )
-        if isinstance(self.default, bool):
+        if isinstance(self.default, bool):  # a bool is an int, too, but has no range
             return descriptor
         if isinstance(self.default, int):
             descriptor.integer_range = [
@@ -100,6 +100,7 @@ class Parameter:
         if isinstance(self.default, float):
             self._check_number(value)
         elif isinstance(self.default, tuple) and not self.holds_names:
+            # rclpy gives a list or an array; those of numpy are no Sequence
             if not isinstance(value, Sequence) and not hasattr(value, "tolist"):
                 raise ValueError(f"{self.name} must be a list of numbers, not {value!r}")
             if len(value) != len(self.default):
@@ -270,7 +271,7 @@ class StandardSettings:
             rate=self.cmd_vel_rate,
             timeout=self.cmd_vel_timeout,
             override=self.cmd_vel_override,
-            max_age=self.cmd_vel_max_age or math.inf,
+            max_age=self.cmd_vel_max_age or math.inf,  # 0 accepts any stamp
         )
 
 

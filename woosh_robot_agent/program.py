@@ -123,6 +123,7 @@ _ROS = r"_?rclpy\w*|rpyutils|rosidl\w*|ament_index_python|\w+_(msgs|interfaces)"
 """Pattern of the modules that belong to ROS or to its workspace."""
 _RECORDING = "mcap mcap-protobuf-support foxglove-schemas-protobuf"
 _RECORDING_OLD_PROTOBUF = "mcap 'mcap-protobuf-support<0.4' 'foxglove-schemas-protobuf<0.4'"
+"""Libraries for recordings with a protobuf older than 5.29, e.g. from apt."""
 _VDA5050 = "'aiomqtt>=2.3' 'jsonschema>=4.20'"
 _PIP_NAMES = {
     "websockets": "'websockets>=10.4'",

@@ -55,7 +55,7 @@ THEN = Sentence("said.then", "{one}; {other}")
 REFUSED = Sentence("refusal.refused", "refused")
 """A refusal without a reason."""
 NOT_SENT = Sentence("said.notSent", "not sent: {reason}")
-"""Reason for which something was not sent."""
+"""Tells that something was not sent, and why."""
 
 
 def joined(pattern: Sentence, parts: Iterable[str]) -> str:
