@@ -75,7 +75,7 @@ class ChassisClient:
         self._permitted: Callable[[Message], bool] | None = None
         """Selects the requests that may be sent; None for all of them."""
         self._refusal_reason = ""
-        """Reason why all other requests are refused, and what to do."""
+        """Reason why requests that are not permitted are refused, and what to do."""
 
     @property
     def config(self) -> LinkConfig:

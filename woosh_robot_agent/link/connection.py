@@ -318,7 +318,7 @@ class Connection:
         self._expiry = Expiry(self._loop, self._expire)
         self._outbox: OrderedDict[int, _Outgoing] = OrderedDict()
         """Frames that wait to be sent, by serial number; subscribe frames have negative keys."""
-        self._outbox_filled = asyncio.Event()
+        self._outbox_changed = asyncio.Event()
         self._writing = False
         """True while the writer waits for the transport to take a frame."""
         self._next_sn = 1
@@ -368,7 +368,8 @@ class Connection:
                 self._codec.encode, name, message, sn=sn, timestamp=time.time_ns() // 1_000_000
             )
             data = encode() if message.ByteSize() < LARGE else None
-            # a request with `first` goes through the outbox, ahead of earlier ones with `first`
+            # a request with `first` always goes into the outbox, so that a later one with `first`
+            # can get ahead of it
             if data is not None and self._is_free_for(data) and not how.first:
                 await self._guard(partial(self._send, data))
             else:
@@ -473,7 +474,7 @@ class Connection:
 
     def _put(self, key: int, frame: _Outgoing) -> None:
         self._outbox[key] = frame
-        self._outbox_filled.set()
+        self._outbox_changed.set()
 
     async def _write(self) -> None:
         """Send the frames in the outbox, until cancelled."""
@@ -486,8 +487,8 @@ class Connection:
                     self._writing = True
                     await self._send(frame.data)
                     self._writing = False
-            self._outbox_filled.clear()
-            await self._outbox_filled.wait()
+            self._outbox_changed.clear()
+            await self._outbox_changed.wait()
 
     def _next_to_send(self) -> int | None:
         """Return the key of the next frame; None if no frame can be sent now.
@@ -511,7 +512,7 @@ class Connection:
             return
         if (frame := self._outbox.get(sn)) is not None:  # it has not been withdrawn
             frame.data = data
-            self._outbox_filled.set()
+            self._outbox_changed.set()
 
     def _is_free_for(self, data: str | bytes) -> bool:
         """Return True if nothing waits ahead of a frame and the transport takes it at once.
@@ -632,7 +633,7 @@ class Connection:
             except FrameError:  # raised again, and counted, when a consumer reads the body
                 return envelope
             if not envelope.sn:  # an answer keeps its body, which may be read as another type
-                envelope.body = None
+                envelope.body = None  # frees the parsed value
         return envelope
 
     def _answer(self, envelope: Envelope) -> None:
@@ -656,6 +657,7 @@ class Connection:
         )
 
     async def _probe(self) -> None:
+        """Ping the chassis; over a transport without ping, request its RobotState instead."""
         started = self._loop.time()
         if await self._transport.ping():
             self._stats.round_trip = self._loop.time() - started

@@ -41,7 +41,7 @@ _NOT_CONNECTED = Sentence(
 )
 _LAST_ERROR = Sentence("link.lastError", "last error: {error}")
 _NO_ATTEMPT = Sentence("link.noAttempt", "no attempt has ended yet")
-_UNREACHABLE = Sentence("link.unreachable", "{reason}")
+_UNREACHABLE = Sentence("link.unreachable", "{reason}")  # translations put words before the reason
 _OTHER_ROBOT = Sentence(
     "link.otherRobot",
     "{robot} answers instead of {expected}; commands go only to the robot that answered first: "
@@ -294,6 +294,7 @@ async def _request_info(
             requests.add(asyncio.ensure_future(request))
             done, _ = await asyncio.wait(
                 requests,
+                # without a timeout, the last request ends by its own
                 timeout=_RETRY_AFTER if remaining > 2 * _RETRY_AFTER else None,
                 return_when=asyncio.FIRST_COMPLETED,
             )
@@ -343,7 +344,7 @@ class ReconnectLoop:
         self._tasks: set[asyncio.Task[None]] = set()
         """The current task, and cancelled tasks that are closing their connection."""
         self._robot: RobotIdentity | None = None
-        """The robot of all links; None before the first link."""
+        """The robot of all links; None while it is not known."""
 
     @property
     def running(self) -> bool:
@@ -367,6 +368,7 @@ class ReconnectLoop:
             task.cancel()
         if tasks:
             await asyncio.wait(tasks)
+        # `start` may have been called during the wait
         if not self.running and self._status.state is not LinkState.STOPPED:
             self._status.enter(LinkState.STOPPED)
 
@@ -377,7 +379,7 @@ class ReconnectLoop:
         if self.connection is not None:
             self.connection.config = config
         if self._current is not None and not config.keeps_connection(previous):
-            self._log.clear()
+            self._log.clear()  # problems of the new connection are logged again
             earlier = tuple(self._tasks)
             self._current.cancel()
             self.start()
@@ -444,10 +446,10 @@ class ReconnectLoop:
         """Keep the link ready until the connection ends; return the duration, in seconds."""
         loop = asyncio.get_running_loop()
         ready_at = loop.time()
-        cause: LinkError = ConnectionLostError(_CLOSED())
+        cause: LinkError = ConnectionLostError(_CLOSED())  # if this task is cancelled
         try:
             self._status.last_error = None
-            self._log.clear()
+            self._log.clear()  # each link logs its problems again
             self._record.stats.connects += 1
             _LOG.info("connected to %s", self.config.address)
             self._status.enter(LinkState.READY)

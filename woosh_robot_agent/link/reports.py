@@ -101,7 +101,7 @@ class PrintableFormatter(logging.Formatter):
     """Formats each record as one line without control characters; a traceback keeps its lines."""
 
     def format(self, record: logging.LogRecord) -> str:
-        record.exc_text = None  # another formatter may have cached it as it is
+        record.exc_text = None  # another formatter may have cached it unescaped
         return super().format(record)
 
     def formatMessage(self, record: logging.LogRecord) -> str:

@@ -125,7 +125,7 @@ class ConnectedClient:
         self._outbox: deque[Encoded] = deque()
         self._outbox_bytes = 0
         """Size of the queued frames, in bytes."""
-        self._filled = asyncio.Event()
+        self._not_empty = asyncio.Event()
         self._open = True
 
     @property
@@ -143,7 +143,7 @@ class ConnectedClient:
         if self._ensure_room():
             self._outbox.append(frame)
             self._outbox_bytes += _size(frame)
-            self._filled.set()
+            self._not_empty.set()
 
     def drop(self) -> None:
         """Abort the connection, as a broken cable would."""
@@ -160,11 +160,11 @@ class ConnectedClient:
         """Send queued frames until the connection ends, but nothing while `running` is not set."""
         with contextlib.suppress(TransportClosedError):
             while self._open:
-                await self._filled.wait()
+                await self._not_empty.wait()
                 if running is not None:
                     await running.wait()
                 if not self._outbox:
-                    self._filled.clear()
+                    self._not_empty.clear()
                     continue
                 frame = self._outbox.popleft()
                 self._outbox_bytes -= _size(frame)
@@ -175,7 +175,7 @@ class ConnectedClient:
         self._open = False
 
     def _waiting_frames(self) -> int:
-        """Return the number of frames that count towards `max_outbox`."""
+        """Return the number of frames that count towards `max_outbox`; a subclass may add some."""
         return len(self._outbox)
 
     def _ensure_room(self) -> bool:
@@ -246,7 +246,8 @@ class HttpConnection(asyncio.Protocol):
 
     Args:
         inner: the protocol of aiohttp.
-        open_timeout: as in `serve_websocket`.
+        open_timeout: maximum time from the connection to the first request or a complete handshake,
+            in seconds.
 
     Attributes:
         transport: the socket.
@@ -272,6 +273,7 @@ class HttpConnection(asyncio.Protocol):
         """
         self._open_timer.cancel()
         if max_message is not None:
+            # and some more: headers of frames, and the beginning of the next message
             self._max_unread = max_message + CHUNK
 
     def note_message_read(self) -> None:
@@ -462,6 +464,7 @@ async def serve_websocket(
         connection = None if request.transport is None else request.transport.get_protocol()
         if not isinstance(connection, HttpConnection):  # the connection has ended already
             return web.Response()
+        # with some other headers, aiohttp would fail to answer, and log a traceback
         if not all(name.isascii() and value.isascii() for name, value in request.raw_headers):
             return web.Response(status=HTTPStatus.BAD_REQUEST, text="headers must be ASCII\n")
         if local_pages_only and not _is_local(request.headers.getall("Origin", [])):

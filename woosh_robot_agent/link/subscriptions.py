@@ -60,7 +60,7 @@ class PushQueue:
         """The type of each push, and the function that delivers it."""
         self._waiting: dict[str, int] = {}
         """Number of queued pushes, by type."""
-        self._filled = asyncio.Event()
+        self._not_empty = asyncio.Event()
 
     def __len__(self) -> int:
         return len(self._queue)
@@ -79,7 +79,7 @@ class PushQueue:
             self._dropped[name] += 1
             self._discard_oldest(name)
         self._queue.append((name, deliver))
-        self._filled.set()
+        self._not_empty.set()
         return fits
 
     async def get(self) -> Deliver:
@@ -89,8 +89,8 @@ class PushQueue:
                 name, deliver = self._queue.popleft()
                 self._waiting[name] -= 1
                 return deliver
-            self._filled.clear()
-            await self._filled.wait()
+            self._not_empty.clear()
+            await self._not_empty.wait()
 
     def take_all(self) -> list[tuple[str, Deliver]]:
         """Remove all pushes; return their types and the functions that deliver them."""
@@ -154,6 +154,7 @@ class Subscriptions:
         self._lanes: dict[str, deque[Body]] = {}
         """Large pushes that wait to be prepared, and later pushes of the same type, by type."""
         self._lane_tasks: set[asyncio.Task[None]] = set()
+        """Tasks that prepare and deliver these pushes, one for each type."""
         self._preparing = False
         """True while a large RobotInfo is prepared; later pushes wait in the queue."""
         self._held: PushQueue | None = None
@@ -235,7 +236,7 @@ class Subscriptions:
         """
         name = envelope.type
         if not self._consumers.get(name):
-            if envelope.ok is False:
+            if envelope.ok is False:  # an error that belongs to no request
                 self._log.warn(
                     f"error {envelope.msg}", f"the chassis reports: {one_line(envelope.msg)}"
                 )
@@ -297,7 +298,7 @@ class Subscriptions:
         if lane is not None:
             if len(lane) == lane.maxlen:
                 self._stats.dropped_pushes[body.type] += 1
-            lane.append(body)
+            lane.append(body)  # a full lane discards its oldest push
         elif body.is_large:
             limit = int(self._depths.get(body.type, LATEST_DEPTH))
             self._lanes[body.type] = lane = deque([body], limit)
@@ -342,6 +343,7 @@ class Subscriptions:
         self._log.warn(f"bad push: {name}", f"skipped a push ({error.kind}): {error}")
 
     def _deliver_snapshot(self, answer: Answer) -> Awaitable[None] | None:
+        """Deliver the first RobotInfo; return an awaitable for a large one, which takes time."""
         if answer.raw.is_large:
             return self._deliver_large_snapshot(answer.raw.message())
         for consumer in tuple(self._snapshot_consumers):

@@ -134,6 +134,7 @@ ends the connection."""
 _NO_PROXY: dict[str, Any] = (
     {"proxy": None} if "proxy" in inspect.signature(_connect).parameters else {}
 )
+"""Options of `connect` that turn proxies off. Releases without this option use no proxy."""
 
 
 class Connect(_connect):
@@ -147,7 +148,7 @@ class Connect(_connect):
         super().__init__(uri, **{_FACTORY_OPTION: factory}, **_NO_PROXY, **options)
 
     def process_redirect(self, exc: Exception) -> Exception:
-        """Refuse a redirect; called by websockets 14 and later."""
+        """Refuse a redirect; called by websockets 14 and later, which then raise `exc`."""
         return exc
 
     def handle_redirect(self, uri: str) -> None:
@@ -178,7 +179,7 @@ class TcpTransport:
         self.peer = peer_address(writer.transport)
         self.progress_at = 0.0
         self.received = 0
-        self.waited = False
+        self.waited = False  # not known over TCP
 
     def backlog(self) -> int:
         return self._writer.transport.get_write_buffer_size()
@@ -384,8 +385,9 @@ class _ClientSocket(ClientSocket):
     frames.
 
     Attributes:
-        progress_at: as in `Transport`.
-        received: as in `Transport`.
+        progress_at: loop time at which a part of an unfinished frame last arrived; 0 before the
+            first.
+        received: number of bytes received so far, including the bytes of an unfinished frame.
         take: function that gets these frames; None if `recv` returns all frames.
         reader_waits: True while `recv` waits.
         queued: number of messages that `recv` will return, an unfinished one included.
@@ -427,6 +429,7 @@ def _reason(error: ConnectionClosed) -> str:
         return _NO_CLOSE
     text = _CODE(code=f"{close.code} {close.reason}".rstrip())
     if close.code == _MESSAGE_TOO_BIG:
+        # the end that refuses the frame sends the code first, and the other end repeats it
         by_other = error.rcvd is not None and error.rcvd_then_sent is not False
         return (_SENT_TOO_BIG if by_other else _GOT_TOO_BIG)(text=text)
     return text

@@ -12,6 +12,7 @@ JSON: Codec = JsonCodec(defaults=True)
 PROTOBUF: Codec = ProtobufCodec()
 """Protobuf, which both ends write alike."""
 _CLIENT_JSON: Codec = JsonCodec()
+"""JSON as a client writes it: without the fields that have their default value."""
 
 
 def client_codec(config: LinkConfig) -> Codec:

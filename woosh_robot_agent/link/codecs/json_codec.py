@@ -450,6 +450,7 @@ class JsonCodec:
             frame["sn"] = sn
         if timestamp is not None:
             frame["timestamp"] = timestamp
+        # long base64 texts skip the JSON writer, which would look at each of their characters
         long = body is not None and body.ByteSize() >= json_text.LONG_MESSAGE
         texts = json_text.take_from_value(frame) if long else []
         text = json_text.write(frame)
@@ -464,6 +465,7 @@ class JsonCodec:
         try:
             if len(data) <= json_text.LONG_FRAME:  # parsing it hardly blocks the loop
                 return json_text.parse(data)
+            # long base64 texts are cut out first, because decoding them is faster than parsing them
             data, texts = json_text.take_from_frame(data)
             _check_parts(data)
             value = json_text.parse_in_pieces(data)
