@@ -128,7 +128,7 @@ def _numbers_writer(code: str) -> _Write:
 
     def write(out: bytearray, values: Any) -> None:
         data = values if hasattr(values, "tobytes") else array(typecode, values)
-        if len(data):
+        if len(data):  # an empty sequence gets no padding
             out += bytes(-(len(out) - HEADER_SIZE) % size)
             out += data.tobytes()
 
@@ -143,3 +143,4 @@ def _write_text(out: bytearray, text: str) -> None:
 
 
 _COUNT = packer("I")
+"""Packer of the count before a text or a sequence."""

@@ -13,8 +13,8 @@ from woosh_robot_agent.convert.mapping import mirrored_fields
 from woosh_robot_agent.link.codecs.json_codec import from_json
 from woosh_robot_agent.link.frames import Body
 
-_UNEXPECTED = (AttributeError, TypeError, ValueError, OverflowError)
-"""Errors of the compiled functions for values that need the tolerant reader, or that do not fit."""
+_NOT_ACCEPTED = (AttributeError, TypeError, ValueError, OverflowError)
+"""Errors of the functions compiled for JSON, for values that they do not accept."""
 
 
 class Converter:
@@ -58,7 +58,7 @@ class Converter:
         """
         try:
             return self._from_json(value)
-        except _UNEXPECTED:  # `json_codec.from_json` is slow, but accepts more or names the field
+        except _NOT_ACCEPTED:  # `json_codec.from_json` is slow, but accepts more or names the field
             message = self.proto_class()
             from_json(value, message)
             return self.to_ros(message)

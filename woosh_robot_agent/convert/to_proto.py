@@ -44,6 +44,7 @@ def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
     for group in proto_class.DESCRIPTOR.oneofs:
         inner_class = class_of(ros_class.get_fields_and_field_types()[group.name])
         types = inner_class.get_fields_and_field_types()
+        # old clients set only `*_choice`
         source.add(f"o = r.{group.name}; which = o.which or o.{group.name}_choice")
         for number, field in enumerate(group.fields, 1):
             source.add(f"{'el' if number > 1 else ''}if which == {number}:")
@@ -68,7 +69,11 @@ def _set_proto(
     """Write source that copies a field of a ROS message to the protobuf message `p`.
 
     Args:
+        source: the function.
         origin: name of the variable that holds the ROS message in the generated function.
+        name: name of the field.
+        ros_type: ROS type of the field.
+        field: protobuf descriptor of the field.
         indent: indentation inside of the function.
         path: path of the field for errors; by default its name.
     """

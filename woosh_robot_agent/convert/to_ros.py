@@ -290,6 +290,7 @@ def _set(
         blank, value = _list(source, items, field, origin)
     elif field.message_type is not None:
         ros_class, proto_class = class_of(ros_type), message_class(field)
+        # a blank message is made like one from an empty JSON object
         blank = f"{source.bind(partial(maker(ros_class, proto_class, JSON), {}))}()"
         value = f"{source.bind(maker(ros_class, proto_class, origin))}(v)"
     else:
