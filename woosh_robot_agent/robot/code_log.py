@@ -60,7 +60,7 @@ class CodeLog:
             self._log(code)
 
     def _pushed(self, body: Body) -> None:
-        if body.read(_is_logged_json, _is_logged):
+        if body.read(_is_logged_json, _is_logged):  # without decoding the other codes
             self._log(body.message())
 
     def _log(self, code: StatusCode) -> None:
@@ -129,7 +129,7 @@ class RefusalLog:
             self._logs.pop(name, None)
             return
         if name not in self._silent and (name, msg) not in self._pending:
-            # created now, because the link may change to another robot before the task runs
+            # taken now: a success before the task runs removes it from `_logs`
             log = self._logs.setdefault(name, LogOnce(_LOG))
             reasons = self._explainer.reasons(type_of(command.message))
             work = self._explain(name, msg, reasons, log)

@@ -74,7 +74,7 @@ class LastKnown:
         name = value.type if isinstance(value, Body) else full_name(value)
         if name == _INFO:  # first apply the unread values: a RobotInfo may lack these parts
             self._apply_unread()
-        self._unread.pop(name, None)
+        self._unread.pop(name, None)  # the new value goes to the end
         self._unread[name] = value
 
     def _apply_unread(self) -> None:

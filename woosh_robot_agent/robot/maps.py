@@ -49,6 +49,7 @@ def _cell(grey: int) -> int:
 
 
 _CELLS = bytes(map(_cell, range(256)))
+"""Values of cells by shade of grey, as a table for `bytes.translate`."""
 
 
 class MapError(ValueError):

@@ -38,7 +38,7 @@ class Objection(NamedTuple):
 
     @property
     def said(self) -> Said:
-        """The reason, as a text of the dashboard."""
+        """The reason, as a text that the dashboard can translate."""
         if isinstance(self.reason, Said):
             return self.reason
         return Said(self.reason, f"objection.{self.name}.reason")
@@ -154,6 +154,7 @@ _POSE_WITHOUT_MAP = Objection(
 def all_objections(info: RobotInfo) -> list[Objection]:
     """Return every reason for which the robot rejects a new task now, e.g. its present task."""
     busy = busy_objections(info)
+    # what the robot is doing tells why it is not taskable
     found = [each for each in objections(info) if not (busy and each == NOT_TASKABLE)]
     return list(dict.fromkeys([*found, *busy]))
 

@@ -51,6 +51,7 @@ _STATUS_CODE = Sentence("refusal.code", "status code {code}")
 _MANUAL = MANUAL._replace(
     reason="the robot is in manual mode, set by its key switch or by software"
 )
+"""`MANUAL`, but its reason says where the mode comes from."""
 _MAX_REFUSALS = 50
 """Maximum number of refusals that wait for a status code."""
 
@@ -63,7 +64,8 @@ class RefusalExplainer:
         last_known: last values that the chassis reported.
 
     Attributes:
-        code_delay: maximum time from a refusal to its status code, in seconds; `CODE_DELAY`.
+        code_delay: maximum time from a refusal to its status code, in seconds; by default
+            `CODE_DELAY`.
     """
 
     def __init__(self, chassis: ChassisClient, last_known: LastKnown) -> None:
@@ -168,7 +170,11 @@ def type_of(request: Message) -> str:
     return full_name(request)
 
 
+# Functions that return the reasons in the robot's state, each for a kind of refused request
+
+
 def _for_task(info: RobotInfo) -> list[Objection]:
+    # NOT_TASKABLE would say no more than the refusal
     reasons = [each for each in objections(info) if each != NOT_TASKABLE]
     return [*busy_objections(info), *reasons]
 

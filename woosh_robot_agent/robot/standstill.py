@@ -156,8 +156,9 @@ class Standstill:
         last_known: last values that the chassis reported.
 
     Attributes:
-        limit: time after which a robot that has not moved is reported, in seconds; `LIMIT`.
-        kept: time for which a warning of a velocity remains, in seconds; `KEPT`.
+        limit: time after which a robot that has not moved is reported, in seconds; by default
+            `LIMIT`.
+        kept: time for which a warning of a velocity remains, in seconds; by default `KEPT`.
     """
 
     def __init__(self, chassis: ChassisClient, gate: MotionGate, last_known: LastKnown) -> None:
@@ -287,6 +288,7 @@ class Standstill:
         demand = self._demand
         if demand is None or demand.type not in _TASKS:
             return
+        # a report without an id says that there is no task
         if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
             return
         if not is_unfinished(report):
@@ -313,6 +315,7 @@ class Standstill:
                 self._demand = None
 
     def _set_standing(self, demand: _Demand, *, may_stand: bool) -> None:
+        """Stop expecting movement while the robot may stand; expect it again afterwards."""
         if may_stand:
             demand.since = None
         elif demand.since is None:

@@ -65,7 +65,8 @@ class VelocitySources:
     Attributes:
         last: source of the last velocity, zero included; empty before the first.
         last_time: monotonic time of that velocity.
-        overlap: time after which a silent source no longer drives, in seconds; `OVERLAP`.
+        overlap: time after which a silent source no longer drives, in seconds; by default
+            `OVERLAP`.
     """
 
     def __init__(self, chassis: ChassisClient, gate: MotionGate) -> None:
@@ -95,7 +96,7 @@ class VelocitySources:
     def report(self, *sources: str) -> None:
         """Report sources that command velocities at the same time."""
         if not self.simultaneous:
-            self._log.clear()
+            self._log.clear()  # after a pause, the same sources are logged again
         self._simultaneous = tuple(sorted(sources))
         self._simultaneous_until = time.monotonic() + SHOWN
         self._log.warn(str(self._simultaneous), simultaneous_warning(self._simultaneous))
@@ -272,7 +273,7 @@ class WhoDrives:
         """First report on the current task."""
         self._began_unseen = False
         """True if the current task was running when the link became ready."""
-        self._moved = -math.inf
+        self._pose_time = -math.inf
         """Monotonic time of the last PoseSpeed."""
         gate.on_answered(self._answered)
         chassis.on_snapshot(self._snapshot)
@@ -316,7 +317,7 @@ class WhoDrives:
 
     def _is_own_id(self, number: int) -> bool:
         """Return True if the robot generated this id: its start in Unix seconds * 100 + 53."""
-        start, ending = divmod(number, TASKS_PER_SET)
+        start, ending = divmod(number, 100)
         # a task that was running before the link was ready may be old
         oldest = OWN_TASK_DURATION if self._began_unseen else OWN_TASK_AGE
         return ending == _OWN_TASK_ENDING and 0 <= self._task.time - start <= oldest
@@ -324,7 +325,7 @@ class WhoDrives:
     def _unexplained(self, info: RobotInfo) -> Driver:
         """Return the driver of a robot that no task, action or velocity of the agent drives."""
         now, twist = time.monotonic(), info.pose_speed.twist
-        if now - self._moved > REPORT_GAP or not (twist.linear or twist.angular):
+        if now - self._pose_time > REPORT_GAP or not (twist.linear or twist.angular):
             return Driver(NOBODY)
         if now - self._velocities.last_time < ROLL_OUT:
             return Driver(self._velocities.last, _ROLLS)
@@ -364,4 +365,4 @@ class WhoDrives:
             self._task, self._began_unseen = task, unseen
 
     def _pose_pushed(self, _body: Body) -> None:
-        self._moved = time.monotonic()
+        self._pose_time = time.monotonic()
