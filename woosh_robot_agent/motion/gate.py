@@ -164,6 +164,7 @@ class Sender(NamedTuple):
 
 
 _SELF = Sender()
+"""The agent itself."""
 
 
 class AnsweredCommand(NamedTuple):
@@ -185,7 +186,7 @@ class MotionGate:
 
     Args:
         chassis: the link.
-        open_goals: returns the number of goals that the robot may be executing.
+        open_goals: returns the number of goals that the robot may be executing; by default none.
 
     Attributes:
         superseded: number of velocities that were not sent because they were out of date.
@@ -235,8 +236,8 @@ class MotionGate:
 
         Args:
             message: the command.
-            timeout: as in `ChassisClient.request`.
-            tap: as in `ChassisClient.request`.
+            timeout: time to wait for the answer, in seconds; by default that of the request.
+            tap: callback that gets the answer in order with the pushes of the chassis.
             sender: who wants the command.
 
         Raises:
@@ -353,6 +354,7 @@ class MotionGate:
             return await self._send_if_allowed(message, how, sender)
 
         def send(within: float) -> Coroutine[Any, Any, Answer]:
+            # urgent: it is sent even if many other requests are in flight
             return self._send_if_allowed(message, how._replace(urgent=True, within=within), sender)
 
         now = asyncio.get_running_loop().time()
@@ -394,7 +396,8 @@ class MotionGate:
         """Return why a command may not move the robot now; empty if it may. Thread-safe.
 
         Args:
-            published: as in `Sender`.
+            published: loop time (monotonic) at which a sender outside of this process published the
+                command; None for a command of this process.
         """
         now = time.monotonic()
         if now < self._forbidden_until:  # rules 4 and 5

@@ -61,6 +61,7 @@ def may_move(request: Message) -> bool:
     if isinstance(request, CallAction):
         which = request.WhichOneof("action")
         call = getattr(request, which) if which else None
+        # a command without the field `action` counts as one that executes
         return getattr(call, "action", kExecute) not in (kCancel, kPause)
     if isinstance(request, ActionOrder):
         return request.order not in _RESTING_ORDERS

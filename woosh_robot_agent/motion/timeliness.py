@@ -71,7 +71,7 @@ class SenderClock:
             received: Unix time at which the middleware received the message; 0 if unknown.
             taken: monotonic time at which this process took the message from the middleware.
         """
-        ahead = time.time() - time.monotonic()
+        ahead = time.time() - time.monotonic()  # by which Unix time is ahead of monotonic time
         received = min(received or math.inf, taken + ahead)
         if not source:
             return received - ahead

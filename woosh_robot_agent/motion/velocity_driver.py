@@ -239,7 +239,7 @@ class VelocityDriver:
                 "to the sender, and synchronise the clocks if several computers send velocities"
             )
         elif moves or self._has_to_stop():  # rule 8
-            self._log.clear()
+            self._log.clear()  # later refusals are logged again
             self._published = published
             self._waiting = limited
             self._send_or_wait(now)
@@ -320,8 +320,10 @@ class VelocityDriver:
             self._driving = False
         elif self._needs_zero:  # rule 7
             self._needs_zero = False
-            asyncio.get_running_loop().call_soon(self._zero_after_loss)  # after the snapshot
+            # after the first RobotInfo has been delivered, which reports a running task
+            asyncio.get_running_loop().call_soon(self._zero_after_loss)
 
     def _zero_after_loss(self) -> None:
+        """Stop the robot, unless a goal, a task or an action drives it."""
         if not self._gate.owner:
             self._send(Twist())

@@ -54,7 +54,9 @@ class WheelOwner:
         self._on_start = on_start
         self.name: str = ""
         self._task = TaskProc()
+        """The last report on a task."""
         self._actions: set[str] = set()
+        """Protobuf full names of the driving actions that are being executed."""
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
         chassis.subscribe(TaskProc, self._task_changed)
@@ -83,7 +85,8 @@ class WheelOwner:
                 self._on_start()
 
     def _link_changed(self, state: LinkState) -> None:
-        if state is not LinkState.READY:  # the reports of their end may be missed
+        # reports of the end of actions may be missed, and the next RobotInfo does not have actions
+        if state is not LinkState.READY:
             self._actions.clear()
             self._update_name()
 
