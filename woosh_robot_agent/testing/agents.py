@@ -52,6 +52,7 @@ def own_domain() -> Iterator[int]:
     Raises:
         RuntimeError: all domains for tests are in use.
     """
+    # processes that start one after the other begin at distant domains
     start = (os.getpid() * 17 + next(_counter)) % _DOMAINS
     for offset in range(_DOMAINS):
         domain = 1 + (start + offset) % _DOMAINS
@@ -355,8 +356,8 @@ def running_agent(
     """
     tcp = parameters.get("transport") == "tcp"
     link: dict[str, Any] = {"ip": "127.0.0.1", "port": chassis.tcp_port if tcp else chassis.port}
-    if not process:  # tests wait for the link after a drop: reconnect soon
-        link["backoff_min"] = 0.1
+    if not process:  # a process takes only parameters of the agent, and this is none
+        link["backoff_min"] = 0.1  # reconnect soon: tests wait for the link after a drop
     parameters = {**link, **parameters}
     with contextlib.ExitStack() as stack:
         if domain is None:
