@@ -140,7 +140,8 @@ class MessageSource:
         self.source = source
         self._variable = variable
         extra = extra_slots(ros_class)
-        self._slot = "" if extra is None else "_"
+        self._prefix = "" if extra is None else "_"
+        """Prefix of a field's name: `_` to set its slot, none to set its property."""
         bound = source.bind(ros_class)
         if extra is None:
             source.add(f"{variable} = {bound}()")
@@ -151,7 +152,7 @@ class MessageSource:
 
     def set(self, name: str, expression: str) -> None:
         """Add source that sets a field."""
-        self.source.add(f"{self._variable}.{self._slot}{name} = {expression}")
+        self.source.add(f"{self._variable}.{self._prefix}{name} = {expression}")
 
 
 Make = Callable[[Any], Any]
