@@ -610,6 +610,7 @@ class Connection:
         task.add_done_callback(self._aside_tasks.discard)
 
     async def _decode_aside(self, data: str | bytes, newer: set[str]) -> None:
+        """Decode a large frame aside; receive it, unless it is a push that a newer one replaces."""
         try:
             envelope = await aside(self._decode_large, data)
         except FrameError as error:

@@ -180,7 +180,7 @@ class Body:
         Raises:
             FrameError: the type is unknown, or the body does not fit it.
         """
-        if self._message is not None or isinstance(self._value, bytes):
+        if self._message is not None or isinstance(self._value, bytes):  # bytes: protobuf
             return from_message(self.message())
         try:
             return from_json({} if self._value is None else self._value)

@@ -485,6 +485,7 @@ async def serve_websocket(
     ) -> web.StreamResponse:
         if before_handshake:
             await before_handshake()
+        # autoping would hide pings and pongs from `recv`
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT, autoping=False, compress=False, max_msg_size=max_size
         )

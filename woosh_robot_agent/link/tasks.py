@@ -83,6 +83,7 @@ def abort_transport(transport: asyncio.WriteTransport) -> None:
 
 
 def _retrieve_exception(task: asyncio.Future[Any]) -> None:
+    """Mark the exception of an ended task as retrieved, so that asyncio does not log it."""
     if not task.cancelled():
         task.exception()
 

@@ -257,7 +257,10 @@ class TcpTransport:
 
 
 async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
-    """Connect to a chassis by TCP; see `open_websocket`. Adds the stream writer to `made`."""
+    """Connect to a chassis by TCP.
+
+    Adds the stream writer to `made`, so that the caller can abort the connection.
+    """
     reader, writer = await asyncio.open_connection(config.ip, config.effective_port)
     made.append(writer)
     return TcpTransport(reader, writer, config.max_frame_size)
