@@ -584,6 +584,7 @@ class Connection:
             self._fail_unexpectedly(error)
 
     def _receive(self, envelope: Envelope, alone: bool) -> None:
+        """Pass on a valid frame: an answer to its request, a push to `on_push`."""
         self._stats.rx += 1
         self._liveness.note_alive()
         if envelope.defect:
@@ -593,7 +594,7 @@ class Connection:
         if envelope.sn:
             self._answer(envelope)
             return
-        for newer in self._newer:
+        for newer in self._newer:  # an older large push of this type need not be delivered any more
             newer.add(envelope.type)
         self._on_push(envelope, alone)
 

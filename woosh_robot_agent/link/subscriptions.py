@@ -38,8 +38,8 @@ def call_logged(callback: Callable[[Any], None], argument: object) -> None:
 COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
 """Types whose every push must be delivered. Of other types, only the newest values matter."""
 LATEST_DEPTH = 50
-"""Maximum number of queued pushes of a type not in COUNTED_PUSHES. Enough for 17 ms at 3000 Hz, in
-which another program may use the core."""
+"""Maximum number of queued pushes of a type not in COUNTED_PUSHES. Enough at 3000 Hz while another
+program uses the core for 17 ms."""
 
 Deliver = Callable[[], Awaitable[None] | None]
 """Delivers a push or an answer. It returns an awaitable if later pushes must wait for its end."""

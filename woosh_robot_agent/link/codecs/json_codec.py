@@ -144,7 +144,7 @@ def _read_float(value: Any) -> float:
 
 
 def _read_bool(value: Any) -> bool:
-    if value in (True, "true"):
+    if value in (True, "true"):  # 1 equals True
         return True
     if value in (False, "false"):
         return False
@@ -310,6 +310,7 @@ _INT64 = {
     FieldDescriptor.TYPE_FIXED64,
     FieldDescriptor.TYPE_SFIXED64,
 }
+"""Types of 64-bit integers, which are strings in JSON."""
 
 
 def to_json(message: Message, *, defaults: bool) -> dict[str, Any]:
@@ -341,7 +342,7 @@ def _encoder(cls: MessageClass, defaults: bool) -> Callable[[Message], dict[str,
         if is_repeated(field):
             blank[field.json_name] = None
             lists.append(field.json_name)
-        elif field.message_type is None and field.containing_oneof is None:
+        elif field.message_type is None and field.containing_oneof is None:  # never absent
             blank[field.json_name] = _scalar_encoder(field)(field.default_value)
 
     def encode(message: Message) -> dict[str, Any]:
@@ -514,6 +515,7 @@ class JsonCodec:
 def _check_parts(text: str | bytes) -> None:
     """Refuse a frame whose parsed value would take too much memory."""
     if len(text) > _MAX_PARTS:
+        # each object, list and name has one of these characters
         marks: Any = "{[:" if isinstance(text, str) else (b"{", b"[", b":")
         parts = sum(text.count(mark) for mark in marks)
         if parts > _MAX_PARTS:
