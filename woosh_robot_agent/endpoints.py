@@ -131,7 +131,7 @@ def _types(name: str) -> tuple[str, str]:
 
 
 def _query(name: str, *, request: str = "", **options: Any) -> Query:
-    """Return a query; `options` are fields of `Query`."""
+    """Return a query; `request` and `options` are fields of `Query`."""
     srv, usual_request = _types(name)
     return Query(name, srv, request or usual_request, **options)
 

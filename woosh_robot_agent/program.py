@@ -151,7 +151,7 @@ def import_problem(error: ImportError) -> str:
             "python3 setup.py build_proto"
         )
     if module == __package__ or not isinstance(error, ModuleNotFoundError):
-        return ""
+        return ""  # not a missing library, but a defect
     needed = _PIP_NAMES.get(module, module)
     if needed is _RECORDING and _release(_installed()["protobuf"]) < [5, 29]:
         needed = _RECORDING_OLD_PROTOBUF

@@ -87,6 +87,7 @@ def _writer(ros_class: Any) -> _Write:
             if ros_type in _FORMATS:
                 run.append((_FORMATS[ros_type], value))
             elif "/" in ros_type and item_type(ros_type) is None and "[" not in ros_type:
+                # a nested message: its fields follow without a header
                 add(class_of(ros_type), value)
             else:
                 flush()

@@ -258,7 +258,7 @@ def _certain(info: RobotInfo) -> Iterator[Objection]:
 
 def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
     for field, value in hardware.ListFields():
-        if field.enum_type is None:
+        if field.enum_type is None:  # not the state of a part
             continue
         states = [value] if isinstance(value, int) else list(value)
         for number, state in enumerate(states, start=1):
