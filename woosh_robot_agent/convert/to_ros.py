@@ -117,7 +117,7 @@ def array_reader(field: Any, code: str) -> Callable[[Any], Any]:
 def new_message(ros_class: Any, **fields: Any) -> Any:
     """Return a new message; `fields` must give the values of all fields of its class."""
     extra = extra_slots(ros_class)
-    if extra is None:
+    if extra is None:  # the slots must not be set directly
         return ros_class(**fields)
     message = object.__new__(ros_class)
     for name, value in extra.items():

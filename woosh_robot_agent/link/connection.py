@@ -532,6 +532,7 @@ class Connection:
         self._stats.tx += 1
 
     def _fail_outdated(self, sn: int) -> None:
+        """Fail a request that has waited too long to be sent."""
         pending = self._pending.get(sn)
         if pending is not None and not pending.future.done():
             pending.future.set_exception(SupersededError(NOT_SENT(reason=_BUSY)))

@@ -175,7 +175,7 @@ class RobotIdentity:
     @classmethod
     def of(cls, info: RobotInfo) -> RobotIdentity:
         """Return the identity of the robot that sent `info`."""
-        return cls(info.robot_id, info.genral.serial_number)
+        return cls(info.robot_id, info.genral.serial_number)  # the manufacturer spells it so
 
     def __str__(self) -> str:
         return _ROBOT(id=self.robot_id, serial=self.serial_number)
