@@ -13,7 +13,7 @@
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
    longer drive the robot once the chassis accepts a task or action, or reports the start of one
    that another client commands. A velocity that is sent later drives the robot. So does one that is
-   unanswered at that time, unless the chassis refuses it.
+   unanswered when such a start is reported, unless the chassis refuses it.
 7. If the agent closes the link to use other settings, or only observes the robot from now on, the
    robot gets a zero velocity if it may still be driving at a velocity from this gate.
 8. A command that may have been sent to the agent before the end of a stall of its process or event
