@@ -81,6 +81,7 @@ def test_unknown_keys_are_ignored_on_request() -> None:
     ("text", "said"),
     [
         ("cuont: 3", "box.yaml: unknown key 'cuont'; use one of name, size, count, colour, kind,"),
+        ("null: 3", "box.yaml: unknown key None; use one of name, size, count, colour, kind,"),
         ("count: 10", "box.yaml: count: must be a whole number from 1 to 9, not 10"),
         ("count: true", "box.yaml: count: must be a whole number, not True"),
         ("count: 1.0", "box.yaml: count: must be a whole number, not 1.0"),

@@ -191,9 +191,9 @@ class _Reader:
         hints = typing.get_type_hints(kind, include_extras=True)
         keys = [each for each in fields(kind) if _SOURCE not in each.metadata]
         names = [each.name for each in keys]
-        unknown = next((key for key in value if key not in names), None)
-        if unknown is not None and self._known_only:
-            text = f"unknown key {reprlib.repr(unknown)}; use one of {', '.join(names)}"
+        unknown = [key for key in value if key not in names]
+        if unknown and self._known_only:
+            text = f"unknown key {reprlib.repr(unknown[0])}; use one of {', '.join(names)}"
             raise DataFileError(f"{where}: {text}")
         values: dict[str, Any] = {
             each.name: where for each in fields(kind) if _SOURCE in each.metadata

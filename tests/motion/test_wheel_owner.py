@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 
 from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, eventually, soon
@@ -152,6 +154,24 @@ async def test_a_velocity_between_acceptance_and_report_of_a_task_still_needs_it
         await ok(rig.drive(1))
         await owned(rig)
         assert rig.gate.driving
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+@aio
+async def test_a_velocity_that_is_sent_before_a_task_is_accepted_drives_unless_it_is_refused(
+    accepted: bool,
+) -> None:
+    async with gated(answer_nothing) as rig:
+        task = asyncio.ensure_future(rig.gate.request(EXEC_TASK))
+        start = await rig.wire.next("woosh.robot.ExecTask")
+        moving = rig.drive(1)
+        velocity = await rig.wire.next(TWIST)
+        await rig.wire.answer(start)
+        await soon(task)
+        assert rig.gate.driving
+        await rig.wire.answer(velocity, ok=accepted)
+        await soon(moving)
+        assert rig.gate.driving == accepted
 
 
 @aio

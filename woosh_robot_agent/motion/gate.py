@@ -12,8 +12,9 @@
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
    longer drive the robot once the chassis accepts a task or action, or reports the start of one
-   that another client commands. A velocity that is sent later drives the robot. So does one that is
-   unanswered when such a start is reported, unless the chassis refuses it.
+   that another client commands. A velocity that is sent after the command of the start drives the
+   robot. So does one that is unanswered when a start of another client is reported. If the chassis
+   refuses such a velocity, it does not drive the robot.
 7. If the agent closes the link to use other settings, or only observes the robot from now on, the
    robot gets a zero velocity if it may still be driving at a velocity from this gate.
 8. A command that may have been sent to the agent before the end of a stall of its process or event
@@ -203,8 +204,8 @@ class MotionGate:
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._unanswered_at_start: Twist | None = None
-        """The last velocity, if it was unanswered when the start of a task or action was reported.
-        If the chassis refuses it, it came after the start, and does not drive the robot."""
+        """The last velocity, if the chassis may have got it after the start of a task or action.
+        If it is refused, it does not drive the robot."""
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
@@ -376,6 +377,7 @@ class MotionGate:
         moves = may_move(message)
         if moves and (reason := self.refusal(sender.published)):
             raise SupersededError(reason)
+        velocity_before = self._last_velocity
         if isinstance(message, Twist):
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
@@ -387,7 +389,10 @@ class MotionGate:
             return answer
         if takes_wheels(message):  # rule 6
             self._wheels_taken = time.monotonic()
-            self._drives_until = -math.inf
+            if self._last_velocity is velocity_before:
+                self._drives_until = -math.inf
+            else:  # sent after this command
+                self._unanswered_at_start = self._last_velocity
         elif message is self._last_velocity and not moves:  # an accepted zero
             self._drives_until = -math.inf
         return answer
