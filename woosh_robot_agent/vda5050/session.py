@@ -238,7 +238,7 @@ class Session:
         Data that prevent a second execution, e.g. ids of actions, are on the disk on return; other
         data are saved soon.
         """
-        if self.is_open:
+        if self.is_open:  # before, the record of the last run is not known
             self._store.save(record)
 
     async def close(self, timeout: float) -> None:

@@ -34,7 +34,7 @@ _DAMAGED = Sentence(
 
 
 def to_json(value: Any) -> bytes:
-    """Return an instance of a dataclass as JSON."""
+    """Return an instance of a dataclass as JSON, with enumeration members as their values."""
     plain = asdict(value)
     return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
 
@@ -310,6 +310,7 @@ def replace_file(path: Path, content: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)
+    # without this, a loss of power may undo the renaming
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)

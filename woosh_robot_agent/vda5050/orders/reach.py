@@ -169,7 +169,7 @@ class Route:
             step = gap if math.isfinite(gap) else 0.0
             estimated_step = step * _UNSEEN_DETOUR
             self._is_unconfirmed = False
-        if position != last or start is None:
+        if position != last or start is None:  # a repeated report is no move
             self._move_start = start
         self._estimated_way += estimated_step
         self.driven = None if self.driven is None else self.driven + step

@@ -40,13 +40,13 @@ from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 
 def leg_task(leg: Leg, position: Position | None) -> ExecTask:
-    """Return the task that drives a leg, without its id.
+    """Return the task that drives a leg (part of an order without a stop), without its id.
 
     Args:
         position: position of the robot, from which the heading at a node without `theta` follows;
             None if unknown.
     """
-    request = ExecTask(type=task.kPick)
+    request = ExecTask(type=task.kPick)  # drives to its target, and does nothing there
     if leg.goal.mark:
         request.mark_no = leg.goal.mark
     elif leg.edges[0].trajectory is not None:
@@ -210,9 +210,10 @@ class TaskRunner:
             if task_id == self.id:
                 self._ask_until_known()
 
-        return Controller(
-            self._link, f"task {task_id}", send, answered, lambda: not self.foreign_id
-        )
+        def may_send() -> bool:
+            return not self.foreign_id  # an ActionOrder names no task: it would hit the foreign one
+
+        return Controller(self._link, f"task {task_id}", send, answered, may_send)
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
         try:
@@ -284,7 +285,7 @@ class TaskRunner:
                     return
             except LinkError as error:
                 _LOG.debug("no answer about task %d: %s", task_id, error)
-                deadline = math.inf
+                deadline = math.inf  # the robot has the full time again once it answers
             else:
                 if clock() > deadline:
                     self._end(task_id, _UNKNOWN_TASK)
@@ -294,7 +295,11 @@ class TaskRunner:
             await asyncio.sleep(_ASK_EVERY)
 
     async def _ask_current(self, task_id: int) -> bool:
-        """Ask for the current task of the robot, and take the report; return True if it is this."""
+        """Ask for the current task of the robot, and take the report on it.
+
+        Returns:
+            True if `task_id` is the current task of the robot.
+        """
 
         def take_answer(answer: Answer) -> None:
             if isinstance(answer.body, TaskProc):
@@ -348,6 +353,7 @@ class ActionTasks:
         None if no action waits for the task, e.g. for one that goes on charging.
         """
         self._report: Callable[[ActionStatus], None] = lambda status: None
+        """Called with the status of the action that waits for the task."""
 
     @property
     def id(self) -> int:
@@ -389,7 +395,7 @@ class ActionTasks:
         try:
             await self._link.conditions.wait(lambda: end.done() or is_done())
         except asyncio.CancelledError:
-            if not self._link.is_closing:
+            if not self._link.is_closing:  # when the connector ends, the robot goes on
                 self._task.want(Control.CANCEL)
                 await asyncio.wait({end})
             raise
