@@ -451,6 +451,7 @@ def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
             else:
                 lines.append(f"  {name}: {_value(values.get((section, name), Learned(value, 0)))}")
     text = "\n".join(lines) + "\n"
+    # only checks the values
     structure(Profile, load_yaml("profile", text.encode()), "profile")
     return text
 
