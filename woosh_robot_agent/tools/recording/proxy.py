@@ -27,7 +27,7 @@ from woosh_robot_agent.tools.robot_view import system_text
 _BURST = 20
 """Number of reads that may follow each other at once."""
 _LARGE = 16 * 1024
-"""Size of a read from which the next read follows at once, in bytes."""
+"""Size of a read that is worth its wake-up, so that the next read follows at once, in bytes."""
 
 
 class ReadPace:
@@ -185,7 +185,7 @@ class RecordingProxy:
             chassis_reader, chassis_writer = await run_with_timeout(config.connect_timeout, opening)
         except OSError as error:
             reason = system_text(error)
-            if isinstance(error, TimeoutError) and not error.errno:
+            if isinstance(error, TimeoutError) and not error.errno:  # not the system's own timeout
                 reason = f"no answer within {config.connect_timeout:g} s"
             self._recorder.add_event(connection.number, "refused", "chassis", reason)
             self._log.warn("refused", f"{config.address} cannot be reached: {reason}")

@@ -395,6 +395,7 @@ def _view(area: SceneData.Map, time: int) -> View | None:
     if grey.width * grey.height > _MAX_CELLS:
         _LOG.warning("map %s is too large for a view; it is attached only", area.name)
         return None
+    # the first row of a Grid is the lowest one
     colours = ImageOps.flip(grey).convert("RGBA").tobytes()
     fields = [
         PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)
