@@ -277,6 +277,7 @@ class Execution:
         self.instant.failed(action, reason, kind)
 
     def _clear(self, cause: str, hint: str) -> None:
+        """Cancel the order, and report the cause; without an order to cancel, do nothing."""
         if not self.order.busy or self.order.canceling:
             return
         order_id = self.order.order_id
@@ -291,6 +292,7 @@ class Execution:
         self.drive.want(Control.CANCEL)
 
     def _drive_ended(self, reason: str) -> None:
+        """Take the end of the drive, with the reason of a failure; empty after a success."""
         if reason == UNSENT:
             self.order.drive_unsent()
         else:

@@ -257,6 +257,7 @@ class Session:
         self._store.close()
 
     async def _run(self) -> None:
+        """Open the state file, then stay connected to the broker."""
         record, damage = await self._open()
         config = self._config
         self._header_ids = HeaderIds(record.header_ids, self._store.save_header_ids)
@@ -286,6 +287,7 @@ class Session:
             )
 
     async def _open(self) -> tuple[Record, VehicleError | None]:
+        """Open the state file, as `Store.open` does; try again until it can be used."""
         while True:
             try:
                 return self._store.open()

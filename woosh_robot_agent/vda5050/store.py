@@ -245,6 +245,7 @@ class Store:
         return self.error is None and with_saved_progress == saved
 
     def _save(self, record: Record) -> None:
+        """Write a record, unless the file has it already."""
         if record == self._record and self.error is None:
             return
         self._record = record
@@ -269,6 +270,7 @@ class Store:
         self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
 
     def _load(self, path: Path) -> tuple[Record, VehicleError | None]:
+        """Read the file, and rename a damaged one; see `open` for what is returned."""
         try:
             self._record = self._read(path)
         except FileNotFoundError:

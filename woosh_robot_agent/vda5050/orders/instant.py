@@ -181,6 +181,7 @@ class InstantActions:
         self.errors.clear()
 
     def _start(self, action: Action, kind: ActionType) -> None:
+        """Add the command to perform an action; hold the order if the action forbids driving."""
         if kind.scopes == {Scope.INSTANT}:
             # the action controls the vehicle itself, so it ignores its blockingType
             self.commands.append(Perform(action, at_once=True))

@@ -453,6 +453,7 @@ class OrderMachine:
         )
 
     def _command(self, command: Command) -> None:
+        """Add a command to those that `poll` returns next."""
         self._actions.commands.append(command)
 
     def _start_actions(self) -> None:

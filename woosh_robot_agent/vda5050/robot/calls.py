@@ -190,7 +190,8 @@ class RobotCalls:
             if answer is None:
                 return
             if control is Control.CANCEL:
-                self._ask_about(run)
+                self._ask_about(run)  # so that its end is known even if no report tells it
+            # before the action has begun, a refused pause does not mean that it cannot pause
             elif control is Control.PAUSE and not answer.ok and (run.accepted or run.reported):
                 self._pause_failed(run)
 
@@ -250,6 +251,7 @@ class RobotCalls:
             self._link.changed()
 
     def _pause_failed(self, run: _Run) -> None:
+        """Take note that the robot cannot pause an action, so that no pause is sent again."""
         run.cannot_pause = True
         run.controller.withdraw_pause()
         self._link.changed()

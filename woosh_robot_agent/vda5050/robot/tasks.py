@@ -194,6 +194,7 @@ class TaskRunner:
     # Commands
 
     def _set_current(self, task_id: int) -> None:
+        """Make a task the current one, with a controller of its own; 0 for no task."""
         self.id = task_id
         self._last_id = max(self._last_id, task_id)
         self.confirmed = False
@@ -208,7 +209,7 @@ class TaskRunner:
 
         def answered(control: Control, answer: Answer | None) -> None:
             if task_id == self.id:
-                self._ask_until_known()
+                self._ask_until_known()  # so that the effect is known even if no report tells it
 
         def may_send() -> bool:
             return not self.foreign_id  # an ActionOrder names no task: it would hit the foreign one
@@ -241,6 +242,7 @@ class TaskRunner:
             self._ask_until_known()
 
     def _update_foreign_id(self, report: TaskProc) -> None:
+        """Update `foreign_id` from a report on the task that the robot executes."""
         is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
         foreign_id = report.robot_task_id if is_foreign else 0
         if foreign_id != self.foreign_id:
@@ -336,6 +338,7 @@ class TaskRunner:
             self.confirmed = False
 
     def _end(self, task_id: int, reason: str) -> None:
+        """End a task, unless it is not the current one any more."""
         if task_id and task_id == self.id:
             self._set_current(0)
             self._on_end(reason)
