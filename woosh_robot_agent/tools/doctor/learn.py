@@ -82,7 +82,7 @@ def _is_field(path: KeyPath) -> bool:
 
 
 _Found = Iterator[tuple[KeyPath, Learned]]
-"""Learned values with their keys."""
+"""Learned values with their keys; each function below yields those of a part of the profile."""
 
 _MIN_SAMPLES = 3
 """Minimum number of samples to learn a distribution."""

@@ -267,6 +267,7 @@ class Observations:
             return None
 
     def _add_body(self, frame: SeenFrame, body: Message, *, pushed: bool) -> None:
+        """Note the latest values, the names and the scan in a message of the robot."""
         self._set_latest(body)
         if isinstance(body, RobotInfo):
             for _, part in body.ListFields():

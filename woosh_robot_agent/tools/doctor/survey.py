@@ -134,13 +134,14 @@ class _Survey:
             await cancel_and_wait(reading, asking)
 
     async def _read(self) -> None:
+        """Add the frames of the robot, and hand each answer to the request that waits for it."""
         while True:
             try:
                 data = await self._transport.recv()
             except FrameError as error:
                 self.seen.unreadable[f"a frame: {error.kind}"] += 1
                 continue
-            # the survey uses JSON, which a robot may send in binary frames, too
+            # the survey uses JSON, but `Observations` takes bytes for protobuf
             text = data if isinstance(data, str) else data.decode(errors="replace")
             answer = self.seen.add(SeenFrame(self._now(), _CONNECTION, True, text))
             waiting = self._waiting.pop(answer.sn, None) if answer else None
@@ -148,6 +149,7 @@ class _Survey:
                 waiting.set_result(answer)
 
     async def _ask_all(self) -> None:
+        """Subscribe to everything, then send the queries, round after round."""
         subscription = Subscription(sub=True, topics=_SUBSCRIBED)
         await self._send(SUBSCRIPTION_TYPE, subscription, 0)
         while True:

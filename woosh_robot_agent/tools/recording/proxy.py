@@ -154,6 +154,7 @@ class RecordingProxy:
             self._recorder.flush()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one client until its connection ends, and record the end."""
         task = asyncio.current_task()
         assert task is not None
         self._tasks.add(task)
@@ -178,6 +179,7 @@ class RecordingProxy:
         client_reader: asyncio.StreamReader,
         client_writer: asyncio.StreamWriter,
     ) -> None:
+        """Connect to the chassis, and copy both directions until one of them ends."""
         config = self._chassis
         peer = client_writer.get_extra_info("peername")
         try:

@@ -148,6 +148,11 @@ def read_recording(*paths: Path) -> Recording:
 
 
 def _read_part(path: Path) -> _Part:
+    """Read one file.
+
+    Raises:
+        RecordingError: the file cannot be read, or has no recording of the supported layout.
+    """
     part = _Part(path)
     part.read()
     if part.has_ros_topics:
