@@ -51,6 +51,7 @@ def from_plain(kind: Any, data: Any) -> Any:
         return data
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (types.UnionType, typing.Union):
+        # the only unions in the file have the form `X | None`
         inner = next(each for each in arguments if each is not types.NoneType)
         return None if data is None else from_plain(inner, data)
     if origin is tuple:

@@ -191,7 +191,7 @@ class RobotCalls:
                 return
             if control is Control.CANCEL:
                 self._ask_about(run)  # so that its end is known even if no report tells it
-            # before the action has begun, a refused pause does not mean that it cannot pause
+            # a refusal before the action has begun does not mean that the action cannot be paused
             elif control is Control.PAUSE and not answer.ok and (run.accepted or run.reported):
                 self._pause_failed(run)
 
