@@ -117,7 +117,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
         await transport.send(
             codec.encode(
                 full_name(RobotInfo),
-                RobotInfo(robot_id=config.robot_id or None),
+                RobotInfo(robot_id=config.robot_id or None),  # without a gateway, it is left out
                 sn=_SN,
                 timestamp=round(sent_at * 1000),
             )

@@ -226,6 +226,7 @@ class RecordingProxy:
         )
         receiver: Side = "chassis" if sender == "client" else "client"
         client_writer, chassis_writer = connection.writers
+        # a reader does not give its transport, but the writer of the same connection does
         source = client_writer if sender == "client" else chassis_writer
         pace = ReadPace(source.transport, self._read_period)
         is_reading = True
