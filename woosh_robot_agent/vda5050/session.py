@@ -214,6 +214,7 @@ class Session:
 
     @property
     def errors(self) -> tuple[VehicleError, ...]:
+        """Errors of the state file, and of a second connector."""
         errors = (self._store.error, self._detector.error)
         return tuple(error for error in errors if error is not None)
 

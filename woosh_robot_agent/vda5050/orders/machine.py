@@ -95,6 +95,7 @@ class OrderMachine:
         """The order or update that was taken last."""
         self.canceling = False
         self._is_cancelled = False
+        """True if the order was cancelled, also after it has been emptied."""
         self._holds: set[str] = set()
         """Names of the holds, i.e. of the reasons for which the vehicle must not drive."""
         self._is_drive_paused: bool | None = False
@@ -430,7 +431,7 @@ class OrderMachine:
         if not route.must_check_place or self.driving or not can_go_on:
             return True
         if last is not None and last.position is not None:
-            if route.position is None or not may_drive:
+            if route.position is None or not may_drive:  # somebody may still move the vehicle
                 return False
             is_there = route.stands_on(last) or route.was_not_moved()
             if not is_there and self.error is None:

@@ -140,7 +140,9 @@ class Route:
             True if the node was reached.
         """
         last = self.last_node
-        if last is None or last.position is None or node.position is None or node.mark:
+        if last is None or last.position is None or node.position is None:
+            return False
+        if node.mark:  # the robot drives to a mark even from the same place
             return False
         if math.dist(node.position.point, last.position.point) >= _SAME_PLACE:
             return False
