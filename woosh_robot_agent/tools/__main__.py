@@ -9,7 +9,7 @@ from functools import partial
 
 from woosh_robot_agent.program import run_program
 
-TYPE_CHECKING = False
+TYPE_CHECKING = False  # as in `typing`, which loads slowly; type checkers know the name
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -39,6 +39,7 @@ def start(name: str, arguments: Sequence[str] | None = None) -> int:
     return run_program(main)
 
 
+# the entry points of the package
 dashboard, doctor, maps, monitor, record, replay = (partial(start, name) for name in _MODULES)
 
 if __name__ == "__main__":

@@ -83,6 +83,8 @@ class Execution:
     """Executes the order and the instant actions. Used in the event loop of the link.
 
     Attributes:
+        link: the link to the robot.
+        version: version of the standard.
         types: the actions of the vehicle.
         robot: the last reports of the robot.
         maps: maps on the robot, and marks of its scene.
@@ -122,6 +124,7 @@ class Execution:
         self._link_was_lost = False
         """True from a loss of the link until no action is active."""
         link.chassis.on_state(self._link_changed)
+        # people may have moved the robot before the link was there
         link.chassis.on_snapshot(lambda info: self.order.require_place_check())
 
     # Motion, pause and errors
@@ -163,7 +166,7 @@ class Execution:
 
     @property
     def _has_charging_task(self) -> bool:
-        """True while a task of startCharging goes on, usually longer than the action."""
+        """True while a task of startCharging goes on, which usually outlasts the action."""
         return bool(self.tasks.id) and not self.order.driving and not self.order.acting
 
     @property
@@ -175,7 +178,7 @@ class Execution:
         return not (self.order.acting or self.active)  # an action may set the position
 
     def errors(self) -> list[VehicleError]:
-        """Return errors that tell why the order or the robot waits, and that of a lost link."""
+        """Return the error of a lost link, and errors that tell why order or robot waits."""
         errors = []
         order = self.order.status
         if not self.link.ready:
@@ -191,13 +194,15 @@ class Execution:
                 )
             )
         if self.robot.status is not None and self.robot.status.blocked:
-            place = {"orderId": order.order_id, "nodeId": order.nodes[0].id} if order.nodes else {}
+            references: dict[str, str] = {}
+            if order.nodes:
+                references = {"orderId": order.order_id, "nodeId": order.nodes[0].id}
             errors.append(
                 warning(
                     ErrorType.OBSTACLE,
                     _OBSTACLE(),
                     "clear the way, and the robot drives on; or cancel the order",
-                    **place,
+                    **references,
                 )
             )
         if self.order.busy and self._is_driven_otherwise:
@@ -236,7 +241,8 @@ class Execution:
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
             self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
-            # in mode MANUAL, `update_position` forgets the node once the robot has left it
+            # forget the last node, but in mode MANUAL only once the robot has left it, which is
+            # done by `update_position`
             if mode is not OperatingMode.MANUAL and not self.order.busy:
                 self.order.set_last_node("")
         elif self._has_lost_position:
@@ -265,12 +271,13 @@ class Execution:
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
         """Report why an action failed; to be called before `action_changed`, which ends it."""
         if kind is ErrorType.INTERRUPTED:
-            kind = ErrorType.ACTION  # the order is interrupted; the action has failed
+            kind = ErrorType.ACTION  # of the action; the order reports its own error
             if need_standstill((action,)):
                 self.order.interrupt(action.id, reason)
         self.instant.failed(action, reason, kind)
 
     def _clear(self, cause: str, hint: str) -> None:
+        """Cancel the order, and report the cause; without an order to cancel, do nothing."""
         if not self.order.busy or self.order.canceling:
             return
         order_id = self.order.order_id
@@ -285,6 +292,7 @@ class Execution:
         self.drive.want(Control.CANCEL)
 
     def _drive_ended(self, reason: str) -> None:
+        """Take the end of the drive, with the reason of a failure; empty after a success."""
         if reason == UNSENT:
             self.order.drive_unsent()
         else:
@@ -321,7 +329,7 @@ class Execution:
         return commands
 
     def _poll_order(self) -> list[Command]:
-        if self._is_driven_otherwise:
+        if self._is_driven_otherwise:  # so the robot may leave the last node
             self.order.require_place_check()
         may_drive = self.may_act and self.robot.is_automatic and not self.tasks.id
         return self.order.poll(

@@ -222,8 +222,8 @@ class Intake:
         self._payload = b""
         """The last message with an order that was accepted; empty before the first."""
         self._order: Order | None = None
-        """The order in `_payload`, before `with_marks`, because marks may change; None before the
-        first."""
+        """The order in `_payload` as it was sent: without the positions of marks, which may change.
+        None before the first."""
         self.message_error: VehicleError | None = None
 
     def take_order(self, identity: Identity, payload: bytes) -> bool:
@@ -251,7 +251,7 @@ class Intake:
         self._payload, self._order = payload, received
         if kind is OrderKind.NEW:
             self.message_error = None
-            if self._version.is_3:
+            if self._version.is_3:  # ended instant actions stay until clearInstantActions
                 execution.instant.errors.clear()
             else:
                 execution.instant.forget_ended()

@@ -24,7 +24,8 @@ from woosh_robot_agent.link.tasks import run_with_timeout
 
 _LOG = logging.getLogger(__name__)
 _LIBRARY_LOG = logging.getLogger(f"{__name__}.library")
-"""Log of the MQTT libraries, which report a lost connection several times and without a hint."""
+"""Log of the MQTT libraries; silenced, because they report a lost connection several times and
+without a hint."""
 _LIBRARY_LOG.setLevel(logging.CRITICAL)
 _DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 _BACKOFF_MIN = 0.5
@@ -257,9 +258,9 @@ class MqttConnection:
 class _Client(aiomqtt.Client):
     """The client of aiomqtt, without three errors of its release 2.5.1.
 
-    It watches a socket that was closed meanwhile, and stores the reason of a lost connection where
-    nobody reads it: asyncio logs tracebacks of both. It keeps a connection open that was cancelled
-    while it began.
+    aiomqtt watches a socket that was closed meanwhile, and stores the reason of a lost connection
+    where nobody reads it: asyncio logs tracebacks of both. And aiomqtt keeps a connection open that
+    was cancelled while it began.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

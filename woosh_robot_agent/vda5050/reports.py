@@ -43,7 +43,7 @@ class HeaderIds:
     Args:
         first: next id of each topic.
         save: saves the id of each topic with which to continue after a restart; called when ids are
-            reserved, before they are used.
+            reserved, before they are used. By default, nothing is saved.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class HeaderIds:
         """Take the next id of a topic, and return it."""
         number = self._next[topic]
         self._next[topic] = (number + 1) % _ID_COUNT
-        # more than a block is left when the ids start again at 0
+        # when the ids start again at 0, the difference is larger than a block
         if not 0 < self._reserved[topic] - self._next[topic] <= _BLOCK_SIZE:
             self._reserved[topic] = self._next[topic] + _BLOCK_SIZE
             self._save({name: reserved % _ID_COUNT for name, reserved in self._reserved.items()})
@@ -195,7 +195,7 @@ class Reports:
         return self._prefix + topic.value
 
     def last_will(self) -> Publication:
-        """Return the message that the broker publishes when the connection breaks.
+        """Return the message that the broker publishes when the connection breaks, and remember it.
 
         Its header id follows that of the first message of the connection, ONLINE.
         """

@@ -214,6 +214,7 @@ class Session:
 
     @property
     def errors(self) -> tuple[VehicleError, ...]:
+        """Errors of the state file, and of a second connector."""
         errors = (self._store.error, self._detector.error)
         return tuple(error for error in errors if error is not None)
 
@@ -238,7 +239,7 @@ class Session:
         Data that prevent a second execution, e.g. ids of actions, are on the disk on return; other
         data are saved soon.
         """
-        if self.is_open:
+        if self.is_open:  # before, the record of the last run is not known
             self._store.save(record)
 
     async def close(self, timeout: float) -> None:
@@ -257,6 +258,7 @@ class Session:
         self._store.close()
 
     async def _run(self) -> None:
+        """Open the state file, then stay connected to the broker."""
         record, damage = await self._open()
         config = self._config
         self._header_ids = HeaderIds(record.header_ids, self._store.save_header_ids)
@@ -286,6 +288,7 @@ class Session:
             )
 
     async def _open(self) -> tuple[Record, VehicleError | None]:
+        """Open the state file, as `Store.open` does; try again until it can be used."""
         while True:
             try:
                 return self._store.open()

@@ -34,7 +34,7 @@ _DAMAGED = Sentence(
 
 
 def to_json(value: Any) -> bytes:
-    """Return an instance of a dataclass as JSON."""
+    """Return an instance of a dataclass as JSON, with enumeration members as their values."""
     plain = asdict(value)
     return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
 
@@ -51,6 +51,7 @@ def from_plain(kind: Any, data: Any) -> Any:
         return data
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (types.UnionType, typing.Union):
+        # the only unions in the file have the form `X | None`
         inner = next(each for each in arguments if each is not types.NoneType)
         return None if data is None else from_plain(inner, data)
     if origin is tuple:
@@ -245,6 +246,7 @@ class Store:
         return self.error is None and with_saved_progress == saved
 
     def _save(self, record: Record) -> None:
+        """Write a record, unless the file has it already."""
         if record == self._record and self.error is None:
             return
         self._record = record
@@ -269,6 +271,7 @@ class Store:
         self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
 
     def _load(self, path: Path) -> tuple[Record, VehicleError | None]:
+        """Read the file, and rename a damaged one; see `open` for what is returned."""
         try:
             self._record = self._read(path)
         except FileNotFoundError:
@@ -310,6 +313,7 @@ def replace_file(path: Path, content: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)
+    # without this, a loss of power may undo the renaming
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)

@@ -117,7 +117,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
         await transport.send(
             codec.encode(
                 full_name(RobotInfo),
-                RobotInfo(robot_id=config.robot_id or None),
+                RobotInfo(robot_id=config.robot_id or None),  # without a gateway, it is left out
                 sn=_SN,
                 timestamp=round(sent_at * 1000),
             )
@@ -142,7 +142,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
         ) from None
     received_at = time.time()
     info = _robot_info_in(codec, answer, config)
-    answered_at = (sent_at + received_at) / 2  # presumably
+    answered_at = (sent_at + received_at) / 2  # if both ways took the same time
     skew = answer.timestamp / 1000 - answered_at if answer.timestamp else None
     return RobotInfoAnswer(info, skew, received_at - sent_at)
 

@@ -82,7 +82,7 @@ def _is_field(path: KeyPath) -> bool:
 
 
 _Found = Iterator[tuple[KeyPath, Learned]]
-"""Learned values with their keys."""
+"""Learned values with their keys; each function below yields those of a part of the profile."""
 
 _MIN_SAMPLES = 3
 """Minimum number of samples to learn a distribution."""
@@ -211,7 +211,7 @@ def _rates(seen: Observations) -> _Found:
         yield ("rates", "scan_push"), push
         if scan:
             is_each_pushed = scan.value > _MIN_PERIOD_RATIO * push.value
-        else:  # there are at least as many scans as pushes
+        else:  # nothing was measured: as in the reference, unless scans are pushed more often
             is_each_pushed = reference()["rates"]["scan"] > push.value
         if is_each_pushed:
             scan = push
@@ -237,7 +237,7 @@ def _scan_period(seen: Observations) -> Learned | None:
     for begin, end in pairwise([0, *ends, len(polls)]):
         series = polls[begin:end]
         changes = [two.t for one, two in pairwise(series) if one.ranges != two.ranges]
-        if len(series) >= 2 * len(changes):
+        if len(series) >= 2 * len(changes):  # at least two polls per scan
             gaps += _gaps(changes)
     if len(gaps) < _MIN_SAMPLES:
         return None
@@ -451,6 +451,7 @@ def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
             else:
                 lines.append(f"  {name}: {_value(values.get((section, name), Learned(value, 0)))}")
     text = "\n".join(lines) + "\n"
+    # only checks the values
     structure(Profile, load_yaml("profile", text.encode()), "profile")
     return text
 

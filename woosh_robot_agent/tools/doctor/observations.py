@@ -254,7 +254,7 @@ class Observations:
         """Return the body of a frame, and note types and fields that the schema lacks."""
         cls = message_types().get(envelope.type)
         if cls is None:
-            if frame.by_robot and envelope.type != "error":
+            if frame.by_robot and envelope.type != "error":  # the type of some refusals
                 self.unknown_types[envelope.type].add(_as_json(envelope.body))
             return None
         if frame.by_robot and isinstance(envelope.body, dict):
@@ -267,6 +267,7 @@ class Observations:
             return None
 
     def _add_body(self, frame: SeenFrame, body: Message, *, pushed: bool) -> None:
+        """Note the latest values, the names and the scan in a message of the robot."""
         self._set_latest(body)
         if isinstance(body, RobotInfo):
             for _, part in body.ListFields():

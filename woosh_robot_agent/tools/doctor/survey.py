@@ -51,8 +51,9 @@ _EMPTY_REQUESTS = tuple(
     )
     if name != full_name(SceneDataEasy)
 )
-"""Types that are requested without content in each round. What is pushed can be requested, too: a
-request without content cannot change anything."""
+"""Types that are requested without content in each round, so without SceneDataEasy, which needs the
+name of a scene. What is pushed can be requested, too: a request without content cannot change
+anything."""
 _SUBSCRIBED = tuple(dict.fromkeys((*_PUSHED, full_name(Feedbacks), *_EMPTY_REQUESTS)))
 """Types that are subscribed to. The robot may also push what it is only known to answer."""
 _LARGE_ROUNDS = 3
@@ -133,12 +134,14 @@ class _Survey:
             await cancel_and_wait(reading, asking)
 
     async def _read(self) -> None:
+        """Add the frames of the robot, and hand each answer to the request that waits for it."""
         while True:
             try:
                 data = await self._transport.recv()
             except FrameError as error:
                 self.seen.unreadable[f"a frame: {error.kind}"] += 1
                 continue
+            # the survey uses JSON, but `Observations` takes bytes for protobuf
             text = data if isinstance(data, str) else data.decode(errors="replace")
             answer = self.seen.add(SeenFrame(self._now(), _CONNECTION, True, text))
             waiting = self._waiting.pop(answer.sn, None) if answer else None
@@ -146,6 +149,7 @@ class _Survey:
                 waiting.set_result(answer)
 
     async def _ask_all(self) -> None:
+        """Subscribe to everything, then send the queries, round after round."""
         subscription = Subscription(sub=True, topics=_SUBSCRIBED)
         await self._send(SUBSCRIPTION_TYPE, subscription, 0)
         while True:
@@ -197,7 +201,7 @@ class _Survey:
             answer = await run_with_timeout(timeout, waiting)
         except TimeoutError:
             self._waiting.pop(self._sn, None)
-            await self._check_link()
+            await self._check_link()  # a lost link says nothing about the type
             self._unanswered[name] = self._unanswered.get(name, 0) + 1
             return
         if isinstance(answer.body, RobotInfo):

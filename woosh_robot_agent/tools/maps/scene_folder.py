@@ -186,7 +186,14 @@ def _check_type(name: str) -> None:
 
 @dataclass(frozen=True)
 class _MarkEntry:
-    """A mark in the file."""
+    """A mark in the file.
+
+    Attributes:
+        pose: pose of a robot that stands at the mark; None if only `real` is known.
+        real: pose of the place itself; None if it is the same as `pose`.
+        details: further fields of the robot's mark, as JSON.
+        where: place of the entry in the file, for errors; not in the file itself.
+    """
 
     number: str
     id: Annotated[int, Between(0, _UINT32)] = 0
@@ -223,14 +230,14 @@ def _storage(entry: _MarkEntry) -> Storage:
         text = f"details have the data of a {given}, but type is {entry.type}"
         raise DataFileError(f"{entry.where}: {text}")
     if entry.type != _BASE:
-        getattr(storage, entry.type).SetInParent()
+        getattr(storage, entry.type).SetInParent()  # sets the category, even without data
     for target, source in (
         (storage.pose.dock, entry.pose),
         (storage.pose.real, entry.real or entry.pose),
     ):
         if source:
             target.x, target.y, target.theta = source
-            target.SetInParent()
+            target.SetInParent()  # a pose of zeros is a pose, too
     return storage
 
 

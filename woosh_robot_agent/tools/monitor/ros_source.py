@@ -139,6 +139,7 @@ class RosSource:
         """Number of messages that could not be converted, and the last error."""
         self._robot_info_call: _RetriedCall
         self._needs_robot_info = True
+        """True until the agent has answered with the robot's state since it was last connected."""
         self._loop: asyncio.AbstractEventLoop
 
     async def start(self) -> None:
@@ -265,7 +266,7 @@ class RosSource:
                 self._forget_agent()
             if not found:
                 return
-            self._set_agent(min(found))
+            self._set_agent(min(found))  # any of several agents, but always the same
         assert self._parameters_call is not None
         self._parameters_call.call()
         if self._needs_robot_info:

@@ -91,21 +91,21 @@ class McapFile:
         return size if channel in self._channels else size + 2 * _definition_size(channel)
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
-        """Write an attachment."""
+        """Write an attachment after the messages so far."""
         self.flush()
         self._writer.add_attachment(log_time, log_time, name, media_type, data)
         self._end_size += len(name) + len(media_type) + _RECORD_OVERHEAD
         self.flush()
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write metadata."""
+        """Write metadata after the messages so far."""
         self.flush()
         self._writer.add_metadata(name, values)
         self._end_size += len(name) + _RECORD_OVERHEAD
         self.flush()
 
     def flush(self) -> None:
-        """Complete the chunk and pass it on to the operating system."""
+        """Complete the chunk, pass everything on to the operating system, and update the sizes."""
         if self.pending:
             self._end_size += self._chunk_end_size()
         self._writer.flush()
@@ -148,6 +148,7 @@ class McapFile:
 
 
 def _definition_size(channel: Channel) -> int:
+    """Return the maximum size of the records that define a channel and its schema, in bytes."""
     metadata = sum(len(name) + len(value) for name, value in channel.metadata.items())
     names = 2 * len(channel.topic) + 2 * len(channel.schema_name)
     return len(channel.schema) + names + 4 * metadata + 2 * _RECORD_OVERHEAD

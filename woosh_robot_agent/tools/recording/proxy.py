@@ -27,7 +27,7 @@ from woosh_robot_agent.tools.robot_view import system_text
 _BURST = 20
 """Number of reads that may follow each other at once."""
 _LARGE = 16 * 1024
-"""Size of a read from which the next read follows at once, in bytes."""
+"""Size of a read that is worth its wake-up, so that the next read follows at once, in bytes."""
 
 
 class ReadPace:
@@ -154,6 +154,7 @@ class RecordingProxy:
             self._recorder.flush()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one client until its connection ends, and record the end."""
         task = asyncio.current_task()
         assert task is not None
         self._tasks.add(task)
@@ -178,6 +179,7 @@ class RecordingProxy:
         client_reader: asyncio.StreamReader,
         client_writer: asyncio.StreamWriter,
     ) -> None:
+        """Connect to the chassis, and copy both directions until one of them ends."""
         config = self._chassis
         peer = client_writer.get_extra_info("peername")
         try:
@@ -185,7 +187,7 @@ class RecordingProxy:
             chassis_reader, chassis_writer = await run_with_timeout(config.connect_timeout, opening)
         except OSError as error:
             reason = system_text(error)
-            if isinstance(error, TimeoutError) and not error.errno:
+            if isinstance(error, TimeoutError) and not error.errno:  # not the system's own timeout
                 reason = f"no answer within {config.connect_timeout:g} s"
             self._recorder.add_event(connection.number, "refused", "chassis", reason)
             self._log.warn("refused", f"{config.address} cannot be reached: {reason}")
@@ -224,6 +226,7 @@ class RecordingProxy:
         )
         receiver: Side = "chassis" if sender == "client" else "client"
         client_writer, chassis_writer = connection.writers
+        # a reader does not give its transport, but the writer of the same connection does
         source = client_writer if sender == "client" else chassis_writer
         pace = ReadPace(source.transport, self._read_period)
         is_reading = True

@@ -67,9 +67,16 @@ class _Part:
         self.messages: list[tuple[int, Any]] = []
         """The messages on the channels that are replayed, with their log times."""
         self.damage = ""
+        """Why the end of the file is missing; empty if the file is complete."""
         self.has_ros_topics = False
+        """True for a file of `record --ros`, which is not read further."""
 
     def read(self) -> None:
+        """Read the file up to its end, or up to where it is damaged.
+
+        Raises:
+            RecordingError: the file cannot be read, or is no MCAP file.
+        """
         try:
             opened = self.path.open("rb")
         except OSError as error:
@@ -141,6 +148,11 @@ def read_recording(*paths: Path) -> Recording:
 
 
 def _read_part(path: Path) -> _Part:
+    """Read one file.
+
+    Raises:
+        RecordingError: the file cannot be read, or has no recording of the supported layout.
+    """
     part = _Part(path)
     part.read()
     if part.has_ros_topics:

@@ -289,7 +289,7 @@ class ReplayedChassis:
     def _receive(self, client: ConnectedClient, data: str | bytes) -> None:
         codec = server_codec(data)
         envelope = codec.decode(data)
-        if client in self._clients:
+        if client in self._clients:  # otherwise it has just been dropped
             self._clients[client] = codec
         if is_subscription(envelope):
             topics = set(client.topics)

@@ -78,6 +78,7 @@ _DEPTH = 1000
 _AGENT_TOPIC = TOPICS[0].name
 """Topic whose publisher is taken for the agent's node."""
 _INFINITE = "{sec: 9223372036, nsec: 854775807}"
+"""An infinite duration, as rosbag2 writes it."""
 
 
 class RosRecorder:

@@ -139,6 +139,7 @@ def make_timeline(decoded: Iterable[DecodedRecord], connections: set[int]) -> It
 
 
 def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterator[Step]:
+    """Yield the step of a client's frame, if any; update `topics`, its subscribed types."""
     if is_subscription(envelope):
         had_none = not topics
         with contextlib.suppress(FrameError):  # the chassis could not read it, either

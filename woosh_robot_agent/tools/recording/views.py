@@ -109,6 +109,7 @@ class MessageDecoder:
             return None
 
     def _class_and_channel(self, sender: Side, envelope: Envelope) -> tuple[Any, Channel] | None:
+        """Return class and channel of the message in a frame; None for an unknown type."""
         name = envelope.type
         if name == SUBSCRIPTION_TYPE:
             name = full_name(Subscription)
@@ -389,12 +390,14 @@ def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
 
 
 def _view(area: SceneData.Map, time: int) -> View | None:
+    """Return the view of a map; None if the map is too large."""
     from PIL import ImageOps
 
     grey = grey_image(area.map_png)
     if grey.width * grey.height > _MAX_CELLS:
         _LOG.warning("map %s is too large for a view; it is attached only", area.name)
         return None
+    # the first row of a Grid is the lowest one
     colours = ImageOps.flip(grey).convert("RGBA").tobytes()
     fields = [
         PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)

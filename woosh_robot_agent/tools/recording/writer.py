@@ -99,8 +99,10 @@ class RecordingWriter:
         self._states: dict[str, View] = {}
         """The last view of each state, which every new file begins with."""
         self._robot: dict[str, str] = {}
+        """The robot's number, model and software, as metadata; empty if unknown."""
         self._start = time.time_ns()
         self._clock_offset = self._start - time.monotonic_ns()
+        """Unix time at zero of the monotonic clock, in ns."""
         self._metadata = {"version": VERSION, "address": address, "started": str(self._start)}
         self._file_count = 0
         self._files = RecordingFiles(path, limits, self._begin_file, on_early_end)

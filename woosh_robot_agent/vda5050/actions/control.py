@@ -91,7 +91,7 @@ async def cancel_order(run: Run) -> None:
         )
     if not order.canceling:
         order.cancel()
-    run.link.changed()
+    run.link.changed()  # sends the cancellation to the robot
     await run.link.conditions.wait(
         lambda: not order.canceling or (order.has_ended and not execution.has_own_motion)
     )

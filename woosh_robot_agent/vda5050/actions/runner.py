@@ -159,5 +159,6 @@ class ActionRunner:
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         self._execution.active.pop(action.id, None)
         self._tasks.pop(action.id, None)
+        # when the connector ends, the robot goes on, and the action must not count as ended
         if not self._execution.link.is_closing:
             self._execution.action_changed(action.id, status, result)

@@ -302,7 +302,7 @@ def _rejection(topic: Topic, message: Any, reason: str) -> RejectedError:
     return RejectedError(
         warning(
             ErrorType.VALIDATION,
-            # a slice is a plain string, which the page cannot translate
+            # cut only if necessary: the dashboard cannot translate a slice, a plain string
             text if len(text) <= _MAX_REASON else text[:_MAX_REASON],
             "correct the message and send it again",
             topic=topic.value,

@@ -11,7 +11,7 @@ from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
 ROBOT_REFUSED = Sentence("vda.refused", "the robot refused {what}: {reason}")
 """Reason of a failure: a refusal, with the robot's text."""
 WITH_TEXT = Sentence("vda.withText", "{reason}: {text}")
-"""Another reason of a failure, with the robot's text."""
+"""Reason of a failure that is not a refusal, with the robot's text."""
 NO_STATE = Sentence("vda.noState", "the robot has not reported its state yet")
 """Reason of a failure before the first report of the robot."""
 

@@ -90,7 +90,10 @@ class OrderActions:
         )
 
     def restore(self, memory: ActionsMemory) -> None:
-        """Restore the actions after a restart. Those that ran count as running, see `interrupt`."""
+        """Restore the actions after a restart.
+
+        Those that ran count as running until `interrupt` lets them fail.
+        """
         self._states = {state.id: state for state in memory.states}
         self.triggered = list(memory.triggered)
         self.running = {action.id: action for action in memory.running}

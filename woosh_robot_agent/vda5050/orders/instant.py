@@ -36,8 +36,8 @@ _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
 _HOLD_PREFIX = "action "
-"""Prefix of the names of holds: while an instant action forbids driving, the order has a hold with
-this prefix and the id of the action."""
+"""Prefix of the names of holds, the reasons for which the order must not drive. While an instant
+action forbids driving, the order has a hold with this prefix and the id of the action."""
 
 _TOO_MANY = Sentence("vda.tooManyInstant", "more than {most} instant actions run")
 _RUNS = Sentence("vda.idRuns", "the {action} with this id has not ended")
@@ -102,7 +102,7 @@ class InstantActions:
     def receive(self, actions: Sequence[Action]) -> None:
         """Perform instant actions. An action whose id must not be used again gets an error."""
         for action in actions:
-            if action.type == STOP_PAUSE:
+            if action.type == STOP_PAUSE:  # it ends these pauses, too
                 self._pause_again.clear()
             if self._repeats_running_pause(action):
                 # not refused, because a stopPause may have arrived since the first one
@@ -181,13 +181,15 @@ class InstantActions:
         self.errors.clear()
 
     def _start(self, action: Action, kind: ActionType) -> None:
+        """Add the command to perform an action; hold the order if the action forbids driving."""
         if kind.scopes == {Scope.INSTANT}:
             # the action controls the vehicle itself, so it ignores its blockingType
             self.commands.append(Perform(action, at_once=True))
             return
         if kind.pausable:
             self.last_motion = action.id
-        if action.blocking not in kind.blocking:  # in version 3.0, instant actions have only NONE
+        # any type is accepted (version 3.0 has only NONE), but this action needs a standstill
+        if action.blocking not in kind.blocking:
             action = replace(action, blocking=BlockingType.HARD)
         if action.blocking.forbids_driving:
             self._order.hold(_hold_of(action.id))
@@ -230,7 +232,7 @@ class InstantActions:
             self.errors.append(error)
 
     def _forget_oldest(self) -> None:
-        """Forget the oldest actions that have ended, if there are too many."""
+        """Forget the oldest actions that have ended, and the oldest ids, if there are too many."""
         surplus = len(self._states) - _MAX_STATES
         ended = [key for key, state in self._states.items() if state.status.ended]
         for key in ended[: max(0, surplus)]:

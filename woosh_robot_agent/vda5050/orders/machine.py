@@ -55,11 +55,11 @@ class OrderMemory:
         nodes: nodes still to be reached.
         edges: edges still to be left.
         on_edge: True if the vehicle is on the first of `edges`.
-        leg_length: number of nodes of the current leg that are still to be reached; 0 without a
-            leg.
+        leg_length: number of nodes of the current leg (part of the order without a stop) that are
+            still to be reached; 0 without a leg.
         canceling: True from the cancellation of the order until it has been emptied.
         cancelled: True if the order was cancelled.
-        holds: names of the holds that keep the vehicle from driving.
+        holds: names of the holds, i.e. of the reasons for which the vehicle must not drive.
         error: why the order does not go on; None while it goes on.
     """
 
@@ -95,8 +95,9 @@ class OrderMachine:
         """The order or update that was taken last."""
         self.canceling = False
         self._is_cancelled = False
+        """True if the order was cancelled, also after it has been emptied."""
         self._holds: set[str] = set()
-        """Names of the holds that keep the vehicle from driving."""
+        """Names of the holds, i.e. of the reasons for which the vehicle must not drive."""
         self._is_drive_paused: bool | None = False
         """True if the last command about the drive was a pause; None if unknown after a restart."""
 
@@ -116,7 +117,7 @@ class OrderMachine:
 
     @property
     def driving(self) -> bool:
-        """True if the vehicle drives a leg."""
+        """True if the vehicle drives a leg, i.e. a part of the order without a stop."""
         return self._route.leg is not None
 
     @property
@@ -303,7 +304,7 @@ class OrderMachine:
     def drive_unsent(self) -> None:
         """Take note that the last `Drive` was not sent to the robot; `poll` returns it again."""
         self._route.leg = None
-        self._route.must_check_place = True
+        self._route.must_check_place = True  # without a link, people may move the robot
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Store the new status of an action that was started by a `Perform` command."""
@@ -430,7 +431,7 @@ class OrderMachine:
         if not route.must_check_place or self.driving or not can_go_on:
             return True
         if last is not None and last.position is not None:
-            if route.position is None or not may_drive:
+            if route.position is None or not may_drive:  # somebody may still move the vehicle
                 return False
             is_there = route.stands_on(last) or route.was_not_moved()
             if not is_there and self.error is None:
@@ -453,6 +454,7 @@ class OrderMachine:
         )
 
     def _command(self, command: Command) -> None:
+        """Add a command to those that `poll` returns next."""
         self._actions.commands.append(command)
 
     def _start_actions(self) -> None:

@@ -140,7 +140,9 @@ class Route:
             True if the node was reached.
         """
         last = self.last_node
-        if last is None or last.position is None or node.position is None or node.mark:
+        if last is None or last.position is None or node.position is None:
+            return False
+        if node.mark:  # the robot drives to a mark even from the same place
             return False
         if math.dist(node.position.point, last.position.point) >= _SAME_PLACE:
             return False
@@ -169,7 +171,7 @@ class Route:
             step = gap if math.isfinite(gap) else 0.0
             estimated_step = step * _UNSEEN_DETOUR
             self._is_unconfirmed = False
-        if position != last or start is None:
+        if position != last or start is None:  # a repeated report is no move
             self._move_start = start
         self._estimated_way += estimated_step
         self.driven = None if self.driven is None else self.driven + step

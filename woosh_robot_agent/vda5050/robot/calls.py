@@ -144,7 +144,7 @@ class RobotCalls:
     def want(self, control: Control) -> None:
         """Pause or resume all actions, as `Controller.want` does."""
         for run in self._runs.values():
-            run.cannot_pause = False
+            run.cannot_pause = False  # the robot may be able to now
             run.controller.want(control)
 
     async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
@@ -167,7 +167,7 @@ class RobotCalls:
             await self._start(run)
             reason = await asyncio.shield(run.ended)
         except asyncio.CancelledError:
-            if not self._link.is_closing:
+            if not self._link.is_closing:  # when the connector ends, the robot goes on
                 run.controller.want(Control.CANCEL)
                 await asyncio.wait({run.ended})
             raise
@@ -190,7 +190,8 @@ class RobotCalls:
             if answer is None:
                 return
             if control is Control.CANCEL:
-                self._ask_about(run)
+                self._ask_about(run)  # so that its end is known even if no report tells it
+            # a refusal before the action has begun does not mean that the action cannot be paused
             elif control is Control.PAUSE and not answer.ok and (run.accepted or run.reported):
                 self._pause_failed(run)
 
@@ -199,6 +200,7 @@ class RobotCalls:
 
     async def _start(self, run: _Run) -> None:
         def answered(answer: Answer) -> None:
+            """Take the answer in order with the reports, which may come before it."""
             run.accepted = answer.ok
             if answer.ok and not run.reported:
                 run.report(ActionStatus.RUNNING)
@@ -249,6 +251,7 @@ class RobotCalls:
             self._link.changed()
 
     def _pause_failed(self, run: _Run) -> None:
+        """Take note that the robot cannot pause an action, so that no pause is sent again."""
         run.cannot_pause = True
         run.controller.withdraw_pause()
         self._link.changed()

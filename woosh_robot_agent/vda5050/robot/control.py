@@ -105,11 +105,11 @@ class Controller:
 
     def _start_sending(self) -> None:
         """Start to send the wanted command, unless the robot has obeyed it."""
-        if self._next_command() is not None:
+        if self._update_wanted() is not None:
             self._link.background.start_once(self._send_until_obeyed, self)
 
     async def _send_until_obeyed(self) -> None:
-        while (control := self._next_command()) is not None:
+        while (control := self._update_wanted()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
                 self._is_pause_pending = control is Control.PAUSE
@@ -120,10 +120,12 @@ class Controller:
             with contextlib.suppress(TimeoutError):
                 await run_with_timeout(self._link.timing.repeat_after, self._wake.wait())
 
-    def _next_command(self) -> Control | None:
-        """Return the command to send; None if there is none, or the robot has obeyed it.
+    def _update_wanted(self) -> Control | None:
+        """Forget a resumption of what is not paused, and return the command to send.
 
-        Forget a resumption of what is not paused. Keep an obeyed pause, because it must last.
+        Returns:
+            None if there is no command, or the robot has obeyed it. An obeyed pause stays wanted,
+            because it must last.
         """
         if self._wanted is Control.RESUME and not (self.paused or self._is_pause_pending):
             self._wanted = None

@@ -1,4 +1,4 @@
-"""The maps on the robot, and their marks."""
+"""The maps on the robot, and their marks, i.e. numbered places to which it can drive."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class RobotMaps:
     def _scene_reported(self, scene: Scene) -> None:
         if scene.scene_name != self._scene:
             self._scene, self._marks = scene.scene_name, {}
-        self._link.background.start(self._refresh(), self)
+        self._link.background.start(self._refresh(), self)  # instead of one that still runs
 
     async def _refresh(self) -> None:
         """Read maps and marks; try again until the robot answers or the link is lost."""

@@ -64,6 +64,7 @@ class ReportedState:
         """Loop time of the last report of a pose, or of the last request for one."""
         self._silence_timer: asyncio.TimerHandle | None = None
         """Asks a moving robot for its pose if no report comes; None while the robot stands."""
+        # the reports themselves are stored by `_values`
         link.chassis.on_snapshot(lambda info: self._changed())
         link.chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
         for report in _STATE_REPORTS:

@@ -40,13 +40,13 @@ from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 
 def leg_task(leg: Leg, position: Position | None) -> ExecTask:
-    """Return the task that drives a leg, without its id.
+    """Return the task that drives a leg (part of an order without a stop), without its id.
 
     Args:
         position: position of the robot, from which the heading at a node without `theta` follows;
             None if unknown.
     """
-    request = ExecTask(type=task.kPick)
+    request = ExecTask(type=task.kPick)  # drives to its target, and does nothing there
     if leg.goal.mark:
         request.mark_no = leg.goal.mark
     elif leg.edges[0].trajectory is not None:
@@ -194,6 +194,7 @@ class TaskRunner:
     # Commands
 
     def _set_current(self, task_id: int) -> None:
+        """Make a task the current one, with a controller of its own; 0 for no task."""
         self.id = task_id
         self._last_id = max(self._last_id, task_id)
         self.confirmed = False
@@ -208,11 +209,12 @@ class TaskRunner:
 
         def answered(control: Control, answer: Answer | None) -> None:
             if task_id == self.id:
-                self._ask_until_known()
+                self._ask_until_known()  # so that the effect is known even if no report tells it
 
-        return Controller(
-            self._link, f"task {task_id}", send, answered, lambda: not self.foreign_id
-        )
+        def may_send() -> bool:
+            return not self.foreign_id  # an ActionOrder names no task: it would hit the foreign one
+
+        return Controller(self._link, f"task {task_id}", send, answered, may_send)
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
         try:
@@ -240,6 +242,7 @@ class TaskRunner:
             self._ask_until_known()
 
     def _update_foreign_id(self, report: TaskProc) -> None:
+        """Update `foreign_id` from a report on the task that the robot executes."""
         is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
         foreign_id = report.robot_task_id if is_foreign else 0
         if foreign_id != self.foreign_id:
@@ -284,7 +287,7 @@ class TaskRunner:
                     return
             except LinkError as error:
                 _LOG.debug("no answer about task %d: %s", task_id, error)
-                deadline = math.inf
+                deadline = math.inf  # the robot has the full time again once it answers
             else:
                 if clock() > deadline:
                     self._end(task_id, _UNKNOWN_TASK)
@@ -294,7 +297,11 @@ class TaskRunner:
             await asyncio.sleep(_ASK_EVERY)
 
     async def _ask_current(self, task_id: int) -> bool:
-        """Ask for the current task of the robot, and take the report; return True if it is this."""
+        """Ask for the current task of the robot, and take the report on it.
+
+        Returns:
+            True if `task_id` is the current task of the robot.
+        """
 
         def take_answer(answer: Answer) -> None:
             if isinstance(answer.body, TaskProc):
@@ -331,6 +338,7 @@ class TaskRunner:
             self.confirmed = False
 
     def _end(self, task_id: int, reason: str) -> None:
+        """End a task, unless it is not the current one any more."""
         if task_id and task_id == self.id:
             self._set_current(0)
             self._on_end(reason)
@@ -348,6 +356,7 @@ class ActionTasks:
         None if no action waits for the task, e.g. for one that goes on charging.
         """
         self._report: Callable[[ActionStatus], None] = lambda status: None
+        """Called with the status of the action that waits for the task."""
 
     @property
     def id(self) -> int:
@@ -389,7 +398,7 @@ class ActionTasks:
         try:
             await self._link.conditions.wait(lambda: end.done() or is_done())
         except asyncio.CancelledError:
-            if not self._link.is_closing:
+            if not self._link.is_closing:  # when the connector ends, the robot goes on
                 self._task.want(Control.CANCEL)
                 await asyncio.wait({end})
             raise
