@@ -84,6 +84,7 @@ class _RosClient:
     Args:
         action_class: ROS class of the action.
         convert: converts reports to the type of the fields `fb` and `ret`.
+        goal: the goal, as the action server holds it.
     """
 
     def __init__(self, action_class: Any, convert: Converter, goal: Goal) -> None:
@@ -179,7 +180,8 @@ class Actions:
                     last_known=robot.last_known,
                     last_reports=self._last_reports,
                 )
-            # the commands of the agent's own goals are protobuf messages already
+            # the commands of the agent's own goals are protobuf messages already, and only need the
+            # robot's id
             self._actions[action.arg] = _Action(
                 make_kind, replace(context, to_proto=robot.requests.address)
             )
