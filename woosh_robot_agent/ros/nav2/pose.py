@@ -93,7 +93,7 @@ class RobotPose:
         try:
             pose = Pose2D.from_message(report.pose)
             check_finite("speed", report.twist.linear, report.twist.angular)
-        except ValueError:  # `Odom` counts and logs it
+        except ValueError:  # the part `odom` of the standard layer counts and logs it
             return
         self.pose = pose
         self.velocity = Velocity(report.twist.linear, 0.0, report.twist.angular)
