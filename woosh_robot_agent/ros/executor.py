@@ -276,7 +276,7 @@ class Executor:
                 for handler in subscription.event_handlers:
                     if handler in self._watched and subscription in self._watched:
                         self._watched[handler].owner = self._watched[subscription]
-        for each in known.values():
+        for each in known.values():  # these are left over: no node has them any more
             each.is_present = False
         self._limit_use()
         self._watch_idle()

@@ -65,7 +65,7 @@ class Subscribers:
             for handler in handlers:
                 self._node.add_waitable(handler)
         self._publishers.append(publisher)
-        self._changed.set()
+        self._changed.set()  # the subscribers of this publisher have not been counted yet
         return publisher
 
     @property
