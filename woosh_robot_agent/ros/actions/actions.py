@@ -224,7 +224,8 @@ class Actions:
         Args:
             command: the command of one of the actions, e.g. MoveBase.
             on_report: called with each report of the chassis on the goal.
-            published: as in `AgentGoal`.
+            published: loop time at which a ROS client sent the message or goal that this goal
+                carries out, as far as that is known; None if the agent starts it by itself.
         """
         goal = AgentGoal(on_report, published)
         goal.accepted = self._start(goal, self._actions[full_name(command)], command).accepted

@@ -320,6 +320,7 @@ class GoalRun:
             ):
                 continue
             self._last_report = report.message
+            # a cancel may have ended only the part before, so this part is cancelled, too
             if report.begins_part and self._cancellation.requested:
                 self._cancellation.pending = True
                 self._give_up.part_begun()
@@ -358,7 +359,7 @@ class GoalRun:
                 self._poll_soon()
             case LinkError():  # nothing was sent
                 return self._aborted(str(answer))
-            case _:
+            case _:  # unexpected; `run` logs it and aborts the goal
                 raise answer
         return None
 

@@ -256,7 +256,10 @@ class TaskGoal:
         await poll_tasks(self._context, on_result, self._read_current, self._read_history)
 
     def _read_current(self, current: TaskProc) -> PollResult | None:
-        """Return the report on the current task; None if it is another task."""
+        """Return the report on the current task; None if that is another task.
+
+        A report that has not changed since before this goal is on an earlier task of the same id.
+        """
         if current.robot_task_id == self._id and current != self._previous:
             return PollResult([_report(current)])
         return None
