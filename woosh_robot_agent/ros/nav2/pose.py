@@ -125,5 +125,6 @@ class RobotPose:
         message.header.stamp = self._context.now()
         message.header.frame_id = self._context.frame("map")
         message.pose.pose = to_pose(pose)
+        # every seventh element is on the diagonal of the 6x6 matrix
         message.pose.covariance[::7] = self._context.settings().pose_covariance
         self._publisher.publish(message)

@@ -165,6 +165,7 @@ class Odom(Part):
         settings, message = self._context.settings(), self._message
         if settings is not self._covariances_of:
             self._covariances_of = settings
+            # every seventh element is on the diagonal of the 6x6 matrix
             message.pose.covariance[::7] = settings.pose_covariance
             message.twist.covariance[::7] = settings.twist_covariance
         message.header.stamp = stamp
