@@ -32,7 +32,11 @@ _LOG = logging.getLogger(__name__)
 
 
 class LoopThread:
-    """A thread with an asyncio event loop, shared by the links of any number of robots."""
+    """A thread with an asyncio event loop, shared by the links of any number of robots.
+
+    Attributes:
+        loop: the event loop.
+    """
 
     def __init__(self) -> None:
         self._selector = _TimedSelector()
@@ -105,6 +109,9 @@ class LinkThread:
     Args:
         thread: the link thread; it may serve other robots too.
         context: context in which all work runs; it holds the node's logger (`logs.context_of`).
+
+    Attributes:
+        loop: the event loop of the thread.
     """
 
     def __init__(self, thread: LoopThread, context: Context) -> None:
@@ -158,7 +165,7 @@ class LinkThread:
         await asyncio.gather(*tasks, return_exceptions=True)
         for task in tasks:  # a coroutine that had not started has not called its `on_error`
             if (on_error := self._tasks.pop(task, None)) is not None:
-                on_error(_cancelled())
+                on_error(_cancelled_error())
 
     def _spawn(
         self,
@@ -166,7 +173,7 @@ class LinkThread:
         on_error: Callable[[BaseException], None] | None,
     ) -> None:
         task = start_task(self._run_spawned(work, on_error))
-        if not task.done():
+        if not task.done():  # it has already run up to its first wait
             self._tasks[task] = on_error  # the loop itself keeps only a weak reference
 
     async def _run_spawned(
@@ -179,7 +186,7 @@ class LinkThread:
         try:
             await work()
         except asyncio.CancelledError:
-            error = _cancelled()
+            error = _cancelled_error()
             raise
         except Exception as unexpected:
             _LOG.exception("a background task failed")
@@ -191,7 +198,8 @@ class LinkThread:
                 on_error(error)
 
 
-def _cancelled() -> RuntimeError:
+def _cancelled_error() -> RuntimeError:
+    """Return the error that `on_error` gets for a cancelled coroutine."""
     return RuntimeError("the agent is stopping")
 
 

@@ -222,7 +222,7 @@ class WaitSet:
                 self._by_pointer[pointer]
                 for kind in self._kinds
                 for pointer in wait_set.get_ready_entities(kind)
-                if pointer in self._by_pointer
+                if pointer in self._by_pointer  # not the guards and the parts of waitables
             ]
             ready += [each for each in waitables if each.entity.is_ready(wait_set)]
             return ready

@@ -18,7 +18,7 @@ at the entities in use:
 6. `spin_once` runs one callback. An exception of the callback leaves `spin_once`. The next call
    continues the turn.
 7. After an urgent callback, the thread that spins lets other threads run: the callback has handed
-   its work to one of them, which can only begin when Python's lock is free.
+   its work to one of them, which needs the GIL to begin.
 8. A coroutine that awaits something is resumed at the end of each turn. While it keeps its
    callback group busy, the group's other entities are left out.
 """
@@ -101,8 +101,8 @@ class Executor:
         """Ready entities whose callback group is busy."""
         self._suspended: deque[Any] = deque()
         """Tasks of coroutines that await something."""
-        self._context.on_shutdown(self.wake)
-        weakref.finalize(self, self._idle.close)
+        self._context.on_shutdown(self.wake)  # ends the waits of both threads
+        weakref.finalize(self, self._idle.close)  # for an executor that is not shut down
 
     @property
     def context(self) -> Any:
@@ -213,6 +213,7 @@ class Executor:
             self._spin_once(left, lambda: _is_done(future))
 
     def _spin_once(self, timeout: float | None, is_done: Callable[[], bool]) -> None:
+        """Run one callback, unless the timeout passes or `is_done` returns True before."""
         deadline = _deadline(timeout)
         waited = False
         with self._spinning:
@@ -220,7 +221,7 @@ class Executor:
                 left = _FOREVER
                 if deadline is not None:
                     left = int(max(deadline - time.monotonic(), 0.0) * _NANOSECONDS)
-                    if waited and not left:
+                    if waited and not left:  # also look once if the timeout is 0
                         return
                 self._begin_turn(left)
                 waited = True
@@ -245,6 +246,7 @@ class Executor:
             raise ExternalShutdownException
 
     def _entities_in_use(self) -> WaitSet:
+        """Return the wait set of the entities in use; make it again after a change of these."""
         with self._lock:
             if self._are_entities_outdated:
                 self._update()
@@ -269,11 +271,12 @@ class Executor:
                 watched = known.pop(entity) if entity in known else Watched(entity, kind)
                 self._watched[entity] = watched
             for subscription in node.subscriptions:
-                # a message also wakes the thread that waits for an event of the subscription
+                # a message also wakes the thread that waits for an event of the subscription, so
+                # the same thread must wait for both
                 for handler in subscription.event_handlers:
                     if handler in self._watched and subscription in self._watched:
                         self._watched[handler].owner = self._watched[subscription]
-        for each in known.values():
+        for each in known.values():  # these are left over: no node has them any more
             each.is_present = False
         self._limit_use()
         self._watch_idle()
@@ -289,15 +292,18 @@ class Executor:
         return reported
 
     def _limit_use(self) -> bool:
-        """Limit the number of entities in use; return True if there were too many."""
+        """Limit the number of entities in use; return True if there were too many.
+
+        Call it after each change of the entities in use.
+        """
         self._wait_set = None
         in_use = [each for each in self._watched.values() if each.may_idle and not each.is_idle]
         if len(in_use) <= _MAX_IN_USE:
             return False
         in_use.sort(key=lambda each: (each.is_urgent, each.last_turn), reverse=True)
         for place, each in enumerate(in_use):
-            was_used = each.is_urgent or each.last_turn
-            each.is_idle = place >= _MAX_IN_USE // 2 or not was_used
+            was_ready = each.last_turn > 0
+            each.is_idle = place >= _MAX_IN_USE // 2 or not (each.is_urgent or was_ready)
         return True
 
     def _watch_idle(self) -> None:
@@ -305,7 +311,7 @@ class Executor:
 
     def _run_next(self) -> bool:
         """Run the next callback of this turn; return False if the turn is over."""
-        if self._has_run and self._queue:
+        if self._has_run and self._queue:  # between two callbacks
             for urgent in self._urgent:
                 if self._run(urgent):
                     return True
@@ -339,6 +345,7 @@ class Executor:
             return False
         if not entity.callback_group.beginning_execution(entity):
             self._blocked.append(watched)
+            # the next wait set lacks this entity, which would end each wait at once
             self._wait_set = None
             return False
         result = None
@@ -433,6 +440,7 @@ class _IdleThread:
                 return
             self._guard.trigger()
             self._is_closed = True
+        # the garbage collector may run the executor's finalizer, and so this, in the thread itself
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
         self._guard.destroy()

@@ -59,7 +59,7 @@ class Fleet:
                 agent.begin_close()
             executor = self.agents[0].node.executor
             if executor is not None:
-                executor.create_task(lambda: None)  # ends its wait, which the signal does not
+                executor.create_task(lambda: None)  # an empty task, which ends the executor's wait
 
         loop.call_soon_threadsafe(loop.add_reader, fd, begin)
 

@@ -95,7 +95,7 @@ class ParameterNode(Node):
         return self.get_parameter(parameter.name).value
 
     def _check_change(self, changed: list[RosParameter]) -> SetParametersResult:
-        log_as(self.get_logger())
+        log_as(self.get_logger())  # the thread also runs the callbacks of other robots' nodes
         try:
             settings_from(self._values(changed))
         except ValueError as error:
@@ -154,6 +154,7 @@ class Agent:
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
         # the first consumer of pushes: one that it cannot read reaches no other consumer
         self._topics = Topics(self.node, link_thread, chassis)
+        # functions, because `self.actions` is created only below
         gate = MotionGate(chassis, lambda: self.actions.running_goals)
         last_known = LastKnown(chassis)
         explainer = RefusalExplainer(chassis, last_known)

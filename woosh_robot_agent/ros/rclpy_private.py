@@ -17,6 +17,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity
 
 _TimerInfo: Any = getattr(rclpy.timer, "TimerInfo", None)
+"""Class of the times that a timer's callback may take; None in releases before Kilted."""
+
 RCLError: Any = _rclpy.RCLError
 """Base class of the errors of the C library.
 
@@ -70,7 +72,7 @@ def take_request(service: Any) -> tuple[Any, Any] | None:
     handle = service.handle
     with handle:
         taken = handle.service_take_request(service.srv_type.Request)
-    request, header = taken or (None, None)
+    request, header = taken or (None, None)  # rclpy gives no header if there is no request
     return None if header is None else (request, header)
 
 
@@ -106,8 +108,8 @@ def take_data(waitable: Any, executor: Any) -> Callable[[], Any]:
 def call_timer(timer: Any) -> Callable[[], Any] | None:
     """Begin the next period of a timer; return a function that calls its callback.
 
-    None if the timer has been cancelled or reset meanwhile. From Kilted on, a callback may have an
-    argument of the type `rclpy.timer.TimerInfo`.
+    None if the timer has been cancelled or reset meanwhile. From Kilted on, the callback gets its
+    times if it has an argument of the type `rclpy.timer.TimerInfo`.
 
     Replaceable by: a `Timer.call`.
     """

@@ -141,6 +141,6 @@ def this_computer_only() -> dict[str, str]:
 
     Humble has an older variable; later releases log a warning if it is set.
     """
-    if hasattr(Node, "count_services"):
+    if hasattr(Node, "count_services"):  # Humble lacks it
         return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     return {"ROS_LOCALHOST_ONLY": "1"}

@@ -100,7 +100,7 @@ class _QueryHandler:
 
     async def _request_value(self, request: Any) -> _Value:
         """Request the value from the chassis; raise an error without a usable answer."""
-        answer = await self._robot.chassis.request(self._message(request))
+        answer = await self._robot.chassis.request(self._chassis_request(request))
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.msg}")
         if answer.type != self._endpoint.request:
@@ -138,7 +138,12 @@ class _QueryHandler:
         if self._converting is not None and self._converting[1] is task:
             self._converting = None
 
-    def _message(self, request: Any) -> Message:
+    def _chassis_request(self, request: Any) -> Message:
+        """Return the request to the chassis for a request of a client.
+
+        Raises:
+            BadFieldError: a value must not be sent to the robot.
+        """
         if not self._endpoint.takes_arg:
             return self._robot.requests.empty(self._proto)
         try:
@@ -187,6 +192,7 @@ class _CommandHandler:
             ret_type = self.srv.Response.get_fields_and_field_types()["ret"]
             self._convert_ret = converter(class_of(ret_type, "msg"), message_type(endpoint.answer))
         self._clock = SenderClock()
+        """Estimates when a client sent its call, because late commands are refused."""
 
     def handle(self, request: Any, reply: Reply) -> None:
         try:
@@ -230,13 +236,14 @@ class _CommandHandler:
         if defect and answer.ok:
             if self._endpoint.reads:
                 return self._response(False, f"no usable answer: {defect}")
-            if answer.defect:  # an echo of the request is no defect
+            if answer.defect:  # empty if the chassis just echoes the request, which is normal
                 _LOG.warning("%s: accepted, but %s", self._endpoint.name, answer.defect)
         return self._response(answer.ok, answer.msg, ret)
 
     async def _read_ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
         """Return the field `ret` from an answer and "", or None and why it cannot be read."""
         endpoint = self._endpoint
+        # firmware may label such an answer with the type of the request
         if endpoint.two_types and body.type == endpoint.request:
             body = body.as_type(endpoint.answer)
         if body.type != endpoint.answer:

@@ -30,8 +30,8 @@ class StandardEndpoint:
         name: name of the endpoint.
         type: ROS type, `package/Name`.
         kind: kind of the endpoint.
-        part: the endpoint's part of the standard layer, as in `parameters.PARTS`, or `tf`, or
-            `nav2`.
+        part: name with which the parameter `disabled_parts` switches the endpoint off; `tf` if the
+            parameter `publish_tf` switches it, `nav2` if the parameter `nav2` does.
         meaning: what it contains or does, for the documentation.
         depth: queue size of the publisher or subscription.
     """

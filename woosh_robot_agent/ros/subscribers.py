@@ -21,6 +21,7 @@ from woosh_robot_agent.ros.releases import (
 POLL_PERIOD = 1.0
 """Period of the checks for subscribers if the middleware reports none, in seconds."""
 _NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
+"""Leaves out rclpy's default callbacks, each of which is one more entity of the executor."""
 
 
 def create_publisher(node: Any, message_class: Any, name: str, profile: QoSProfile) -> Any:
@@ -49,9 +50,9 @@ class Subscribers:
 
     def publisher(self, message_class: Any, name: str, profile: QoSProfile) -> Any:
         """Create a publisher and add it to the set."""
-        # The callback is not passed to rclpy's `create_publisher`: without such events, it destroys
-        # the new publisher and raises an error. A second publisher of the topic would follow at
-        # once, and subscribers sometimes do not discover that one.
+        # The callback is not passed to rclpy's `create_publisher`: if the middleware has no such
+        # events, that destroys the new publisher and raises an error. Subscribers sometimes do not
+        # discover a second publisher of the topic that is created right after the first.
         publisher = create_publisher(self._node, message_class, name, profile)
         try:
             handlers = subscriber_event_handlers(
@@ -64,7 +65,7 @@ class Subscribers:
             for handler in handlers:
                 self._node.add_waitable(handler)
         self._publishers.append(publisher)
-        self._changed.set()
+        self._changed.set()  # the subscribers of this publisher have not been counted yet
         return publisher
 
     @property
@@ -133,8 +134,8 @@ class _Repetition:
     the event loop.
 
     Args:
-        rate: as in `Subscribers.repeat`.
-        work: as in `Subscribers.repeat`.
+        rate: returns the current rate, in Hz.
+        work: called with the loop time. Its exceptions end the repetition.
 
     Attributes:
         ended: future that is done when there are no more subscribers, or the work has failed.
@@ -162,6 +163,7 @@ class _Repetition:
             self._task.cancel()
 
     def _start(self) -> None:
+        """Start the work, or end the repetition if there are no more subscribers."""
         if self._subscribers.present:
             self._task = start_task(self._do())
         elif not self.ended.done():

@@ -84,6 +84,7 @@ class _RosClient:
     Args:
         action_class: ROS class of the action.
         convert: converts reports to the type of the fields `fb` and `ret`.
+        goal: the goal, as the action server holds it.
     """
 
     def __init__(self, action_class: Any, convert: Converter, goal: Goal) -> None:
@@ -179,7 +180,8 @@ class Actions:
                     last_known=robot.last_known,
                     last_reports=self._last_reports,
                 )
-            # the commands of the agent's own goals are protobuf messages already
+            # the commands of the agent's own goals are protobuf messages already, and only need the
+            # robot's id
             self._actions[action.arg] = _Action(
                 make_kind, replace(context, to_proto=robot.requests.address)
             )
@@ -222,7 +224,8 @@ class Actions:
         Args:
             command: the command of one of the actions, e.g. MoveBase.
             on_report: called with each report of the chassis on the goal.
-            published: as in `AgentGoal`.
+            published: loop time at which a ROS client sent the message or goal that this goal
+                carries out, as far as that is known; None if the agent starts it by itself.
         """
         goal = AgentGoal(on_report, published)
         goal.accepted = self._start(goal, self._actions[full_name(command)], command).accepted

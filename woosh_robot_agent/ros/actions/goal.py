@@ -97,7 +97,8 @@ class Cause(Enum):
     REPORT = "report"
     """The chassis: it reported the end."""
     LATE_REPORT = "late report"
-    """The chassis: the end was its first report after a loss of the link, and may be older."""
+    """The chassis: the end was its first report after a time in which the state of the goal was
+    unknown, such as a loss of the link, so it is not known when the goal ended."""
     REFUSAL = "refusal"
     """The chassis: it refused the goal."""
     AGENT = "agent"
@@ -233,7 +234,7 @@ class Attribution:
     def _attribute_progress(self, phase: Phase) -> bool:
         """Decide on a report that the goal is running."""
         if self._predecessors and not phase.accepted:
-            return False
+            return False  # an earlier goal may still be running
         if phase.answered:
             # the earlier goals have ended; only the cancel of the last one may still be reported
             self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
@@ -242,6 +243,7 @@ class Attribution:
     def _attribute_end(self, outcome: Outcome, phase: Phase, cancel_requested: bool) -> bool:
         """Decide on a report that the goal has ended."""
         inherited = self._inherited
+        # after this end, no other end of an earlier goal is expected
         if phase.answered or self._predecessors < 2:
             self._inherited = frozenset()
             self._predecessors = 0
@@ -271,7 +273,7 @@ class Report:
 
 @dataclass(frozen=True)
 class PollResult:
-    """What the chassis answered when it was asked for the state of a goal."""
+    """The chassis's answer when it was asked for the state of a goal."""
 
     reports: Sequence[Report] = ()
     """Reports with the name of the goal."""

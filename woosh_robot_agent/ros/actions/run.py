@@ -169,6 +169,7 @@ class GoalRun:
             for task in (self._starting, self._polling):
                 if task is not None:
                     task.cancel()
+        # rclpy's client drops the feedback that it has not read when the result arrives
         delay = self._feedback_times[0] + self._timing.result_delay - self._clock()
         try:
             if delay > 0:
@@ -210,7 +211,8 @@ class GoalRun:
                 case Order() as order:
                     return await self._send_order(order)
         except _RefusedError as error:
-            self._advance(Step.END)  # now: the explanation takes a while, and older goals wait
+            # now, because older goals wait for this, and the explanation takes a while
+            self._advance(Step.END)
             reason = await self._context.explain(self._kind.request_type)
             text = f"{error} ({reason})" if reason else str(error)
             return self._aborted(text, Cause.REFUSAL)
@@ -318,6 +320,7 @@ class GoalRun:
             ):
                 continue
             self._last_report = report.message
+            # a cancel may have ended only the part before, so this part is cancelled, too
             if report.begins_part and self._cancellation.requested:
                 self._cancellation.pending = True
                 self._give_up.part_begun()
@@ -334,7 +337,7 @@ class GoalRun:
         self._give_up.report()
         self._is_displaced = False
         self._next_poll = self._clock() + self._timing.poll_period
-        self._advance(Step.REPORT)  # the answer may be lost, or still on its way
+        self._advance(Step.REPORT)  # matters if the answer is lost, or still on its way
         if self._context.chassis.state is LinkState.READY:
             self._cancellation.send_soon()  # retry a cancel that was not answered
 
@@ -356,7 +359,7 @@ class GoalRun:
                 self._poll_soon()
             case LinkError():  # nothing was sent
                 return self._aborted(str(answer))
-            case _:
+            case _:  # unexpected; `run` logs it and aborts the goal
                 raise answer
         return None
 
@@ -402,7 +405,8 @@ class GoalRun:
                 if end is not None:
                     return end
         unknown = polled.result.unknown
-        if unknown is None and self._is_displaced:  # the chassis refuses such polls
+        # the chassis refuses such polls, but a push has shown that it has left this goal
+        if unknown is None and self._is_displaced:
             unknown = _DISPLACED
         has_report = self._attribution.has_report
         # until the goal is accepted, its start request may still be on its way

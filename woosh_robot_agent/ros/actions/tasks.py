@@ -63,6 +63,7 @@ async def poll_tasks(
     if not answer.ok or not isinstance(task, TaskProc) or read_current(task) is not None:
         return
 
+    # `current` is a parameter for mypy, which knows that `task` is a TaskProc only out here
     def history_received(answer: Answer, current: TaskProc = task) -> None:
         ended = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
         on_result(read_history(ended, current))
@@ -85,6 +86,7 @@ class TaskSetGoal:
 
     Args:
         arg: the command, as the client gave it.
+        context: objects shared by the goals of the action.
         last_known: last values that the chassis reported.
     """
 
@@ -104,6 +106,7 @@ class TaskSetGoal:
         self._since = last.time
         """Time of the last report before this goal, by the robot's clock."""
         predecessors = context.open_goals.possibly_running(self.name)
+        # another program may have started the set that is running
         self.attribution = Attribution(max(predecessors, int(self._is_executing(last))))
 
     def request(self) -> Start:
@@ -149,7 +152,11 @@ class TaskSetGoal:
         return PollResult(unknown="the chassis does not execute the task set any more")
 
     def _end(self, ended: Iterable[TaskProc]) -> TaskProc | None:
-        """Return the report on the last of the set's ended tasks; None if there is none."""
+        """Return the report on the last of the tasks that ended in this goal; None without one.
+
+        Args:
+            ended: the reports on all ended tasks of the set, even from before this goal.
+        """
         last = self._last
         if not self.attribution.has_report:
             candidates = [old for old in ended if old.time > self._since]
@@ -189,6 +196,7 @@ class TaskGoal:
 
     Args:
         arg: the command, as the client gave it.
+        context: objects shared by the goals of the action.
         unused_ids: yields an id for a task that has none.
         last_known: last values that the chassis reported.
         last_reports: last report on each of the latest tasks, by task id. The last known TaskProc
@@ -216,13 +224,13 @@ class TaskGoal:
         """The last report on an earlier task of this id."""
         self._since = 0
         """Time of the last report that was not on this task, by the robot's clock."""
-        last = last_known.value(TaskProc)
-        is_current = last is not None and last.robot_task_id == self._id
-        if last is not None and is_current:
-            self._previous = TaskProc()
-            self._previous.CopyFrom(last)
+        last = last_known.value(TaskProc) or TaskProc()
+        is_current = last.robot_task_id == self._id
+        if is_current:
+            self._previous = last
+            # another program may have started the task that is running
             predecessors = max(predecessors, int(last.state not in OUTCOMES))
-        elif last is not None:
+        else:
             self._since = last.time
         # once the chassis has left an earlier task of this id, it sends no more reports on it
         may_be_reported = predecessors > 0 or is_current
@@ -248,7 +256,10 @@ class TaskGoal:
         await poll_tasks(self._context, on_result, self._read_current, self._read_history)
 
     def _read_current(self, current: TaskProc) -> PollResult | None:
-        """Return the report on the current task; None if it is another task."""
+        """Return the report on the current task; None if that is another task.
+
+        A report that has not changed since before this goal is on an earlier task of the same id.
+        """
         if current.robot_task_id == self._id and current != self._previous:
             return PollResult([_report(current)])
         return None
@@ -279,6 +290,7 @@ class TaskGoal:
             and old.state in OUTCOMES
             and old != self._previous
             and old.time >= (self._previous.time if self._previous is not None else 0)
+            # without a report on this goal, only the time tells; 0 means that it is not known
             and (self.attribution.has_report or not self._since or old.time > self._since)
         )
 

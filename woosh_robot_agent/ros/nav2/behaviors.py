@@ -193,15 +193,16 @@ class AssistedTeleop(Nav2Action):
             log_refusals=False,  # `RefusalLog` logs the refusals of all commands
         )
         self._clock = SenderClock()
+        """Estimates when a velocity was published, because late ones are not sent."""
         self._goal: Nav2Goal | None = None
         """The running goal."""
         self._preempted: asyncio.Future[None]
         """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
         robot.gate.on_stop(self._stopped)
         stamped = part.settings().cmd_vel_stamped
-        velocity = "geometry_msgs/TwistStamped" if stamped else BY_NAME["cmd_vel_teleop"].type
+        type_name = "geometry_msgs/TwistStamped" if stamped else BY_NAME["cmd_vel_teleop"].type
         robot.node.create_subscription(
-            class_of(velocity),
+            class_of(type_name),
             "cmd_vel_teleop",
             lambda message, info: robot.thread.call(self._drive, message, info, time.monotonic()),
             reliable(1),

@@ -81,7 +81,7 @@ class DockRobot(_Docking):
         if self.is_charging and here is not None:
             distance, docked_at = _nearest(chargers, here)
             if distance <= _NEAR and mark == docked_at:
-                return
+                return  # the robot is docked there already
         seconds = float(request.max_staging_time)
         late = f"the robot has not come to the charger within max_staging_time, {seconds:g} s"
         goal.set_timeout(seconds, GoalEnd(late, "FAILED_TO_STAGE"))
@@ -137,6 +137,7 @@ class DockRobot(_Docking):
         if not request.dock_id:
             here = self.context.pose.pose
             return "" if here is None else _nearest(chargers, here)[1]
+        # if the chassis lists no chargers, let it find the mark
         if chargers and request.dock_id not in chargers:
             known = ", ".join(sorted(chargers))
             raise GoalEnd(

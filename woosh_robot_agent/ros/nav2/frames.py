@@ -88,6 +88,7 @@ def _transform(shift: Any, rotation: Any) -> Transform:
     q = (rotation.x, rotation.y, rotation.z, rotation.w)
     v = (shift.x, shift.y, shift.z)
     length = math.sqrt(sum(each * each for each in q))
+    # a rounded quaternion is accepted, and normalised
     if not all(map(math.isfinite, v)) or not 0.7 <= length <= 1.4:
         raise ValueError("it is not a rotation and a shift of finite numbers")
     x, y, z, w = (each / length for each in q)
@@ -184,7 +185,7 @@ class Frames:
             pose_or_reason = self._look_up(frame)
             if isinstance(pose_or_reason, Transform):
                 return pose_or_reason
-            if frame in self._own:  # /tf does not have its pose either
+            if frame in self._own:  # on /tf it comes from this agent, so it is no use to wait
                 raise ValueError(pose_or_reason)
             self._subscribe()
             self._changed.clear()

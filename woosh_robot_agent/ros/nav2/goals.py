@@ -58,7 +58,8 @@ class GoalEnd(Exception):
 
     Args:
         text: the reason; empty for a cancel.
-        code: name of the error code in the action's result; UNKNOWN if the result lacks that code.
+        code: name of the error code in the action's result. If the result's type lacks that code,
+            it becomes UNKNOWN.
         outcome: final state of the goal.
         is_logged: True if the reason is already logged.
     """
@@ -262,7 +263,7 @@ class Nav2Goal:
             chassis_goal.accepted.add_done_callback(stop_unless_replaced)
         try:
             await self._repeat(tick, chassis_goal.ended, is_done)
-        except Exception:
+        except Exception:  # a defect of `tick` or `is_done` must not leave the robot driving
             chassis_goal.cancel()
             raise
         finally:
@@ -419,6 +420,7 @@ class Nav2Action(ABC):
         result_timeout: time for which results are kept, in seconds.
 
     Attributes:
+        context: the objects that Nav2's actions share.
         action_type: ROS type of the action.
         server: the action server.
     """
@@ -494,7 +496,7 @@ class Nav2Action(ABC):
     async def _run(self, goal: Nav2Goal) -> None:
         reason: GoalEnd | None = GoalEnd(STOPPING)  # if the task is cancelled
         try:
-            if goal.objection:
+            if goal.objection:  # `check` objects only to poses that it cannot transform
                 raise GoalEnd(goal.objection, "TF_ERROR")
             await self._slot.take(goal, navigates=self.navigates)
             await self.execute(goal)

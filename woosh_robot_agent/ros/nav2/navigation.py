@@ -160,14 +160,15 @@ class Progress:
         poses = () if path is None else path.path.poses
         points = numpy.array([(each.x, each.y) for each in poses]).reshape(-1, 2)
         end = (self._goal.x, self._goal.y)
-        if len(points) < 2 or not math.dist(points[-1], end) < _NEAR:
+        if len(points) < 2 or not math.dist(points[-1], end) < _NEAR:  # also if it is NaN
             self._points = numpy.empty((0, 2))
             return
         lengths = numpy.hypot(*numpy.diff(points, axis=0).T)
         self._points = points
         self._distances = numpy.append(numpy.cumsum(lengths[::-1])[::-1], 0.0)
         nearest = int(numpy.hypot(*(points - here).T).argmin())
-        self._segment = max(min(nearest, len(points) - 1) - 1, 0)
+        # the robot may be just before or behind this point, so begin with the segment before it
+        self._segment = max(nearest - 1, 0)
 
     def _projected(self, segment: int, here: Any) -> tuple[float, float]:
         """Return how far along a segment a point is, and how far from the segment, in metres."""
@@ -234,11 +235,11 @@ class NavigateThroughPoses(_Navigation):
         if not poses:
             raise GoalEnd("the goal has no poses: give at least one")
         progress = Progress(self.context, poses)
-        *via, target = map(chassis_pose, poses)
+        stops = [chassis_pose(each) for each in poses]
         command = MoveBase(
             action=kExecute,
-            poses=[*via, target],
-            target_pose=target,
+            poses=stops,
+            target_pose=stops[-1],
             execution_mode=MoveBase.kOneByOne,
         )
         end: GoalEnd | None = None
@@ -307,7 +308,7 @@ class FollowWaypoints(_Navigation):
 
     async def execute(self, goal: Nav2Goal) -> None:
         poses = goal.request.poses
-        first = getattr(goal.request, "goal_index", 0)
+        first = getattr(goal.request, "goal_index", 0)  # Humble lacks it, and number_of_loops
         if not first < len(poses):
             raise GoalEnd(
                 f"there is no waypoint {first}: the goal has {len(poses)}", "NO_VALID_WAYPOINTS"
@@ -356,6 +357,7 @@ def _says_unreachable(failure: FailedCommand) -> bool:
 
 def _missed(result: Any, number: int, pose: PoseStamped, reason: str) -> Any:
     """Return an entry of `missed_waypoints`: a number on Humble, later a message."""
+    # the type of the field is `sequence<...>`
     element = result.get_fields_and_field_types()["missed_waypoints"].partition("<")[2][:-1]
     if element == "int32":
         return number
@@ -383,7 +385,7 @@ class SpeedLimit:
     aborted.
 
     Args:
-        driving: the goal that moves the robot.
+        driving: holds the goal that moves the robot.
     """
 
     def __init__(self, context: PartContext, driving: Slot) -> None:

@@ -60,9 +60,10 @@ class _Planning(Nav2Action):
         path.header.frame_id = self.context.part.frame("map")
         for start, end in pairwise(stops):
             segment = await self._segment(start, end)
+            if path.poses:  # a further segment begins with the last pose of the one before
+                del segment[0]
             path.poses.extend(
-                PoseStamped(header=path.header, pose=to_pose(each))
-                for each in segment[1 if path.poses else 0 :]
+                PoseStamped(header=path.header, pose=to_pose(each)) for each in segment
             )
         return path
 

@@ -93,7 +93,7 @@ class RobotPose:
         try:
             pose = Pose2D.from_message(report.pose)
             check_finite("speed", report.twist.linear, report.twist.angular)
-        except ValueError:  # `Odom` counts and logs it
+        except ValueError:  # the part `odom` of the standard layer counts and logs it
             return
         self.pose = pose
         self.velocity = Velocity(report.twist.linear, 0.0, report.twist.angular)
@@ -125,5 +125,6 @@ class RobotPose:
         message.header.stamp = self._context.now()
         message.header.frame_id = self._context.frame("map")
         message.pose.pose = to_pose(pose)
+        # every seventh element is on the diagonal of the 6x6 matrix
         message.pose.covariance[::7] = self._context.settings().pose_covariance
         self._publisher.publish(message)

@@ -24,7 +24,7 @@ _TIMEOUT = 2.0
 
 
 class Stop(Part):
-    """The service stop, which calls `MotionGate.stop`."""
+    """The service stop: stops the robot, and cancels everything that moves it."""
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
@@ -47,7 +47,7 @@ _REPORT_PERIOD = 1.0
 
 
 class CmdVel(Part):
-    """The topic cmd_vel; `VelocityDriver` has the rules for its velocities.
+    """The topic cmd_vel. Its velocities go to a `VelocityDriver`, which limits and sends them.
 
     Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,
     angular.z counter-clockwise in rad/s. The other components are ignored.
@@ -72,7 +72,9 @@ class CmdVel(Part):
         )
         self._topic = context.robot.node.resolve_topic_name("cmd_vel")
         self._publishers = Interleaving()
+        """Detects several publishers by the sequence numbers of their messages."""
         self._clock = SenderClock()
+        """Estimates when a velocity was published, because late ones are not sent."""
         self._reported = -math.inf
         """Monotonic time at which several publishers were last reported."""
 
@@ -107,7 +109,7 @@ def stamp_objection(context: PartContext, stamp: Any) -> str:
     # the stamp may be before 1970, which rclpy's Time refuses
     age = (context.now_ns() - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
     limit = context.settings().cmd_vel_max_age
-    if not limit or abs(age) <= limit:
+    if not limit or abs(age) <= limit:  # 0 stands for no limit
         return ""
     return (
         f"its stamp is {age:.1f} s old; cmd_vel_max_age allows {limit:g} s into the past or the "

@@ -188,7 +188,8 @@ def link_status(
 
     Args:
         superseded: number of velocities that were not sent because they were out of date.
-        longest_turns: longest turns of the link thread, as `LoopThread.longest_turns`.
+        longest_turns: longest turn of the link thread's event loop in the last minutes, and since
+            the start, in seconds. Commands wait for the end of a turn.
     """
     stats, status = chassis.stats, Status("link")
     if chassis.state is not LinkState.READY:

@@ -90,6 +90,7 @@ class GoalPose(Part):
         self._waiting_cancels: list[Reply] = []
         """Cancel requests that wait until the action server has accepted the newest goal."""
         self._clock = SenderClock()
+        """Estimates when a goal_pose was published, because late ones are refused."""
         context.subscribe("goal_pose", self._received, in_executor=True, with_info=True)
         context.service("cancel", self._cancel_requested)
 

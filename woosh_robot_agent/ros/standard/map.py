@@ -26,8 +26,8 @@ from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 from woosh_robot_agent.ros.subscribers import Subscribers
 
 _MAX_SILENCE = 3.0
-"""A robot in one of `_VAGUE_STATES` that has not reported a map for this time makes no map, in
-seconds. Robots report the map each second."""
+"""Time without a report of a map after which a robot in one of `_VAGUE_STATES` makes no map, in
+seconds. A robot that makes a map reports it each second."""
 _VAGUE_STATES = (robot.kStateUndefined, robot.kWarning, robot.kFault)
 """States that do not tell if the robot is making a map; its reports of the map do."""
 
@@ -49,7 +49,9 @@ class GrowingMap:
         self._subscribers = subscribers
         self._on_end = on_end
         self._unsubscribe: Callable[[], None] | None = None
+        """Ends the subscription to the reports; None if there is none."""
         self._state = robot.kStateUndefined
+        """The last reported state of the robot."""
         self._was_active = False
         """True from the first sign of a map that is being made until `on_end` is called."""
         self._body: Body | None = None
@@ -162,7 +164,7 @@ class Map(Part):
             await self._update()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        # cleared for each link, not after each map, because good and bad maps may alternate
+        # problems are logged once for each link, even if good and bad maps alternate
         self._log.clear()
         if info.HasField("scene"):
             self._scene_reported(info.scene)
@@ -258,7 +260,7 @@ async def grid(
         ValueError: the map has no valid resolution, origin or image.
     """
     check_resolution_and_origin(resolution, origin.x, origin.y)
-    # decoding a large image would block the link
+    # in another thread, because decoding a large image would block the link
     width, height, cells = await asyncio.to_thread(cells_of, image)
     message = OccupancyGrid(data=cells)
     message.header.stamp = message.info.map_load_time = context.now()

@@ -28,7 +28,7 @@ class Odom(Part):
 
     With `odom_prediction`, odom is published at `odom_rate`: the pose of a moving robot is
     predicted from its last report, the pose of a standing robot is repeated. odom pauses if a
-    moving robot has not reported for `HORIZON`. After a second without a report the robot counts as
+    moving robot has not reported for 0.3 s. After a second without a report the robot counts as
     standing, because a real robot reports only while it moves.
 
     Otherwise, each report is published once, at up to `odom_rate`, and the pose of a standing robot
@@ -116,8 +116,8 @@ class Odom(Part):
             )
         self._prediction.report(odometry.pose, odometry.velocity, odometry.time)
         self._received, self._is_pose_known = now, True
-        # 0.7 tolerates jitter: reports that arrive at exactly `odom_rate` must all be published
         predicts = self._context.settings().odom_prediction
+        # 0.7 tolerates jitter: reports that arrive at exactly `odom_rate` must all be published
         if not predicts and self._is_due(now, self._last_forwarded, 0.7):
             self._last_forwarded = now
             self._publish_reported(now)
@@ -165,6 +165,7 @@ class Odom(Part):
         settings, message = self._context.settings(), self._message
         if settings is not self._covariances_of:
             self._covariances_of = settings
+            # every seventh element is on the diagonal of the 6x6 matrix
             message.pose.covariance[::7] = settings.pose_covariance
             message.twist.covariance[::7] = settings.twist_covariance
         message.header.stamp = stamp
@@ -190,7 +191,8 @@ def transforms(stamp: Any, *chain: tuple[str, str, Pose2D]) -> Any:
 
     Args:
         stamp: time of all transforms.
-        chain: parent frame, child frame, and the child's pose in the parent.
+        chain: for each transform the parent frame, the child frame, and the child's pose in the
+            parent.
     """
     from tf2_msgs.msg import TFMessage  # not needed, and perhaps not installed, without publish_tf
 

@@ -71,7 +71,7 @@ class PartContext:
         return time.time_ns()
 
     def publisher(self, name: str, subscribers: Subscribers | None = None) -> Any:
-        """Return a publisher for a topic in `endpoints.STANDARD`; the link thread may use it.
+        """Return a publisher for a topic in `standard_endpoints.STANDARD`, for the link thread.
 
         Args:
             subscribers: creates the publisher, and counts its subscribers too, so that work can
@@ -97,11 +97,11 @@ class PartContext:
         with_info: bool = False,
         urgent: bool = False,
     ) -> None:
-        """Subscribe to a topic in `endpoints.STANDARD`.
+        """Subscribe to a topic in `standard_endpoints.STANDARD`.
 
         Args:
             callback: called with each message in the link thread; must not block.
-            type_name: ROS type of the topic, if it differs from `endpoints.STANDARD`.
+            type_name: ROS type of the topic, if it differs from the type in that table.
             in_executor: call `callback` in the executor thread instead.
             with_info: call `callback` with each message, rclpy's information about it, and the
                 monotonic time at which it was taken from the middleware.
@@ -120,7 +120,13 @@ class PartContext:
     def service(
         self, name: str, handle: Callable[[Any, Reply], None], *, urgent: bool = False
     ) -> None:
-        """Create a `DeferredService` in `endpoints.STANDARD`."""
+        """Create a service in `standard_endpoints.STANDARD`.
+
+        Args:
+            handle: called with each request and its `Reply` in the executor thread; must not block.
+                The response may be sent later.
+            urgent: handle requests before all other callbacks (`UrgentCallbackGroup`).
+        """
         srv = class_of(BY_NAME[name].type, "srv")
         DeferredService(self.robot.node, srv, name, handle, urgent=urgent)
 

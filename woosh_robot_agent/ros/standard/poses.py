@@ -81,17 +81,17 @@ class Pose2D:
     @classmethod
     def from_arc(cls, forward: float, left: float, turn: float) -> Pose2D:
         """Return the pose at the end of an `Arc` with these values, in the frame of its start."""
-        half = turn / 2
-        chord = _chord_ratio(half)
-        cos, sin = chord * math.cos(half), chord * math.sin(half)
+        half_turn = turn / 2  # angle between the chord and the direction at the start
+        chord = _chord_ratio(turn)
+        cos, sin = chord * math.cos(half_turn), chord * math.sin(half_turn)
         return cls(cos * forward - sin * left, sin * forward + cos * left, turn)
 
     @property
     def arc(self) -> Arc:
         """The movement that ends at this pose; the inverse of `from_arc`."""
-        half = self.theta / 2
-        chord = _chord_ratio(half)
-        cos, sin = math.cos(half) / chord, math.sin(half) / chord
+        half_turn = self.theta / 2
+        chord = _chord_ratio(self.theta)
+        cos, sin = math.cos(half_turn) / chord, math.sin(half_turn) / chord
         return Arc(cos * self.x + sin * self.y, cos * self.y - sin * self.x, self.theta)
 
     def __mul__(self, other: Pose2D) -> Pose2D:
@@ -137,9 +137,10 @@ def check_finite(name: str, *numbers: float) -> None:
         raise ValueError(f"{name} is not finite: {', '.join(f'{each:g}' for each in numbers)}")
 
 
-def _chord_ratio(half: float) -> float:
-    """Return the chord of an arc divided by the arc's length; `half` is half of its angle."""
-    return math.sin(half) / half if abs(half) > 1e-4 else 1.0
+def _chord_ratio(turn: float) -> float:
+    """Return the chord of an arc divided by the arc's length; `turn` is the arc's angle."""
+    half_turn = turn / 2
+    return math.sin(half_turn) / half_turn if abs(half_turn) > 1e-4 else 1.0
 
 
 _MAX_FLOAT = 3.4028234663852886e38
@@ -180,6 +181,7 @@ def from_pose(message: Any) -> Pose2D:
     numbers = (position.x, position.y, q.x, q.y, q.z, q.w)
     if not all(abs(number) <= _MAX_FLOAT for number in numbers):
         raise ValueError(f"the pose has numbers that are not finite, or too large: {numbers}")
+    # a rounded quaternion is accepted
     if not 0.5 <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= 2.0:
         raise ValueError("the orientation is not a unit quaternion")
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

@@ -86,7 +86,7 @@ class Scan(Part):
             if self._scan is not None:
                 # the scan was measured between request and answer; take the middle
                 age = int((loop.time() - sent) / 2 * _SECOND)
-                scan = self._filled(_CONVERTER.read(answer.raw), self._context.now_ns() - age)
+                scan = self._fill_message(_CONVERTER.read(answer.raw), self._context.now_ns() - age)
                 self._scan.publish(scan)
         except FrameError:  # the link has counted and logged it
             return
@@ -95,7 +95,7 @@ class Scan(Part):
             return
         self._log.clear()
 
-    def _filled(self, data: ScannerData, stamp: int) -> LaserScan:
+    def _fill_message(self, data: ScannerData, stamp: int) -> LaserScan:
         """Set the values of a scan in `_reused`, and return it.
 
         Args:
@@ -148,9 +148,10 @@ def apply_rep_117(
     """
     view = np.asarray(ranges)  # shares the memory of the array
     lowest, highest = np.minimum.reduce(view, initial=np.inf), np.maximum.reduce(view, initial=0.0)
+    # most scans need no change; a NaN makes both numbers NaN, and comparisons with NaN are false
     if lowest > max(range_min, 0.0) and highest <= range_max:
-        return ranges  # most scans; a comparison with NaN is false
-    far = (view > range_max) | (view == 0.0)  # NaN fails all comparisons
+        return ranges
+    far = (view > range_max) | (view == 0.0)
     if far.any():
         view[far] = np.inf
     near = view < range_min

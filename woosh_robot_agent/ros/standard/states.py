@@ -27,7 +27,7 @@ _FOOTPRINT_RATE = 2.0
 """Rate of footprint, in Hz."""
 _BATTERY_RATE = 1.0
 """Rate of battery_state, in Hz. Robots report the battery every 500 s, and many subscribers, such
-as free_fleet's, ask for no earlier message."""
+as free_fleet's, do not ask for the latched message."""
 _CHARGE = {
     Battery.kNot: BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
     Battery.kManual: BatteryState.POWER_SUPPLY_STATUS_CHARGING,
@@ -75,10 +75,11 @@ def plan(context: PartContext, nav_path: NavPath) -> bytes:
     pack = struct.Struct("=7d").pack
     for pose in nav_path.path.poses:
         check_finite("pose", pose.x, pose.y, pose.theta)
-        half = pose.theta / 2
+        half_yaw = pose.theta / 2
         path += pose_header
         path += bytes((HEADER_SIZE - len(path)) % 8)  # CDR aligns numbers of 64 bits
-        path += pack(pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+        # x, y, z, and the rotation as the quaternion x, y, z, w
+        path += pack(pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw))
     return bytes(path)
 
 
