@@ -65,6 +65,7 @@ class TestInitialpose:
     @pytest.mark.parametrize("size", [0.0, 1e18, -2.0])
     def test_an_orientation_that_is_no_rotation_is_logged(self, simulator, sender, logs, size):
         message = PoseWithCovarianceStamped()
+        message.header.frame_id = "map"
         orientation = message.pose.pose.orientation
         orientation.x = orientation.y = orientation.z = orientation.w = size
         sender.publishers["initialpose"].publish(message)
@@ -118,3 +119,10 @@ class TestGoalPose:
         sender.goal_pose(1.0, 1.5, 0.0, frame="odom")
         logs.wait_text("set the fixed frame to map")
         assert simulator.counts[CALL_ACTION] == 0
+
+    def test_a_message_that_was_left_blank_moves_nothing(self, simulator, sender, logs):
+        sender.publishers["goal_pose"].publish(PoseStamped())
+        logs.wait_text("goal_pose is ignored: the pose has no frame: set header.frame_id to map")
+        sender.publishers["initialpose"].publish(PoseWithCovarianceStamped())
+        logs.wait_text("initialpose is ignored: the pose has no frame")
+        assert simulator.counts[CALL_ACTION] == simulator.counts["woosh.robot.SetRobotPose"] == 0

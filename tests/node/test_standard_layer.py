@@ -167,10 +167,12 @@ class TestTwoRobots:
             client.echo_with(Odometry, "odom", QoSProfile(depth=10)) for client in (first, second)
         ]
         for odom in odoms:
-            odom.wait_count(1)  # before the robot turns, for half a second
-        Sender(first).send(turn=0.5)
+            odom.wait_count(1)
+        sender = Sender(first)
+        sender.repeat(10.0, turn=0.5)
         one.wait_received(TWIST)
         odoms[0].wait(lambda m: m.twist.twist.angular.z > 0.0)
+        sender.pause()
         odoms[1].wait_count(3)
         assert two.counts[TWIST] == 0
         assert not any(m.twist.twist.angular.z for m in odoms[1].messages)

@@ -159,10 +159,12 @@ def from_pose_in(required_frame: str, frame: str, message: Any) -> Pose2D:
     """Return the pose in a geometry_msgs/Pose, and check the frame in which a client gave it.
 
     Raises:
-        ValueError: `frame` is neither empty nor the required one, or the pose is invalid; the text
-            says what to do.
+        ValueError: `frame` is not the required one, or the pose is invalid; the text says what to
+            do.
     """
-    if frame not in ("", required_frame):
+    if not frame:  # a message that was left blank must not move the robot
+        raise ValueError(f"the pose has no frame: set header.frame_id to {required_frame}")
+    if frame != required_frame:
         raise ValueError(
             f"the pose must be in the frame {required_frame}, not in {frame}; set the fixed frame "
             f"to {required_frame}"
