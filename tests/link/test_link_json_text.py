@@ -108,27 +108,51 @@ def test_a_number_of_30_digits_is_a_float_too() -> None:
 
 
 @pytest.mark.parametrize(
-    "value",
+    "text",
     [
-        {"ranges": [7] * 50_000, "intensities": [8] * 50_000},
-        {"marks": [{"links": [{"x": 1}, {"y": 2}] * 4}] * 5000, "areas": [{"z": 3}] * 5000},
-        [*([1] * 9000), {"x": list(range(20_000))}] * 4,
-        [[[1, 2, 3]] * 900, [[4]] * 9000] * 4,
+        json.dumps({"ranges": [7] * 50_000, "intensities": [8] * 50_000}),
+        json.dumps(
+            {"marks": [{"links": [{"x": 1}, {"y": 2}] * 4}] * 5000, "areas": [{"z": 3}] * 5000}
+        ),
+        json.dumps([*([1] * 9000), {"x": list(range(20_000))}] * 4),
+        json.dumps([[[1, 2, 3]] * 900, [[4]] * 9000] * 4),
+        json.dumps([{"x": 1}] * 9000, separators=(" , ", ": ")),
+        "[" + ",".join(["[" * 80 + "[1]," * 9000 + "1" + "]" * 80] * 2) + "]",
+        "{" + ",".join(f'"{key}":{"[" * 80}"{"x" * 33_000}"{"]" * 80}' for key in "ab") + "}",
     ],
-    ids=["two lists", "objects with lists", "large object in a list", "lists in lists"],
+    ids=[
+        "two lists",
+        "objects with lists",
+        "large object in a list",
+        "lists in lists",
+        "spaces before commas",
+        "deep lists",
+        "deep lists in an object",
+    ],
 )
 def test_no_part_of_a_long_text_is_parsed_again_and_again(
-    value: object, monkeypatch: pytest.MonkeyPatch
+    text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = json.dumps(value)
+    value = json.loads(text)
     parsed = 0
-    loads = json.loads
+    loads, scan = json.loads, json_text._scan
 
-    def counting(piece: str) -> Any:
+    def counting_loads(piece: str) -> Any:
         nonlocal parsed
         parsed += len(piece)
         return loads(piece)
 
-    monkeypatch.setattr(json, "loads", counting)
+    def counting_scan(piece: str, at: int) -> tuple[Any, int]:
+        nonlocal parsed
+        try:
+            found, end = scan(piece, at)
+        except json.JSONDecodeError:
+            parsed += len(piece) - at
+            raise
+        parsed += end - at
+        return found, end
+
+    monkeypatch.setattr(json, "loads", counting_loads)
+    monkeypatch.setattr(json_text, "_scan", counting_scan)
     assert json_text.parse_in_pieces(text) == value
     assert parsed < 20 * len(text)

@@ -180,7 +180,7 @@ def parse_in_pieces(text: str | bytes) -> Any:
     pieces, and other threads can run after each piece. The errors are those of `parse`.
     """
     text = text if isinstance(text, str) else text.decode()
-    value, end = _value(text, _after_space(text, 0))
+    value, end = _Pieces(text).value(_after_space(text, 0))
     if _after_space(text, end) != len(text):
         raise json.JSONDecodeError("Extra data", text, end)
     return value
@@ -196,6 +196,8 @@ _SMALLEST_PIECE = 64
 """Length of the smallest piece that is tried before an item is parsed alone, in characters."""
 _CUTS = 4
 """Maximum number of attempts to cut a piece of a list between two items."""
+_MAX_FAILED = 16
+"""Maximum total length of the pieces that are tried in vain, in lengths of the text."""
 
 
 def _after_space(text: str, at: int) -> int:
@@ -203,98 +205,8 @@ def _after_space(text: str, at: int) -> int:
     return at if found is None else found.end()
 
 
-def _value(text: str, at: int) -> tuple[Any, int]:
-    """Return the value that begins at a place of the text, and the place of its end."""
-    first = text[at : at + 1]
-    if first not in ("{", "["):
-        return _scan(text, at)
-    try:
-        value, length = _scan(text[at : at + _PIECE], 0)
-    except json.JSONDecodeError:  # it is longer than a piece, or no JSON
-        return _object(text, at) if first == "{" else _list(text, at)
-    return value, at + length
-
-
 def _scan(text: str, at: int) -> tuple[Any, int]:
     return _DECODER.raw_decode(text, at)
-
-
-def _object(text: str, at: int) -> tuple[dict[str, Any], int]:
-    """Return the object that begins at a place of the text, and the place of its end."""
-    found: dict[str, Any] = {}
-    at = _after_space(text, at + 1)
-    while text[at : at + 1] != "}":
-        if text[at : at + 1] != '"':
-            raise json.JSONDecodeError("Expecting property name", text, at)
-        name, at = _scan(text, at)
-        at = _after_space(text, at)
-        if text[at : at + 1] != ":":
-            raise json.JSONDecodeError("Expecting ':' delimiter", text, at)
-        found[name], at = _value(text, _after_space(text, at + 1))
-        at = _after_comma(text, at, "}")
-    return found, at + 1
-
-
-def _list(text: str, at: int) -> tuple[list[Any], int]:
-    """Return the list that begins at a place of the text, and the place of its end."""
-    found: list[Any] = []
-    at = _after_space(text, at + 1)
-    while text[at : at + 1] != "]":
-        items, at = _items(text, at)
-        found += items
-        at = _after_comma(text, at, "]")
-    return found, at + 1
-
-
-def _items(text: str, at: int) -> tuple[list[Any], int]:
-    """Return the next items of a list, at least one, and the place where the last item ends.
-
-    If the rest of the list fits in a piece, it is returned. Otherwise, fewer items: half of a
-    piece, and so on. If not even the first item ends there, that item is parsed alone.
-    """
-    size = _PIECE
-    while size >= _SMALLEST_PIECE:
-        items = _cut(text, at, at + size)
-        if items is None and size == _PIECE:
-            items = _rest(text[at : at + size], at)
-        if items is not None:
-            return items
-        size //= 2
-    item, end = _value(text, at)
-    return [item], end
-
-
-def _cut(text: str, at: int, end: int) -> tuple[list[Any], int] | None:
-    """Return the items before the last likely end of an item in a piece, and that place.
-
-    If that was inside an item, an earlier end is tried. Returns None after `_CUTS` attempts.
-    """
-    closing = _CLOSING.get(text[at : at + 1], ",")
-    for _ in range(_CUTS):
-        end = text.rfind(closing, at, end)
-        if end < 0:
-            break
-        end += len(closing) - 1  # now at the comma after the item
-        if end == at:
-            break
-        try:
-            # this succeeds only if the cut is between two items
-            return json.loads(f"[{text[at:end]}]"), end
-        except json.JSONDecodeError:
-            end -= len(closing) - 1  # search before this cut
-    return None
-
-
-def _rest(piece: str, at: int) -> tuple[list[Any], int] | None:
-    """Return the items up to the end of the list, and the place of its bracket.
-
-    Returns None if the list does not end in the piece.
-    """
-    try:
-        items, end = _scan(f"[{piece}", 0)
-    except json.JSONDecodeError:
-        return None
-    return items, at + end - 2
 
 
 def _after_comma(text: str, at: int, closing: str) -> int:
@@ -307,6 +219,112 @@ def _after_comma(text: str, at: int, closing: str) -> int:
     elif text[at : at + 1] != closing:
         raise json.JSONDecodeError("Expecting ',' delimiter", text, at)
     return at
+
+
+class _Pieces:
+    """Parser of a text in pieces.
+
+    A piece that was cut inside an item is tried in vain. A text that needs too many attempts has
+    its values parsed whole instead, so that the time is proportional to the length of any text.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._spare = _MAX_FAILED * len(text)
+        """Length of the pieces that may still be tried in vain, in characters."""
+
+    def value(self, at: int) -> tuple[Any, int]:
+        """Return the value that begins at a place of the text, and the place of its end."""
+        text = self._text
+        first = text[at : at + 1]
+        if first not in ("{", "[") or self._spare <= 0:
+            return _scan(text, at)
+        piece = text[at : at + _PIECE]
+        try:
+            value, length = _scan(piece, 0)
+        except json.JSONDecodeError:  # it is longer than a piece, or no JSON
+            self._spare -= len(piece)
+            return self._object(at) if first == "{" else self._list(at)
+        return value, at + length
+
+    def _object(self, at: int) -> tuple[dict[str, Any], int]:
+        """Return the object that begins at a place of the text, and the place of its end."""
+        text = self._text
+        found: dict[str, Any] = {}
+        at = _after_space(text, at + 1)
+        while text[at : at + 1] != "}":
+            if text[at : at + 1] != '"':
+                raise json.JSONDecodeError("Expecting property name", text, at)
+            name, at = _scan(text, at)
+            at = _after_space(text, at)
+            if text[at : at + 1] != ":":
+                raise json.JSONDecodeError("Expecting ':' delimiter", text, at)
+            found[name], at = self.value(_after_space(text, at + 1))
+            at = _after_comma(text, at, "}")
+        return found, at + 1
+
+    def _list(self, at: int) -> tuple[list[Any], int]:
+        """Return the list that begins at a place of the text, and the place of its end."""
+        text = self._text
+        found: list[Any] = []
+        at = _after_space(text, at + 1)
+        while text[at : at + 1] != "]":
+            items, at = self._items(at)
+            found += items
+            at = _after_comma(text, at, "]")
+        return found, at + 1
+
+    def _items(self, at: int) -> tuple[list[Any], int]:
+        """Return the next items of a list, at least one, and the place where the last item ends.
+
+        If the rest of the list fits in a piece, it is returned. Otherwise, fewer items: half of a
+        piece, and so on. If not even the first item ends there, that item is parsed alone.
+        """
+        size = _PIECE
+        while size >= _SMALLEST_PIECE and self._spare > 0:
+            items = self._cut(at, at + size)
+            if items is None and size == _PIECE:
+                items = self._rest(at, at + size)
+            if items is not None:
+                return items
+            size //= 2
+        item, end = self.value(at)
+        return [item], end
+
+    def _cut(self, at: int, end: int) -> tuple[list[Any], int] | None:
+        """Return the items before the last likely end of an item in a piece, and that place.
+
+        If that was inside an item, an earlier end is tried. Returns None after `_CUTS` attempts.
+        """
+        text = self._text
+        closing = _CLOSING.get(text[at : at + 1], ",")
+        for _ in range(_CUTS):
+            end = text.rfind(closing, at, end)
+            if end < 0:
+                break
+            end += len(closing) - 1  # now at the comma after the item
+            if end == at:
+                break
+            try:
+                # this succeeds only if the cut is between two items
+                return json.loads(f"[{text[at:end]}]"), end
+            except json.JSONDecodeError:
+                self._spare -= end - at
+                end -= len(closing) - 1  # search before this cut
+        return None
+
+    def _rest(self, at: int, end: int) -> tuple[list[Any], int] | None:
+        """Return the items up to the end of the list, and the place of its bracket.
+
+        Returns None if the list does not end in the piece.
+        """
+        piece = self._text[at:end]
+        try:
+            items, length = _scan(f"[{piece}", 0)
+        except json.JSONDecodeError:
+            self._spare -= len(piece)
+            return None
+        return items, at + length - 2
 
 
 def write(value: Any) -> str:

@@ -355,18 +355,23 @@ def _as_json(body: object) -> Any:
 
 _ADDRESS = re.compile(
     r"""
-    [\w.+-]+@[\w.-]*\w                                     # a mail address
+    (?<![\w.+-])[\w.+-]+@[\w.-]*\w                         # a mail address
     | \b\d{1,3}(?:\.\d{1,3}){3}\b                          # of IPv4
     | \b(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}\b                # of Ethernet
     | (?<![\w:])(?:                                        # of IPv6
         (?:[0-9a-f]{1,4}:){6,7}[0-9a-f]{1,4}
         | (?:[0-9a-f]{1,4}(?::[0-9a-f]{1,4})*)?::(?:[0-9a-f]{1,4}(?::[0-9a-f]{1,4})*)?
       )(?:(?:\.\d{1,3}){3})?(?:%\w+)?(?!\w)
-    | (?<![\w.])(?!woosh\.)[\w-]+(?:\.[\w-]+)*\.[a-z]{2,}(?![\w-])   # a host, but not a type
+    | (?<![\w.-])(?!woosh\.[\w.]*(?![\w.-]))               # a host, but not a type
+      [\w-]+(?:\.[\w-]+)*\.[a-z]{2,}(?![\w-])
     """,
     re.I | re.A | re.X,
 )
-"""An IP, MAC or mail address, or the name of a host."""
+"""An IP, MAC or mail address, or the name of a host.
+
+Mail addresses and hosts are searched only from the start of a word, because a search from each
+character of a long word takes too long.
+"""
 _IDENTIFYING_KEY = re.compile(
     r"name|serial|sn$|id$|no$|addr|mac|ip$|wifi|ssid|pass|pwd|token|key", re.I
 )

@@ -18,16 +18,15 @@ def count_startable(waiting: Sequence[Action], running: Iterable[Action], *, dri
         running: actions that run.
         driving: True if the vehicle drives.
     """
-    active = list(running)
+    active = [each.blocking for each in running]
+    is_active, is_excluded = bool(active), any(each.excludes_actions for each in active)
     count = 0
     for action in waiting:
-        if driving and action.blocking.forbids_driving:
+        if is_excluded or (driving and action.blocking.forbids_driving):
             break
-        if any(each.blocking.excludes_actions for each in active):
+        if is_active and action.blocking.excludes_actions:
             break
-        if active and action.blocking.excludes_actions:
-            break
-        active.append(action)
+        is_active, is_excluded = True, action.blocking.excludes_actions
         count += 1
     return count
 
