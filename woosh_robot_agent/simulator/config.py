@@ -122,7 +122,7 @@ class SimulatorConfig:
                 raise ValueError(f"{name} {getattr(self, name)} is not at least 1")
         if self.charge_after <= 0.0 or self.park_after <= 0.0:
             raise ValueError("charge_after and park_after must be more than 0 s")
-        if not abs(self.clock_offset) <= MAX_CLOCK_OFFSET:
+        if not abs(self.clock_offset) <= MAX_CLOCK_OFFSET:  # true for NaN too
             raise ValueError(f"clock offset {self.clock_offset:g} s is more than 10 years")
         for port in (self.port, self.tcp_port):
             if not 0 <= port <= 65535:

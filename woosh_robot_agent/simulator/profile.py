@@ -43,7 +43,7 @@ class Distribution(NamedTuple):
         """Return a random time."""
         share = rng.random()
         if share <= 0.5:
-            # The profile does not give a minimum: 90 % of the median.
+            # The profile gives no minimum, which is therefore set to 90 % of the median.
             return self.median * (0.9 + 0.2 * share)
         if share <= 0.9:
             return self.median + (self.usual - self.median) * (share - 0.5) / 0.4
@@ -140,7 +140,7 @@ class AnswerProfile:
 
 @dataclass(frozen=True)
 class MappingProfile:
-    """Making maps."""
+    """Times of making a map."""
 
     start: RisingInterval
     state_after: NotNegative
@@ -152,7 +152,7 @@ class MappingProfile:
 
 @dataclass(frozen=True)
 class RateProfile:
-    """Rates of reports."""
+    """Periods of scans and of pushed reports."""
 
     pose_speed: NotNegative
     scan: NotNegative
@@ -198,7 +198,7 @@ class ChargingProfile:
 
 @dataclass(frozen=True)
 class RefusalProfile:
-    """Refused requests."""
+    """Requests that are refused, and the texts and status codes of refusals."""
 
     always: Annotated[Mapping[str, str], _check_requests]
     texts: Annotated[Mapping[str, str], _check_requests]

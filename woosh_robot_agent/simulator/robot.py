@@ -136,7 +136,7 @@ class Robot(Timeline):
 
     @property
     def walls(self) -> tuple[Wall, ...]:
-        """The walls of the hall and the sides of the obstacles."""
+        """The real walls around the robot, and the sides of the obstacles."""
         return self.ground_truth.walls + self.obstacles.walls
 
     @property
@@ -179,6 +179,7 @@ class Robot(Timeline):
         """Switch to another scene or map while there is no task. The pose of the robot stays."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
+        # A pose that is not free floor of this map cannot be that of the robot.
         if not self.can_stand(self.base.pose):
             self.readiness.located = False
 
@@ -228,7 +229,7 @@ class Robot(Timeline):
     def dock_distance(self, mark: Mark) -> float:
         """Return the distance from a mark at which docking starts, in metres.
 
-        It is less than usual if walls are near, and 0 without room at any distance.
+        It is less than usual if walls are near, and 0 if no distance has enough room.
         """
         usual = self.profile.charging.docking_distance
         needed = outer_radius(self.outline) + PATH_MARGIN

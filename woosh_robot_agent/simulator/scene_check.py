@@ -96,6 +96,7 @@ def _unusable_places(scene: Scene, profile: Profile) -> Iterator[str]:
 
 
 def _can_drive(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
+    """Return True if the planner finds a path before its computation time is used up."""
     routes = planner(area, outer_radius(profile.model.outline) + PATH_MARGIN)
     try:
         return routes.plan(here.point, there.point) is not None

@@ -188,6 +188,7 @@ class SimulatorThread:
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(timeout)
 
     def _run(self) -> None:
+        """Run the event loop. `start` raises an error that occurs before clients can connect."""
         try:
             asyncio.run(self._serve())
         except BaseException as error:
