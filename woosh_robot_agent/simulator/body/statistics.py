@@ -147,7 +147,7 @@ class Statistics:
 
     def _close(self, record: count_pb2.Task | count_pb2.Status, start: float) -> None:
         record.bucket.end = int(self._timeline.time)
-        record.cons = round(self._timeline.elapsed - start)
+        record.cons = round(self._timeline.elapsed - start)  # the duration, in seconds
         record.end = True
         self._push(record)
 
