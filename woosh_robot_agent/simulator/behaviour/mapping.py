@@ -95,7 +95,7 @@ class Mapping:
 
     @property
     def active(self) -> bool:
-        """True from the start of the mapping until it has been saved or cancelled."""
+        """True from the first scan of the mapping until it has been saved or cancelled."""
         return self._phase in (Phase.RUNNING, Phase.SAVING, Phase.CANCELLING)
 
     @property
@@ -321,9 +321,11 @@ class Mapping:
         self.draft = None
 
     def _end(self) -> None:
+        """End the mapping. The robot has to be initialised again."""
         readiness = self._robot.readiness
         readiness.initialised = False
         if self._phase is Phase.CANCELLING:
+            # The start of a new map made the pose known, but only on that map.
             readiness.located = readiness.located and self._located_before
         self._phase = Phase.NONE
         self._grid = None

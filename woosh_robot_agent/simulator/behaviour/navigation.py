@@ -57,7 +57,7 @@ class Route:
     """A planned route.
 
     Attributes:
-        legs: for each stop, the leg that leads to it: its corners, the stop last.
+        legs: for each stop, the corners of the part of the route that leads to it, the stop last.
         poses: the start, each corner with the direction in which the robot arrives there, and the
             last stop.
     """
@@ -144,7 +144,7 @@ _LOOKAHEAD = 0.2
 """Distance along a bending path to the point that the base steers to, in metres."""
 
 _STEERING_TOLERANCE = 1e-3
-"""Bearing of this point up to which the base drives straight on, in radians."""
+"""Bearing of the point to steer to up to which the base drives straight on, in radians."""
 
 _MAX_STRETCH = 2.0
 """Length of the path ahead that determines the speed, in metres; more than the braking distance."""
@@ -299,7 +299,8 @@ class Navigate(Job):
             else:
                 self._corners.popleft()
                 self._stops.popleft()
-        self._stops.append(self.goal)  # a task may list the same drive twice
+        # The goal stays the last stop, because a task may list the same drive twice.
+        self._stops.append(self.goal)
         return Progress(done=True, text=f"arrived at {base.pose}")
 
     def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> None:
@@ -367,7 +368,7 @@ class Navigate(Job):
         if second and base.pose.distance(second) <= math.dist(corner, second):
             return False
         if distance <= _POSITION_TOLERANCE:
-            self._turning = second is None
+            self._turning = second is None  # the base stops here, and turns to the next corner
             return False
         if self._turning:
             if abs(bearing) > _ANGLE_TOLERANCE:
@@ -376,7 +377,7 @@ class Navigate(Job):
             self._turning = False
             robot.codes.report(DRIVING_STRAIGHT, self.kind)
         ahead = stretch.length if second else distance * math.cos(bearing)
-        if ahead <= _POSITION_TOLERANCE:
+        if ahead <= _POSITION_TOLERANCE:  # the corner is beside the base or behind it
             self._turning = True
             return False
         speed, turn = approach(ahead, self._speed(), ACCELERATION, dt), 0.0

@@ -140,7 +140,7 @@ class Ownership:
         self._actions.start(name, job)
 
     def resume_action(self, name: str) -> None:
-        """Resume a paused action.
+        """Resume a paused action; one that is not paused just goes on.
 
         Raises:
             RefusedError: there is no such action, or another job owns its device.
@@ -172,7 +172,7 @@ class Ownership:
         self._follower.active = True
 
     def stop_wheels(self, reason: str) -> None:
-        """Stop at once. A task or action that drives is paused."""
+        """Stop the base: cancel an automatic task, and pause what else drives."""
         self._tasks.cancel_automatic(reason)
         if self._tasks.owns(Device.WHEELS):
             self._tasks.pause(reason)

@@ -93,7 +93,7 @@ class TaskReports:
     def _empty_report(self) -> robot_pb2.TaskProc:
         """Return a new report that there is no task."""
         report = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
-        report.action.SetInParent()
+        report.action.SetInParent()  # an empty action, as real robots report it
         return report
 
 
@@ -277,7 +277,7 @@ class Tasks:
         """Start the current or failed job again."""
         if self._canceling:
             return
-        if not self.active:
+        if not self.active:  # its record was closed when it failed
             self._robot.statistics.task_started(self.proc.robot_task_id, self.proc.dest)
         self._stop_working()
         self.proc.state = self._running_state()
@@ -477,6 +477,7 @@ class Tasks:
         self._stop_working()
         self._canceling = False
         if state == util_task_pb2.kCanceled and self._profile.report_last_action:
+            # A task that is cancelled before its first report is reported as executed until then.
             was_reported = self.reported.robot_task_id == self.proc.robot_task_id
             shown = self.reported.state if was_reported else util_task_pb2.kExecuting
             self._report(shown, action_state)
