@@ -358,6 +358,7 @@ def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.Ca
     if entry.button is None:
         raise DataFileError(f"{entry.source}: button is missing")
     caller = _CallInfo.Caller(mac_addr=entry.button.mac, key_id=entry.button.key)
+    # `release` is the id of the task after which the button is released: the first one.
     event = _CallInfo.CallEvent(caller=caller, release=1)
     call = _CallInfo(type=_CallInfo.kOr, events=[event])
     return woosh_task_pb2.CallTask(call_info=call, task_set=_task_set(entry, marks))
