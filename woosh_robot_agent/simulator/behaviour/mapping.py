@@ -82,8 +82,10 @@ class Mapping:
         self._robot = robot
         self._profile = robot.profile.mapping
         self._pictures = DelayedCalls(robot)
+        """The scheduled next picture of the map."""
         self._phase = Phase.NONE
         self._scene_name = self._map_name = ""
+        """Names of the map that is being made, and of its scene."""
         self._grid: GrowingGrid | None = None
         """Cells of the map; None while no map is being made."""
         self._located_before = True

@@ -222,6 +222,7 @@ class Navigate(Job):
         self._mode = navigation_pb2.ModeSetting(
             type=navigation_pb2.kAccurate, mode=navigation_pb2.kAvoid
         )
+        """Arrival type, behaviour at obstacles and speed limit."""
         self._corners: deque[deque[Point]] | None = None
         """Remaining corners of the path to each stop, None if a path must be planned first."""
         self._announced = False

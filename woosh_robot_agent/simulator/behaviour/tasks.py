@@ -125,7 +125,8 @@ class TaskOrder:
         id: the `robot_task_id` in reports.
         type: type of the task.
         dest: number of the target mark, empty if the target is not a mark.
-        jobs: returns the jobs of the task, in order, when it starts.
+        jobs: returns the jobs of the task, in order. Called when the task starts, because jobs may
+            depend on where the robot then stands.
         automatic: True if the robot has started the task by itself.
         own_id: True if the robot has chosen the id.
     """
