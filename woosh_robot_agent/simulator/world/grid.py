@@ -232,6 +232,7 @@ class Grid:
         return (x - self.low[0]) / self.resolution, (y - self.low[1]) / self.resolution
 
     def _interpolated(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
+        """Return the distance in metres at each point, from a field with a distance per cell."""
         places = (points - self.low) / self.resolution - 0.5
         distances = ndimage.map_coordinates(
             field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"

@@ -34,7 +34,8 @@ class Laser:
         increment: angle between two rays, in radians.
         range_min: minimum range, in metres.
         range_max: maximum range, in metres. A ray that hits nothing within it measures infinity.
-        scan_time: time between two scans, in seconds.
+        scan_time: time between two scans as ScannerData reports it, in seconds. The simulated scans
+            have the period that the profile gives.
         noise: standard deviation of a range, in metres.
     """
 
