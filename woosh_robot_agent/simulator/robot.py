@@ -85,7 +85,7 @@ class Robot(Timeline):
         driving = self.profile.driving
         self.base = Base(
             start,
-            odometer=1204.0,
+            odometer=1204.0,  # arbitrary, like the charge of the battery below
             rolls_for=driving.rolls_for,
             stops_below=driving.stops_below,
             max_speed=driving.max_speed,

@@ -88,8 +88,10 @@ class SimulatorThread:
     def __init__(self, config: SimulatorConfig | None = None) -> None:
         self._config = config
         self._ready: concurrent.futures.Future[SimulatedChassis] = concurrent.futures.Future()
+        """Done when clients can connect, or when the start has failed."""
         self._loop: asyncio.AbstractEventLoop
         self._stopping = asyncio.Event()
+        """Set in the thread to end it."""
         self._thread = threading.Thread(target=self._run, name="simulator", daemon=True)
 
     def __enter__(self) -> SimulatorThread:
