@@ -418,7 +418,7 @@ class Navigate(Job):
             for corner in leg:
                 if not corners:
                     corners.append(corner)
-                elif corner != corners[-1]:
+                elif corner != corners[-1]:  # a repeated corner would have no direction
                     before = corners[-2] if len(corners) > 1 else self._last_corner
                     last = corners[-1]
                     bend = wrap(_direction(last, corner) - _direction(before, last))

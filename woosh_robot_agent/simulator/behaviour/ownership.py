@@ -64,6 +64,7 @@ class Ownership:
     def navigation(self) -> Navigate | None:
         """The navigation that owns the wheels, or else a paused navigation."""
         job = self._tasks.job
+        # An action may drive while a task is paused.
         if self._tasks.paused and self._actions.owner(Device.WHEELS):
             return self._actions.navigation
         return job if isinstance(job, Navigate) else self._actions.navigation

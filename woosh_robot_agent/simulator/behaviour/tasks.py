@@ -374,6 +374,7 @@ class Tasks:
             dest=order.dest,
         )
         self._robot.statistics.task_started(order.id, order.dest)
+        # Real robots push an empty report first if they have chosen the id.
         if order.own_id and self._profile.empty_report:
             self._reports.push_empty()
         delay = 0.0 if at_once else self._robot.answer_delay
