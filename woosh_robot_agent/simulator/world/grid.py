@@ -174,6 +174,7 @@ class Grid:
         angles = first + increment * np.arange(count)
         ranges = np.full(count, math.inf)
         x, y = self._in_cells(*origin)
+        # Without zeros, by which the lengths below would be divided.
         dx, dy = (np.where(abs(d) < 1e-12, 1e-12, d) for d in (np.cos(angles), np.sin(angles)))
         rows, columns = self.cells.shape
         # Lengths at which each ray enters the grid, and at which it leaves the grid or ends.
