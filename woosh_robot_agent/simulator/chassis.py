@@ -117,7 +117,11 @@ class Chassis(Robot):
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
     def begin_request(self, type_name: str) -> None:
-        """Choose how long the answer to a request takes, given the full name of its type."""
+        """Choose when a request is answered, and if its changes are pushed before or after.
+
+        Args:
+            type_name: full name of the type of the request.
+        """
         answers = self.profile.answers
         times = answers.requests.get(type_name, answers.default)
         self.answer_delay = times.sample(self.rng)

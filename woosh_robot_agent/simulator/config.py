@@ -68,7 +68,7 @@ class SimulatorConfig:
         "seed of laser noise, simulated clock and random faults, for repeatable runs",
         type=int,
     )
-    profile: str | Path | Profile = _option(  # noqa: RUF009 - a field
+    profile: str | Path | Profile = _option(  # noqa: RUF009 - returns a field
         "tr200",
         f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file",
         metavar="NAME_OR_FILE",
@@ -78,7 +78,7 @@ class SimulatorConfig:
         "how far the clock of the robot is ahead of the real one, in s; negative: behind",
         metavar="SECONDS",
     )
-    code_language: Language | None = _option(  # noqa: RUF009 - a field
+    code_language: Language | None = _option(  # noqa: RUF009 - returns a field
         None,
         "language of the texts of status codes; none: no texts; default: as in the profile",
         choices=get_args(Language),

@@ -65,7 +65,7 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
 
 @command(pack.Follow)
 def _follow(chassis: Chassis, request: pack.Follow) -> Result:
-    if request.type:
+    if request.type:  # a flag: follow or stop following
         chassis.readiness.require_ready()
         chassis.ownership.follow()
     else:
