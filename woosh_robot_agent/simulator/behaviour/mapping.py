@@ -306,7 +306,7 @@ class Mapping:
             draft or robot.map,
             low=grid.low,
             high=grid.high,
-            walls=(),
+            walls=(),  # the cells show them
             grid=grid,
             end=end,
             ground_truth=robot.ground_truth,

@@ -256,7 +256,7 @@ class Navigate(Job):
     def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
         """Set the arrival type, the behaviour at obstacles and the speed limit."""
         self._mode.CopyFrom(mode)
-        self._tried_obstacles = None
+        self._tried_obstacles = None  # search a detour again, if the new mode allows one
 
     def suspend(self, robot: Robot) -> None:
         """Drop the path: the base may be elsewhere when the job continues."""

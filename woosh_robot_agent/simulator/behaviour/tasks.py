@@ -322,7 +322,7 @@ class Tasks:
             self.cancel(reason)
 
     def forget_failed(self) -> None:
-        """Make a failed task and the rest of its set unrecoverable."""
+        """Make a failed task and the rest of its set unrecoverable. A task in progress goes on."""
         if not self.active:
             self._jobs.clear()
             self._rest_of_set.clear()
