@@ -73,6 +73,8 @@ class ActionGroup:
 
 @dataclass(frozen=True)
 class _File:
+    """The content of the file."""
+
     task_type: tuple[ActionGroup, ...]
 
 

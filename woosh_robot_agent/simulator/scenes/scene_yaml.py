@@ -302,6 +302,7 @@ def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Ma
         corners = [(x1, y1), (x2, y2)]
     else:
         corners = [point for wall in walls for point in ((wall.x1, wall.y1), (wall.x2, wall.y2))]
+        # Without walls, the area is that of the image, even if a mark lies outside.
         corners += [mark.pose.point for mark in marks.values()] if walls else []
         corners += [grid.low, grid.high] if grid else []
     x, y = zip(*corners, strict=True)
