@@ -54,7 +54,7 @@ class _HttpCodec(JsonCodec):
         return super().encode(type_name, body, ok=ok, msg=msg)
 
 
-_CODEC = _HttpCodec(defaults=True)
+_CODEC = _HttpCodec(defaults=True)  # writes fields with default values too, as the chassis does
 
 
 class HttpTransport:
