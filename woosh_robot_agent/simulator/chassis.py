@@ -105,7 +105,7 @@ class Chassis(Robot):
         if not readiness.initialised:
             return util_robot_pb2.kUninit
         # With `confirmed_after`, a charge task ends after some seconds, and the battery goes on
-        # charging: until its end, the robot shows the state of the task.
+        # charging. Until the task ends, the robot has the state of the task.
         tasks_last_until_full = self.profile.charging.confirmed_after is None
         if self.battery.charges and (tasks_last_until_full or not self.tasks.state):
             return util_robot_pb2.kCharging
@@ -177,7 +177,7 @@ class Chassis(Robot):
 
     def switch_map(self, scene: Scene, area: Map) -> None:
         super().switch_map(scene, area)
-        self.tasks.forget_failed()
+        self.tasks.forget_failed()  # its target is on the old map
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""

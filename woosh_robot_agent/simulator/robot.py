@@ -195,7 +195,7 @@ class Robot(Timeline):
         if old is self.scene:
             area = new.map(current_map or self.map.name)
             assert area is not None
-            if area.same_ground(self.map):  # another name or other marks
+            if area.same_ground(self.map):  # only its name or its marks have changed
                 self.scenes[new.name] = self.scene = new
                 self.map = area
             else:

@@ -90,6 +90,7 @@ class SimulatorThread:
         self._ready: concurrent.futures.Future[SimulatedChassis] = concurrent.futures.Future()
         """Done when clients can connect, or when the start has failed."""
         self._loop: asyncio.AbstractEventLoop
+        """Event loop of the thread, set by the thread."""
         self._stopping = asyncio.Event()
         """Set in the thread to end it."""
         self._thread = threading.Thread(target=self._run, name="simulator", daemon=True)
