@@ -216,7 +216,7 @@ class Grid:
 
     @cached_property
     def _to_not_free(self) -> npt.NDArray[np.float32]:
-        """As `_to_occupied`, but to the nearest cell that is not free."""
+        """Distance from each cell to the nearest one that is not free, in cells."""
         free = (self.cells != OCCUPIED) & (self.cells != UNKNOWN)
         if self.keep_out is not None:
             free &= ~self.keep_out
