@@ -67,7 +67,7 @@ class Chassis(Robot):
         self.lights: dict[int, robot_pack_pb2.LED] = {}
         self.remote_controller = device_pb2.RfRemoteController()
         self._initialisation = DelayedCalls(self)
-        """The end of the current initialisation."""
+        """The scheduled end of the current initialisation."""
         self._reported_mode = self.readiness.control
         """Control mode that was reported last."""
         self.teleop = Teleop(self.profile.driving.start_delay)
@@ -88,7 +88,10 @@ class Chassis(Robot):
 
     @property
     def lost(self) -> bool:
-        """True if the robot has lost its localisation."""
+        """True if the robot has lost its localisation.
+
+        An uninitialised robot has none that it could lose, except while it makes a map.
+        """
         return not self.readiness.located and (self.readiness.initialised or self.mapping.active)
 
     @property
@@ -101,7 +104,8 @@ class Chassis(Robot):
             return util_robot_pb2.kMapping
         if not readiness.initialised:
             return util_robot_pb2.kUninit
-        # With `confirmed_after`, the task is soon completed, and the battery goes on charging.
+        # With `confirmed_after`, a charge task ends after some seconds, and the battery goes on
+        # charging. Until the task ends, the robot has the state of the task.
         tasks_last_until_full = self.profile.charging.confirmed_after is None
         if self.battery.charges and (tasks_last_until_full or not self.tasks.state):
             return util_robot_pb2.kCharging
@@ -113,7 +117,11 @@ class Chassis(Robot):
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
     def begin_request(self, type_name: str) -> None:
-        """Choose how long the answer to a request takes, given the full name of its type."""
+        """Choose when a request is answered, and if its changes are pushed before or after.
+
+        Args:
+            type_name: full name of the type of the request.
+        """
         answers = self.profile.answers
         times = answers.requests.get(type_name, answers.default)
         self.answer_delay = times.sample(self.rng)
@@ -169,7 +177,7 @@ class Chassis(Robot):
 
     def switch_map(self, scene: Scene, area: Map) -> None:
         super().switch_map(scene, area)
-        self.tasks.forget_failed()
+        self.tasks.forget_failed()  # its target is on the old map
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""

@@ -158,7 +158,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
     loop.add_reader(signals.fd, on_signal)
     try:
         simulator = SimulatedChassis(config)
-        if signals.received:
+        if signals.received:  # while the scenes were loading
             return
         async with simulator:
             host = url_host(config.host)
@@ -192,7 +192,6 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
 
 def _dashboard(simulator: SimulatedChassis, port: int) -> AbstractAsyncContextManager[str]:
     """Return the context in which the page is served; it yields the address of the page."""
-    # by name and on demand: the dashboard belongs to a layer above the simulator
     module = importlib.import_module(_DASHBOARD)
     context: AbstractAsyncContextManager[str] = module.dashboard_beside(simulator, port)
     return context
@@ -214,7 +213,7 @@ async def _wait_for_another(signal: asyncio.Event) -> None:
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
-    """Shows the default of each option that has one."""
+    """Shows the default of an option, unless it is empty, false or zero."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         return super()._get_help_string(action) if action.default else action.help
@@ -229,6 +228,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     for option in _OPTIONS:
         arguments = dict(option.metadata)
+        # An option without a default has its type, if it is not a text, in the metadata.
         if option.default is not None:
             arguments["type"] = type(option.default)
         name = option.name.replace("_", "-")

@@ -68,7 +68,7 @@ class SimulatorConfig:
         "seed of laser noise, simulated clock and random faults, for repeatable runs",
         type=int,
     )
-    profile: str | Path | Profile = _option(  # noqa: RUF009 - a field
+    profile: str | Path | Profile = _option(  # noqa: RUF009 - returns a field
         "tr200",
         f"how the robot behaves: {' or '.join(reversed(SHIPPED))}, or a YAML file",
         metavar="NAME_OR_FILE",
@@ -78,7 +78,7 @@ class SimulatorConfig:
         "how far the clock of the robot is ahead of the real one, in s; negative: behind",
         metavar="SECONDS",
     )
-    code_language: Language | None = _option(  # noqa: RUF009 - a field
+    code_language: Language | None = _option(  # noqa: RUF009 - returns a field
         None,
         "language of the texts of status codes; none: no texts; default: as in the profile",
         choices=get_args(Language),
@@ -122,7 +122,7 @@ class SimulatorConfig:
                 raise ValueError(f"{name} {getattr(self, name)} is not at least 1")
         if self.charge_after <= 0.0 or self.park_after <= 0.0:
             raise ValueError("charge_after and park_after must be more than 0 s")
-        if not abs(self.clock_offset) <= MAX_CLOCK_OFFSET:
+        if not abs(self.clock_offset) <= MAX_CLOCK_OFFSET:  # true for NaN too
             raise ValueError(f"clock offset {self.clock_offset:g} s is more than 10 years")
         for port in (self.port, self.tcp_port):
             if not 0 <= port <= 65535:

@@ -85,7 +85,7 @@ class Robot(Timeline):
         driving = self.profile.driving
         self.base = Base(
             start,
-            odometer=1204.0,
+            odometer=1204.0,  # arbitrary, like the charge of the battery below
             rolls_for=driving.rolls_for,
             stops_below=driving.stops_below,
             max_speed=driving.max_speed,
@@ -136,7 +136,7 @@ class Robot(Timeline):
 
     @property
     def walls(self) -> tuple[Wall, ...]:
-        """The walls of the hall and the sides of the obstacles."""
+        """The real walls around the robot, and the sides of the obstacles."""
         return self.ground_truth.walls + self.obstacles.walls
 
     @property
@@ -179,6 +179,7 @@ class Robot(Timeline):
         """Switch to another scene or map while there is no task. The pose of the robot stays."""
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
+        # A pose that is not free floor of this map cannot be that of the robot.
         if not self.can_stand(self.base.pose):
             self.readiness.located = False
 
@@ -194,7 +195,7 @@ class Robot(Timeline):
         if old is self.scene:
             area = new.map(current_map or self.map.name)
             assert area is not None
-            if area.same_ground(self.map):  # another name or other marks
+            if area.same_ground(self.map):  # only its name or its marks have changed
                 self.scenes[new.name] = self.scene = new
                 self.map = area
             else:
@@ -228,7 +229,7 @@ class Robot(Timeline):
     def dock_distance(self, mark: Mark) -> float:
         """Return the distance from a mark at which docking starts, in metres.
 
-        It is less than usual if walls are near, and 0 without room at any distance.
+        It is less than usual if walls are near, and 0 if no distance has enough room.
         """
         usual = self.profile.charging.docking_distance
         needed = outer_radius(self.outline) + PATH_MARGIN

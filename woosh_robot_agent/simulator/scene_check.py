@@ -59,6 +59,7 @@ def _unreadable_map_files(name: str, files: Mapping[str, bytes]) -> Iterator[str
         grid = robot_files.read_map_picture(name, files)
         robot_files.read_map_keepout(name, files, grid)
 
+    # The file of the keep-out areas can only be checked if the map can be read.
     picture_errors = _errors_of(lambda: robot_files.read_map_picture(name, files))
     yield from picture_errors or _errors_of(read_keepout)
     marks = f"{name}/{MARK_INFO}"
@@ -96,6 +97,7 @@ def _unusable_places(scene: Scene, profile: Profile) -> Iterator[str]:
 
 
 def _can_drive(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
+    """Return True if the planner finds a path before its computation time is used up."""
     routes = planner(area, outer_radius(profile.model.outline) + PATH_MARGIN)
     try:
         return routes.plan(here.point, there.point) is not None

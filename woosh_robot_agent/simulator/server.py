@@ -83,14 +83,14 @@ class SimulatedChassis(Server):
             OSError: a port is in use.
         """
         await self.listen()
-        self._injector.advance(0.0)
+        self._injector.advance(0.0)  # begins the faults that are due at the start
         await self.settle()
         self.start_clock()
 
     async def stop(self) -> None:
         """Close everything, within about a second."""
         self.stop_clock()
-        self._injector.clear()  # paused connections could not close
+        self._injector.clear()  # otherwise, paused connections could not close
         await self.settle()
         await self._connections.close()
         await self._ports.close(reserve=False)

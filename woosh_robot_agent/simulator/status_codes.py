@@ -15,6 +15,7 @@ Language = Literal["zh", "en", "none"]
 
 _Status = robot_count_pb2.StatusCode
 _LEVELS = (_Status.kNormal, _Status.kTips, _Status.kWarn, _Status.kFault)
+"""Severities by the last digit of a code's number."""
 
 
 class Code(NamedTuple):

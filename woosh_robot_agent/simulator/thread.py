@@ -88,8 +88,11 @@ class SimulatorThread:
     def __init__(self, config: SimulatorConfig | None = None) -> None:
         self._config = config
         self._ready: concurrent.futures.Future[SimulatedChassis] = concurrent.futures.Future()
+        """Done when clients can connect, or when the start has failed."""
         self._loop: asyncio.AbstractEventLoop
+        """Event loop of the thread, set by the thread."""
         self._stopping = asyncio.Event()
+        """Set in the thread to end it."""
         self._thread = threading.Thread(target=self._run, name="simulator", daemon=True)
 
     def __enter__(self) -> SimulatorThread:
@@ -188,6 +191,7 @@ class SimulatorThread:
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(timeout)
 
     def _run(self) -> None:
+        """Run the event loop. `start` raises an error that occurs before clients can connect."""
         try:
             asyncio.run(self._serve())
         except BaseException as error:

@@ -47,7 +47,7 @@ def is_clear(robot: Robot, direction: float, distance: float) -> bool:
     front = max(x * cos + y * sin for x, y in outline)
     half_width = max(y * cos - x * sin for x, y in outline) + _SIDE_GAP
     braking = robot.base.velocity.speed**2 / (2.0 * ACCELERATION)
-    # The checked area is a corridor with a round end of the same width.
+    # The checked area is a corridor whose round end reaches `half_width` beyond its length.
     length = min(distance, max(0.0, braking + front + _STOP_GAP - half_width))
     here = robot.base.pose
     there = here.moved(length * cos, length * sin, 0.0).point
@@ -121,7 +121,7 @@ class Wait(Job):
 
     Args:
         seconds: the time, in seconds. It may be infinite.
-        number: number of the wait in its task; 0 to count the waits of the task.
+        number: number of the wait in reports; 0 for its position among the waits of the task.
     """
 
     kind = util_action_pb2.kWait
@@ -143,7 +143,7 @@ class Wait(Job):
 
 
 _OBSTACLE_TIMEOUT = 5.0
-"""Time after which the job gives up if an obstacle stays in the way, in seconds."""
+"""Time after which `Steps` fails if an obstacle stays in the way, in seconds."""
 
 STEP_SPEED = 0.5
 """Default speed of steps, in m/s or rad/s."""

@@ -82,8 +82,10 @@ class Mapping:
         self._robot = robot
         self._profile = robot.profile.mapping
         self._pictures = DelayedCalls(robot)
+        """The scheduled next picture of the map."""
         self._phase = Phase.NONE
         self._scene_name = self._map_name = ""
+        """Names of the map that is being made, and of its scene."""
         self._grid: GrowingGrid | None = None
         """Cells of the map; None while no map is being made."""
         self._located_before = True
@@ -95,7 +97,7 @@ class Mapping:
 
     @property
     def active(self) -> bool:
-        """True from the start of the mapping until it has been saved or cancelled."""
+        """True from the first scan of the mapping until it has been saved or cancelled."""
         return self._phase in (Phase.RUNNING, Phase.SAVING, Phase.CANCELLING)
 
     @property
@@ -304,7 +306,7 @@ class Mapping:
             draft or robot.map,
             low=grid.low,
             high=grid.high,
-            walls=(),
+            walls=(),  # the cells show them
             grid=grid,
             end=end,
             ground_truth=robot.ground_truth,
@@ -321,9 +323,11 @@ class Mapping:
         self.draft = None
 
     def _end(self) -> None:
+        """End the mapping. The robot has to be initialised again."""
         readiness = self._robot.readiness
         readiness.initialised = False
         if self._phase is Phase.CANCELLING:
+            # The start of a new map made the pose known, but only on that map.
             readiness.located = readiness.located and self._located_before
         self._phase = Phase.NONE
         self._grid = None

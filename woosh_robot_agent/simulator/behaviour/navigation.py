@@ -57,7 +57,7 @@ class Route:
     """A planned route.
 
     Attributes:
-        legs: for each stop, the leg that leads to it: its corners, the stop last.
+        legs: for each stop, the corners of the part of the route that leads to it, the stop last.
         poses: the start, each corner with the direction in which the robot arrives there, and the
             last stop.
     """
@@ -144,7 +144,7 @@ _LOOKAHEAD = 0.2
 """Distance along a bending path to the point that the base steers to, in metres."""
 
 _STEERING_TOLERANCE = 1e-3
-"""Bearing of this point up to which the base drives straight on, in radians."""
+"""Bearing of the point to steer to up to which the base drives straight on, in radians."""
 
 _MAX_STRETCH = 2.0
 """Length of the path ahead that determines the speed, in metres; more than the braking distance."""
@@ -222,6 +222,7 @@ class Navigate(Job):
         self._mode = navigation_pb2.ModeSetting(
             type=navigation_pb2.kAccurate, mode=navigation_pb2.kAvoid
         )
+        """Arrival type, behaviour at obstacles and speed limit."""
         self._corners: deque[deque[Point]] | None = None
         """Remaining corners of the path to each stop, None if a path must be planned first."""
         self._announced = False
@@ -255,7 +256,7 @@ class Navigate(Job):
     def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
         """Set the arrival type, the behaviour at obstacles and the speed limit."""
         self._mode.CopyFrom(mode)
-        self._tried_obstacles = None
+        self._tried_obstacles = None  # search a detour again, if the new mode allows one
 
     def suspend(self, robot: Robot) -> None:
         """Drop the path: the base may be elsewhere when the job continues."""
@@ -299,7 +300,8 @@ class Navigate(Job):
             else:
                 self._corners.popleft()
                 self._stops.popleft()
-        self._stops.append(self.goal)  # a task may list the same drive twice
+        # The goal stays the last stop, because a task may list the same drive twice.
+        self._stops.append(self.goal)
         return Progress(done=True, text=f"arrived at {base.pose}")
 
     def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> None:
@@ -367,7 +369,7 @@ class Navigate(Job):
         if second and base.pose.distance(second) <= math.dist(corner, second):
             return False
         if distance <= _POSITION_TOLERANCE:
-            self._turning = second is None
+            self._turning = second is None  # the base stops here, and turns to the next corner
             return False
         if self._turning:
             if abs(bearing) > _ANGLE_TOLERANCE:
@@ -376,7 +378,7 @@ class Navigate(Job):
             self._turning = False
             robot.codes.report(DRIVING_STRAIGHT, self.kind)
         ahead = stretch.length if second else distance * math.cos(bearing)
-        if ahead <= _POSITION_TOLERANCE:
+        if ahead <= _POSITION_TOLERANCE:  # the corner is beside the base or behind it
             self._turning = True
             return False
         speed, turn = approach(ahead, self._speed(), ACCELERATION, dt), 0.0
@@ -416,7 +418,7 @@ class Navigate(Job):
             for corner in leg:
                 if not corners:
                     corners.append(corner)
-                elif corner != corners[-1]:
+                elif corner != corners[-1]:  # a repeated corner would have no direction
                     before = corners[-2] if len(corners) > 1 else self._last_corner
                     last = corners[-1]
                     bend = wrap(_direction(last, corner) - _direction(before, last))

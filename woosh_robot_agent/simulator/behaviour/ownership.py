@@ -64,6 +64,7 @@ class Ownership:
     def navigation(self) -> Navigate | None:
         """The navigation that owns the wheels, or else a paused navigation."""
         job = self._tasks.job
+        # An action may drive while a task is paused.
         if self._tasks.paused and self._actions.owner(Device.WHEELS):
             return self._actions.navigation
         return job if isinstance(job, Navigate) else self._actions.navigation
@@ -140,7 +141,7 @@ class Ownership:
         self._actions.start(name, job)
 
     def resume_action(self, name: str) -> None:
-        """Resume a paused action.
+        """Resume a paused action; one that is not paused just goes on.
 
         Raises:
             RefusedError: there is no such action, or another job owns its device.
@@ -172,7 +173,7 @@ class Ownership:
         self._follower.active = True
 
     def stop_wheels(self, reason: str) -> None:
-        """Stop at once. A task or action that drives is paused."""
+        """Stop the base: cancel an automatic task, and pause what else drives."""
         self._tasks.cancel_automatic(reason)
         if self._tasks.owns(Device.WHEELS):
             self._tasks.pause(reason)

@@ -79,6 +79,7 @@ def task_jobs(
             unloads = direction == util_task_pb2.kCutting
             jobs.append(MoveLift(robot.jack, 0.0 if unloads else robot.jack.travel))
         elif kind == util_action_pb2.kWait:
+            # With `final_wait`, waits of 0 s are done too, e.g. the one that ends a pick task.
             if each.wait_time or robot.profile.tasks.final_wait:
                 jobs.append(Wait(each.wait_time, each.wait_id))
         elif kind == util_action_pb2.kCharge:

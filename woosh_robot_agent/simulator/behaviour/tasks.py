@@ -93,7 +93,7 @@ class TaskReports:
     def _empty_report(self) -> robot_pb2.TaskProc:
         """Return a new report that there is no task."""
         report = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
-        report.action.SetInParent()
+        report.action.SetInParent()  # an empty action, as real robots report it
         return report
 
 
@@ -125,7 +125,8 @@ class TaskOrder:
         id: the `robot_task_id` in reports.
         type: type of the task.
         dest: number of the target mark, empty if the target is not a mark.
-        jobs: returns the jobs of the task, in order, when it starts.
+        jobs: returns the jobs of the task, in order. Called when the task starts, because jobs may
+            depend on where the robot then stands.
         automatic: True if the robot has started the task by itself.
         own_id: True if the robot has chosen the id.
     """
@@ -277,7 +278,7 @@ class Tasks:
         """Start the current or failed job again."""
         if self._canceling:
             return
-        if not self.active:
+        if not self.active:  # its record was closed when it failed
             self._robot.statistics.task_started(self.proc.robot_task_id, self.proc.dest)
         self._stop_working()
         self.proc.state = self._running_state()
@@ -321,7 +322,7 @@ class Tasks:
             self.cancel(reason)
 
     def forget_failed(self) -> None:
-        """Make a failed task and the rest of its set unrecoverable."""
+        """Make a failed task and the rest of its set unrecoverable. A task in progress goes on."""
         if not self.active:
             self._jobs.clear()
             self._rest_of_set.clear()
@@ -373,6 +374,7 @@ class Tasks:
             dest=order.dest,
         )
         self._robot.statistics.task_started(order.id, order.dest)
+        # Real robots push an empty report first if they have chosen the id.
         if order.own_id and self._profile.empty_report:
             self._reports.push_empty()
         delay = 0.0 if at_once else self._robot.answer_delay
@@ -477,6 +479,7 @@ class Tasks:
         self._stop_working()
         self._canceling = False
         if state == util_task_pb2.kCanceled and self._profile.report_last_action:
+            # A task that is cancelled before its first report is reported as executed until then.
             was_reported = self.reported.robot_task_id == self.proc.robot_task_id
             shown = self.reported.state if was_reported else util_task_pb2.kExecuting
             self._report(shown, action_state)

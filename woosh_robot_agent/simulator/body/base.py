@@ -15,7 +15,7 @@ ANGULAR_ACCELERATION = 2.0
 """Maximum angular acceleration, in rad/s²."""
 
 _TOLERANCE = 1e-7
-"""Maximum rounding error of a velocity, in m/s or rad/s."""
+"""Maximum rounding error of a velocity or of a gap, in m/s, rad/s or m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +114,7 @@ class Base:
     def brake(self) -> None:
         """Stop as robots do after a velocity of zero: at once, or by an exponential slowdown."""
         if self._rolls_for:
+            # One more step at this velocity; then the exponential slowdown begins.
             self.drive(self.velocity, rolls_on=True)
         else:
             self.halt()
@@ -179,8 +180,9 @@ def approach(distance: float, fastest: float, acceleration: float, dt: float) ->
     """
     far = abs(distance)
     if far <= acceleration * dt * dt:
-        speed = far / dt
+        speed = far / dt  # arrives with this step, slow enough to stop in the next one
     else:
+        # Solves far = speed * dt + speed**2 / (2 * acceleration): this step, then the braking.
         speed = acceleration * (math.sqrt(dt * dt + 2.0 * far / acceleration) - dt)
     return math.copysign(min(speed, fastest), distance)
 

@@ -111,6 +111,7 @@ class WiFi:
         self.hotspot = False
         self.list_json = b""
         self._known = {self.name}
+        """SSIDs of the known networks."""
 
     def state(self) -> _WiFiState:
         """Return the state as reported to clients."""
@@ -174,6 +175,11 @@ class WiFi:
 
 
 def _ssid(content: bytes) -> str:
+    """Return the `ssid` in a JSON object.
+
+    Raises:
+        RefusedError: `content` is not a JSON object with an `ssid`.
+    """
     try:
         parsed: Any = json.loads(content)
     except (ValueError, RecursionError):

@@ -56,6 +56,7 @@ class Statistics:
         self._timeline = timeline
         self._period = math.inf if period is None else period
         self._mileage = int(odometer)
+        """Total distance driven, in whole metres."""
         self._day_start = self._next_report = 0.0
         """Simulated times at which the day began and its record is pushed again, in seconds."""
         self._begin_day()
@@ -125,6 +126,7 @@ class Statistics:
                 self._close(record, self._starts[code])
 
     def _begin_day(self) -> None:
+        """Open the record of the present day, without pushing it."""
         now, mileage = self._timeline.time, self._mileage
         self._day_start = self._timeline.elapsed
         self._next_report = self._timeline.elapsed + self._period
@@ -147,7 +149,7 @@ class Statistics:
 
     def _close(self, record: count_pb2.Task | count_pb2.Status, start: float) -> None:
         record.bucket.end = int(self._timeline.time)
-        record.cons = round(self._timeline.elapsed - start)
+        record.cons = round(self._timeline.elapsed - start)  # the duration, in seconds
         record.end = True
         self._push(record)
 

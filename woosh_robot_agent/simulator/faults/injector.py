@@ -201,7 +201,7 @@ class Injector:
             self._active[injection] = self._clock + seconds if seconds else None
         else:
             _LOG.info("fault: %s", injection)
-            injection.active = False
+            injection.active = False  # a momentary fault is already over
         return injection
 
     def clear(self) -> None:

@@ -91,6 +91,7 @@ def _on_frames(
     def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
             kind, name = ("answers", frame.request) if frame.is_answer else ("pushes", frame.type)
+            # A fault without the argument `frames` affects only answers.
             of_kind = injection.arguments.get("frames", "answers") in (kind, "all")
             of_type = injection["type"] in (name, "")
             if not (injection.active and of_kind and of_type):
@@ -157,27 +158,27 @@ class _Shuffle:
         """
         kept = self._kept.setdefault(client, [])
         kept.append(release)
-        # the frame that ends the fault comes after `flush`
+        # The frame that reaches `count` ends the fault, and only then comes here: send it at once.
         if len(kept) >= self._injection["window"] or not self._injection.active:
-            self._flush(client)
+            self._flush_client(client)
         elif client not in self._timers:
             loop = asyncio.get_running_loop()
-            timer = loop.call_later(self._injection["seconds"], self._flush, client)
+            timer = loop.call_later(self._injection["seconds"], self._flush_client, client)
             self._timers[client] = timer
 
     def flush(self) -> None:
         """Send all collected frames."""
         for client in list(self._kept):
-            self._flush(client)
+            self._flush_client(client)
 
-    def _flush(self, client: object) -> None:
+    def _flush_client(self, client: object) -> None:
         timer = self._timers.pop(client, None)
         if timer:
             timer.cancel()
         kept = self._kept.pop(client)
         shuffled = kept[:]
         self._injection.rng.shuffle(shuffled)
-        if shuffled == kept:
+        if shuffled == kept:  # the order must change
             shuffled.reverse()
         for release in shuffled:
             release()
@@ -405,6 +406,7 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
     present: list[Any] = [field for field, _ in message.ListFields()]
     field = injection.rng.choice(present or list(message.DESCRIPTOR.fields))
     message.ClearField(field.name)
+    # A wire type that the field cannot have.
     wire_type, value = (_VARINT, b"\1") if field.type in _FIXED64_TYPES else (_FIXED64, b"\1" * 8)
     pack.body.value = message.SerializeToString() + _tag(field.number, wire_type) + value
     return pack.SerializeToString()

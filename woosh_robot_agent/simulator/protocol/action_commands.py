@@ -65,7 +65,7 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
 
 @command(pack.Follow)
 def _follow(chassis: Chassis, request: pack.Follow) -> Result:
-    if request.type:
+    if request.type:  # a flag: follow or stop following
         chassis.readiness.require_ready()
         chassis.ownership.follow()
     else:
@@ -96,6 +96,7 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     name = command.DESCRIPTOR.full_name
     if field == "nav_mode":
         _set_navigation_mode(chassis, command)
+        # This action needs no device, so `ownership` has nothing to decide.
         chassis.actions.start(name, Done("navigation mode set"))
         return None
     if field not in _JOBS:
@@ -211,7 +212,7 @@ def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
         return MoveLift(column, height, speed=speed)
     if mode == _Lift3.kCalibration:
         return MoveLift(column, 0.0, speed=speed)
-    if mode == _Lift3.kTsetMode:
+    if mode == _Lift3.kTsetMode:  # the test mode: once up and down
         return MoveLift(column, 0.0, column.travel, 0.0, speed=speed)
     raise RefusedError(
         f"unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration"

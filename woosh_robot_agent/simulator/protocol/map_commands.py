@@ -256,7 +256,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         if is_new_map:
             chassis.deployment.end_session()  # the collected points went with the map
         else:
-            chassis.deployment.cancel()
+            chassis.deployment.cancel()  # the map stays, without the collected points
     else:
         raise RefusedError(f"unknown type {kind} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save")
     # The answer comes when the map is started, saved or cancelled.

@@ -30,6 +30,7 @@ def _check_type(number: int) -> None:
 
 _ACTIONS = [number for number in action_pb2.Type.values() if number]
 _TYPES = [number for number in task_pb2.Type.values() if number]
+"""Valid numbers of actions and of types of tasks, without 0, which stands for undefined."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ class ActionGroup:
 
 @dataclass(frozen=True)
 class _File:
+    """The content of the file."""
+
     task_type: tuple[ActionGroup, ...]
 
 

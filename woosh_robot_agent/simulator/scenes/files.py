@@ -65,6 +65,7 @@ def read_robot_folder(folder: Path) -> dict[str, bytes]:
         name = file.relative_to(folder)
         added = name.parts[0] in _ADDED_FOLDERS and name.parts[0] not in maps
         if file.is_file() and not added and not name.parts[0].startswith("."):
+            # `maps download` percent-encodes names that would not be valid paths.
             files[unquote(name.as_posix())] = _read_file(file)
     return files
 

@@ -302,6 +302,7 @@ def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Ma
         corners = [(x1, y1), (x2, y2)]
     else:
         corners = [point for wall in walls for point in ((wall.x1, wall.y1), (wall.x2, wall.y2))]
+        # Without walls, the area is that of the image, even if a mark lies outside.
         corners += [mark.pose.point for mark in marks.values()] if walls else []
         corners += [grid.low, grid.high] if grid else []
     x, y = zip(*corners, strict=True)
@@ -358,6 +359,7 @@ def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.Ca
     if entry.button is None:
         raise DataFileError(f"{entry.source}: button is missing")
     caller = _CallInfo.Caller(mac_addr=entry.button.mac, key_id=entry.button.key)
+    # `release` is the id of the task after which the button is released: the first one.
     event = _CallInfo.CallEvent(caller=caller, release=1)
     call = _CallInfo(type=_CallInfo.kOr, events=[event])
     return woosh_task_pb2.CallTask(call_info=call, task_set=_task_set(entry, marks))

@@ -295,12 +295,12 @@ class Ports:
             await self._close(reserve=False)
             raise
         self.port, self.tcp_port = websocket.port, tcp.port
-        self._free()
+        self._free_reserved()  # not before: another program could have taken the ports
 
     async def _close(self, reserve: bool) -> None:
         listeners, self._listeners = self._listeners, []
         await asyncio.gather(*(listener.close() for listener in listeners))
-        self._free()
+        self._free_reserved()
         for listener in listeners if reserve else ():
             for family, address in listener.addresses:
                 self._reserve(family, address)
@@ -319,7 +319,7 @@ class Ports:
         with contextlib.suppress(OSError):  # already taken: listening again will report it
             reserved.bind(address)
 
-    def _free(self) -> None:
+    def _free_reserved(self) -> None:
         for reserved in self._reserved:
             reserved.close()
         self._reserved.clear()

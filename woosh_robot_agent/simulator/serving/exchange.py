@@ -460,6 +460,7 @@ class MessageHandler:
         self._watch.watch({topic for client in self.clients for topic in client.topics})
 
     def _record(self, type_name: str, message: Message) -> None:
+        """Count and keep a message of a client, and wake those who wait for it."""
         self.counts[type_name] += 1
         self.received.append(Received(type_name, message))
         self._received_sizes.append(message.ByteSize())

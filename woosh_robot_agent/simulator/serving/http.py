@@ -54,7 +54,7 @@ class _HttpCodec(JsonCodec):
         return super().encode(type_name, body, ok=ok, msg=msg)
 
 
-_CODEC = _HttpCodec(defaults=True)
+_CODEC = _HttpCodec(defaults=True)  # writes fields with default values too, as the chassis does
 
 
 class HttpTransport:
@@ -97,7 +97,7 @@ class HttpTransport:
         self._left -= len(data)
         if self._left <= 0:
             self._connection.transport.close()
-            self._respond(web.Response())
+            self._respond(web.Response())  # only ends the call: the connection is closed
 
     async def recv(self) -> str | bytes:
         raise TransportClosedError("a call has no further frames")
@@ -160,7 +160,7 @@ class HttpCalls:
             return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, text)
         if not self._handler.hooks.admit():
             abort_transport(connection.transport)
-            return web.Response()
+            return web.Response()  # goes nowhere: the connection is closed
         if request.headers.get("Expect", "").lower() == "100-continue":  # curl, for large bodies
             await connection.write(b"HTTP/1.1 100 Continue\r\n\r\n")
         try:

@@ -53,6 +53,7 @@ class Server:
         self._connections = Connections(self._handler, self.config)
         self._ports = Ports(self.config, self._connections)
         self._ticker: asyncio.Task[None] | None = None
+        """Task that advances the simulated time, None before the start."""
         self._step_start = 0.0
         """Time of the event loop at which the current simulation step began, in seconds."""
         self.chassis.on_schedule = self._wake_for

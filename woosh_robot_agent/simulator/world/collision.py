@@ -24,6 +24,7 @@ class Obstacles:
         self._sides: dict[str, tuple[Wall, ...]] = {}
         """Sides of each obstacle, by name."""
         self._all_sides: tuple[Wall, ...] = ()
+        """Sides of all obstacles together."""
 
     def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
         """Add an obstacle, or move and resize the obstacle of the same name.

@@ -170,6 +170,7 @@ class Hull:
             (nx * x1 + ny * y1 - distance, nx * (x2 - x1) + ny * (y2 - y1))
             for nx, ny, distance in self.sides
         ]
+        # At the position `share` of the wall, from 0 to 1, the maximum is height + slope * share.
         share = 0.0
         height, slope = max(lines)
         while slope < 0.0:

@@ -174,6 +174,7 @@ class Grid:
         angles = first + increment * np.arange(count)
         ranges = np.full(count, math.inf)
         x, y = self._in_cells(*origin)
+        # Without zeros, by which the lengths below would be divided.
         dx, dy = (np.where(abs(d) < 1e-12, 1e-12, d) for d in (np.cos(angles), np.sin(angles)))
         rows, columns = self.cells.shape
         # Lengths at which each ray enters the grid, and at which it leaves the grid or ends.
@@ -215,7 +216,7 @@ class Grid:
 
     @cached_property
     def _to_not_free(self) -> npt.NDArray[np.float32]:
-        """As `_to_occupied`, but to the nearest cell that is not free."""
+        """Distance from each cell to the nearest one that is not free, in cells."""
         free = (self.cells != OCCUPIED) & (self.cells != UNKNOWN)
         if self.keep_out is not None:
             free &= ~self.keep_out
@@ -232,6 +233,7 @@ class Grid:
         return (x - self.low[0]) / self.resolution, (y - self.low[1]) / self.resolution
 
     def _interpolated(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
+        """Return the distance in metres at each point, from a field with a distance per cell."""
         places = (points - self.low) / self.resolution - 0.5
         distances = ndimage.map_coordinates(
             field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"

@@ -39,8 +39,10 @@ RESOLUTION = 0.05
 """Side of a cell of a new map, in metres."""
 
 _ECHO, _MAX_EVIDENCE, _MIN_EVIDENCE = 2, 20, -10
-"""Evidence of one echo, and limits of the evidence of a cell, which thereby can still change. A ray
-that passes counts -1."""
+"""Evidence of one echo, and limits of the evidence of a cell. A ray that passes counts -1.
+
+Within the limits, some scans can change a cell, however often it was seen before.
+"""
 
 _INTO_WALL = 0.0125
 """Distance in metres by which an echo is moved further along its ray.
@@ -107,13 +109,15 @@ class GrowingGrid:
             laser.x + lengths * np.cos(angles), laser.y + lengths * np.sin(angles)
         )
         column, row = self._indices(np.array([laser.x]), np.array([laser.y]))
-        self._add(np.append(columns, column), np.append(rows, row), columns[echoes], rows[echoes])
+        self._add_evidence(
+            np.append(columns, column), np.append(rows, row), columns[echoes], rows[echoes]
+        )
 
     def add_floor(self, corners: Sequence[Point]) -> None:
         """Add free floor inside a polygon, e.g. the outline of the robot."""
         x, y = np.array(corners).T
         columns, rows = self._indices(x, y)
-        self._add(columns, rows, columns[:0], rows[:0])
+        self._add_evidence(columns, rows, columns[:0], rows[:0])
 
     def raster(self) -> Raster:
         """Return the current map: its known cells with an edge of unknown cells around them."""
@@ -139,7 +143,7 @@ class GrowingGrid:
         rows = np.floor((y - self._anchor[1]) / self.resolution).astype(np.intp)
         return columns, rows
 
-    def _add(
+    def _add_evidence(
         self, columns: Indices, rows: Indices, echo_columns: Indices, echo_rows: Indices
     ) -> None:
         """Add free cells inside the polygon with corners in `columns` and `rows`, and echoes."""
@@ -153,7 +157,7 @@ class GrowingGrid:
         # Not the sides: they run along walls, and distant echoes hit only some cells of a wall.
         ImageDraw.Draw(image).polygon(corners, fill=1, outline=0)
         passed = np.array(image).view(np.int8)
-        passed[rows - bottom, columns - left] = 0
+        passed[rows - bottom, columns - left] = 0  # nor the corners, which may be echoes
         part = self._evidence[
             bottom - self._bottom : top - self._bottom + 1,
             left - self._left : right - self._left + 1,

@@ -16,6 +16,12 @@ if TYPE_CHECKING:  # numpy and scipy load slowly, and few maps have a grid
 _MAX_RAYS = 10_000
 """Maximum number of rays of a scan."""
 
+_MAX_ERROR = 0.01
+"""Maximum error of a range, in metres.
+
+Because errors are limited, `growing_grid` can put all echoes of a wall into the same cell.
+"""
+
 
 @dataclass(frozen=True)
 class Laser:
@@ -28,7 +34,8 @@ class Laser:
         increment: angle between two rays, in radians.
         range_min: minimum range, in metres.
         range_max: maximum range, in metres. A ray that hits nothing within it measures infinity.
-        scan_time: time between two scans, in seconds.
+        scan_time: time between two scans as ScannerData reports it, in seconds. The simulated scans
+            have the period that the profile gives.
         noise: standard deviation of a range, in metres.
     """
 
@@ -68,7 +75,10 @@ class Laser:
         for wall in walls:
             self._cast(origin, wall, ranges)
         return [
-            max(self.range_min, range_ + max(-0.01, min(0.01, rng.gauss(0.0, self.noise))))
+            max(
+                self.range_min,
+                range_ + max(-_MAX_ERROR, min(_MAX_ERROR, rng.gauss(0.0, self.noise))),
+            )
             if range_ <= self.range_max
             else math.inf
             for range_ in ranges

@@ -66,8 +66,8 @@ class Map:
         other_marks: marks of other kinds, such as beacons, which the robot only stores.
         end: pose of the robot when it was last on the map, or at the end of its mapping; None if
             that is not known.
-        ground_truth: for a map that the robot made: the map of the hall, with the real walls. None
-            if the map itself is the hall.
+        ground_truth: for a map that the robot made: the map with the real walls, which decide on
+            collisions and scans. None for a map that has the real walls itself.
     """
 
     id: int

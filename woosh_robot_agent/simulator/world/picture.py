@@ -103,9 +103,10 @@ def _free_area(area: Map) -> tuple[Cells, float, Point]:
 
 
 def _draw_walls(cells: Cells, area: Map, resolution: float, low: Point) -> None:
+    """Make the cells along the walls of a map occupied."""
     for wall in area.walls:
         length = math.dist((wall.x1, wall.y1), (wall.x2, wall.y2))
-        count = 2 + int(4.0 * length / resolution)
+        count = 2 + int(4.0 * length / resolution)  # about four points per cell: no gaps
         points = np.linspace((wall.x1, wall.y1), (wall.x2, wall.y2), count)
         columns, rows = np.floor((points - low) / resolution).astype(np.intp).T
         height, width = cells.shape

@@ -67,7 +67,7 @@ class Lattice:
         self._low = area.low
         self._columns = math.floor((right - left) / _SPACING + 1e-6)
         self._rows = math.floor((top - bottom) / _SPACING + 1e-6)
-        self._width = self._columns + 2
+        self._width = self._columns + 2  # with the border
         # For each neighbour: the difference of the place numbers, and the distance in metres.
         self._steps = tuple(
             (dx + dy * self._width, _SPACING * math.hypot(dx, dy))
@@ -192,6 +192,7 @@ class Planner:
         self._radius = radius
         self._lattice = Lattice(area)
         self._blocked = self._lattice.blocked_places(area, radius)
+        """1 for each place of the lattice that is too close to a wall of the map, else 0."""
 
     def plan(
         self,
