@@ -1,7 +1,7 @@
 """Profiles: the behaviour of one robot model, e.g. answer times and speeds, read from YAML files.
 
 The shipped profiles are in the folder `data/profiles/`. The comments in `tr200.yaml` describe the
-fields in full; docs/simulator_reference.md has the same descriptions as a table.
+fields; docs/simulator_reference.md has the same descriptions as a table.
 """
 
 from __future__ import annotations
@@ -96,18 +96,7 @@ Count = Annotated[int, Between(0, 2**31 - 1)]
 
 @dataclass(frozen=True)
 class ModelProfile:
-    """Model and sizes, as reported, and the outline.
-
-    Attributes:
-        display_model: name of the model.
-        urdf_name: name of the robot description.
-        length: length, in millimetres.
-        width: width, in millimetres.
-        height: height, in millimetres.
-        weight: weight, in kg.
-        load: maximum load, in kg.
-        outline: corners of the robot on the floor.
-    """
+    """Model and sizes."""
 
     display_model: str
     urdf_name: str
@@ -121,26 +110,7 @@ class ModelProfile:
 
 @dataclass(frozen=True)
 class TaskProfile:
-    """Tasks: the steps that they have, and the times between their reports, in seconds.
-
-    Attributes:
-        starting_states: states of a task that are reported before it is executed.
-        first_report: times from the answer to the first report, of which one is chosen at random;
-            without times, the report follows at once.
-        between_jobs: time from the end of a job to the start of the next one.
-        order_effect: time from an order, e.g. to pause, to the report that shows its effect.
-        state_first: share of commands, from 0 to 1, whose changes are pushed before the answer.
-        empty_report: time from the last report to the empty one; None for no empty report.
-        report_last_action: True if the end of the last action is reported before that of the task.
-        final_wait: True if waits of 0 s are done.
-        leave_dock: True if a robot in a dock leaves it before it drives to another place.
-        pause_at_obstacle: True if a task is reported as paused while an obstacle blocks it.
-        obstacle_timeout: time after which a blocked task fails; None for never.
-        charge_as_parking: True if the robot reports an automatic charge task as parking.
-        messages: True if the reports have texts for people.
-        own_id_factor: for ids that the robot chooses: factor of the Unix time.
-        own_id_offset: for ids that the robot chooses: number that is added.
-    """
+    """Tasks: the steps that they have, and the times between their reports."""
 
     starting_states: tuple[Literal["kInit", "kReady"], ...]
     first_report: tuple[NotNegative, ...]
@@ -161,13 +131,7 @@ class TaskProfile:
 
 @dataclass(frozen=True)
 class AnswerProfile:
-    """Times from a request to its answer, in seconds.
-
-    Attributes:
-        default: time for all requests that are not in `requests`.
-        requests: times by the type of the request.
-        initialisation: time that an initialisation takes.
-    """
+    """Times from a request to its answer."""
 
     default: RisingDistribution
     requests: Annotated[Mapping[str, RisingDistribution], _check_requests]
@@ -176,16 +140,7 @@ class AnswerProfile:
 
 @dataclass(frozen=True)
 class MappingProfile:
-    """Times of making a map, in seconds.
-
-    Attributes:
-        start: time from the request to start to its answer.
-        state_after: time from this request to the robot state "mapping".
-        picture_period: time between two pictures of the map.
-        save: time from the request to save to its answer.
-        scene_after: time from this request to the report of the new map.
-        cancel: time from the request to cancel to its answer.
-    """
+    """Times of making a map."""
 
     start: RisingInterval
     state_after: NotNegative
@@ -197,15 +152,7 @@ class MappingProfile:
 
 @dataclass(frozen=True)
 class RateProfile:
-    """Periods of scans and of pushed reports, in seconds.
-
-    Attributes:
-        pose_speed: time between two reports of the pose of a moving robot.
-        scan: time between two scans of the laser.
-        scan_push: time between two pushed scans.
-        battery: time after which an unchanged battery is reported again; None for never.
-        operation: time after which the record of the day is pushed again; None for never.
-    """
+    """Periods of scans and of pushed reports."""
 
     pose_speed: NotNegative
     scan: NotNegative
@@ -216,16 +163,7 @@ class RateProfile:
 
 @dataclass(frozen=True)
 class DrivingProfile:
-    """Speeds, and remote control.
-
-    Attributes:
-        max_speed: maximum speed, in m/s.
-        max_turn_rate: maximum turn rate, in rad/s.
-        start_delay: time from the first velocity to the first motion, in seconds.
-        rolls_for: time constant of the exponential slowdown after remote control, in seconds; 0 for
-            no such slowdown.
-        stops_below: speed at which this slowdown ends, in m/s or rad/s.
-    """
+    """Speeds, and remote control."""
 
     max_speed: Annotated[float, Between(0.01, 10.0)]
     max_turn_rate: Annotated[float, Between(0.01, 20.0)]
@@ -236,17 +174,7 @@ class DrivingProfile:
 
 @dataclass(frozen=True)
 class BatteryProfile:
-    """The battery: its rates, and the values that are reported without being simulated.
-
-    Attributes:
-        idle_drain: discharge with time, in percent per second.
-        driving_drain: discharge with distance, in percent per metre.
-        charging_rate: charge with time, in percent per second.
-        health: reported full-charge capacity, compared with the design capacity.
-        charge_cycle: reported number of charge cycles.
-        battery_cycle: reported battery life.
-        temp_max: reported temperature, in degrees Celsius.
-    """
+    """The battery."""
 
     idle_drain: NotNegative
     driving_drain: NotNegative
@@ -259,16 +187,7 @@ class BatteryProfile:
 
 @dataclass(frozen=True)
 class ChargingProfile:
-    """Docking, and charge tasks.
-
-    Attributes:
-        docking_distance: distance before a mark at which docking starts, in metres.
-        docking_speed: speed of docking, in m/s.
-        starts_after: time from the start of the charge job to the flow of current, in seconds.
-        confirmed_after: time from the start of this job to its end, in seconds; None if it ends
-            when the battery is full.
-        completed_after: time from the end of this job to the end of the task, in seconds.
-    """
+    """Docking, and charge tasks."""
 
     docking_distance: NotNegative
     docking_speed: NotNegative
@@ -279,16 +198,7 @@ class ChargingProfile:
 
 @dataclass(frozen=True)
 class RefusalProfile:
-    """Requests that are refused, and the texts and status codes of refusals.
-
-    Attributes:
-        always: requests that are always refused, with the text of the answer.
-        texts: text of all other refusals of a request, in place of the usual words.
-        explained: True if the answers explain refusals, in place of the robot's words.
-        codes: True if a status code follows an answer where the real robot sends one.
-        while_busy: True if a task or InitRobot is refused while a task runs, and steps while others
-            run.
-    """
+    """Requests that are refused, and the texts and status codes of refusals."""
 
     always: Annotated[Mapping[str, str], _check_requests]
     texts: Annotated[Mapping[str, str], _check_requests]
