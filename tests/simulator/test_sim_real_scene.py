@@ -182,6 +182,18 @@ def test_task_follows_the_table_of_its_scene(folder: Path) -> None:
     assert answer_to(chassis, EXEC_TASK, type=1, markNo="758033B0").ok is False
 
 
+def test_a_task_drives_to_its_mark_again_after_a_move(folder: Path) -> None:
+    drive, turn = {"action": 1}, {"action": 2, "stepctrl_type": 1, "stepctrl_value": 1.0}
+    order = [drive, turn | {"stepctrl_speed": 0.5}, drive]
+    table = {"task_type": [{"type": 1, "no": 4, "name": "again", "order": order}]}
+    (folder / "action_groups.json").write_text(json.dumps(table))
+    chassis = SteppedChassis(scenes=(folder,))
+    reports = task_reports(chassis, type=1, taskTypeNo=4, markNo="758033B0")
+    assert actions(reports) == ["kNav", "kStepCtrl", "kNav"]
+    mark = chassis.chassis.map.marks["758033B0"].pose
+    assert chassis.chassis.pose.theta == pytest.approx(mark.theta, abs=0.01)
+
+
 def test_scenes_without_a_table_have_that_of_the_real_robot() -> None:
     real = load_scene(SCENE).action_groups
     assert SteppedChassis().chassis.scene.action_groups.groups == real.groups

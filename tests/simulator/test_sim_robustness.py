@@ -142,11 +142,14 @@ def test_simulator_can_drop_clients_and_listen_again(
     with pytest.raises(ConnectionError):
         tcp.request("woosh.robot.Mode")
     ports = simulator.port, simulator.tcp_port
-    simulator.stop_listening()
-    assert simulator.connections == 0
-    for port in ports:
-        with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("127.0.0.1", port), 5)
+    for _ in range(2):
+        simulator.stop_listening()
+        assert simulator.connections == 0
+        for port in ports:
+            with pytest.raises(ConnectionRefusedError):
+                socket.create_connection(("127.0.0.1", port), 5)
+            with closing(socket.socket()) as other, pytest.raises(OSError, match="in use"):
+                other.bind(("127.0.0.1", port))
     simulator.listen()
     assert (simulator.port, simulator.tcp_port) == ports
     assert connect_tcp().request("woosh.robot.Mode").ok

@@ -37,6 +37,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     PoseSpeed,
     RobotInfo,
     ScannerData,
+    Scene,
 )
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis
@@ -198,6 +199,15 @@ def test_the_map_lies_where_the_robot_says(tmp_path):
     with (tmp_path / "a.mcap").open("rb") as file:
         names = [each.name for each in make_reader(file).iter_attachments()]
     assert sorted(names) == ["a_b.png", "a_b.yaml"]
+
+
+@pytest.mark.parametrize("fetched", ["hall", "other"])
+def test_a_map_of_another_scene_is_not_shown(tmp_path, fetched):
+    data = SceneData(name=fetched)
+    data.maps.add(name="a", id=3, resolution=0.5, map_png=png(4, 2))
+    scene = Scene(scene_name="hall", map_id=3, map_name="a")
+    shown = in_recording(written(tmp_path / "a.mcap", scene, data), "/view/map")
+    assert len(shown) == (fetched == "hall")
 
 
 def test_views_show_what_was_reported(tmp_path):

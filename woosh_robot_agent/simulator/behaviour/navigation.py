@@ -300,8 +300,9 @@ class Navigate(Job):
             else:
                 self._corners.popleft()
                 self._stops.popleft()
-        # The goal stays the last stop, because a task may list the same drive twice.
+        # a task may list the same drive twice, with a move between
         self._stops.append(self.goal)
+        self.replan()
         return Progress(done=True, text=f"arrived at {base.pose}")
 
     def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> None:

@@ -300,7 +300,8 @@ class Ports:
     async def _close(self, reserve: bool) -> None:
         listeners, self._listeners = self._listeners, []
         await asyncio.gather(*(listener.close() for listener in listeners))
-        self._free_reserved()
+        if listeners or not reserve:  # otherwise the ports are reserved already
+            self._free_reserved()
         for listener in listeners if reserve else ():
             for family, address in listener.addresses:
                 self._reserve(family, address)

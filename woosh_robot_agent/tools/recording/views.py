@@ -51,6 +51,7 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.robot.maps import (
     MapError,
     check_resolution_and_origin,
+    find_map,
     grey_image,
     map_files,
 )
@@ -346,15 +347,15 @@ class MapFinder:
     """Finds maps in the messages of the chassis."""
 
     def __init__(self) -> None:
-        self._current = ("", 0)
-        """Name and id of the current map."""
+        self._current = Scene()
+        """The current scene and map, as far as they are known."""
 
     def maps_in(self, message: Message) -> Iterator[FoundMap]:
         """Yield the maps in a message; remember which map is the current one."""
         if isinstance(message, RobotInfo) and message.HasField("scene"):
             message = message.scene
         if isinstance(message, Scene):
-            self._current = message.map_name, message.map_id
+            self._current = message
         elif isinstance(message, BuildMapData):
             area = SceneData.Map(
                 name="in the making", map_png=message.map_data, resolution=message.resolution
@@ -362,10 +363,22 @@ class MapFinder:
             area.origin.x, area.origin.y = message.origin_x, message.origin_y
             yield FoundMap(area, is_saved=False, is_current=True)
         elif isinstance(message, SceneData):
+            current = self._current_map(message)
             for area in message.maps:
-                is_current = (area.name, area.id) == self._current or len(message.maps) == 1
                 if area.map_png:
-                    yield FoundMap(area, is_saved=True, is_current=is_current)
+                    yield FoundMap(area, is_saved=True, is_current=area is current)
+
+    def _current_map(self, data: SceneData) -> SceneData.Map | None:
+        """Return the current map, if it is in the scene; while it is unknown, the only map."""
+        current = self._current
+        if not current.scene_name:
+            return data.maps[0] if len(data.maps) == 1 else None
+        if data.name not in ("", current.scene_name):
+            return None
+        try:
+            return find_map(data, current.map_id, current.map_name)
+        except MapError:
+            return None
 
 
 def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
