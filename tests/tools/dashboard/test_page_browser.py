@@ -6,12 +6,13 @@ import functools
 import math
 import re
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually, firefox
+from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually, firefox, webkit
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import TOO_SLOW, is_driving, is_stopped_by_zero, last
 from woosh_robot_agent.link.protos import full_name
@@ -61,6 +62,12 @@ def go(browser: Browser) -> None:
     )
 
 
+_COLLECT_ERRORS = """(window.errors = [],
+  console.error = (...parts) => window.errors.push(parts.join(" ")),
+  addEventListener("error", ({message}) => window.errors.push(message)),
+  addEventListener("unhandledrejection", ({reason}) => window.errors.push(String(reason))))"""
+"""Notes the errors from now on; the drivers of Firefox and WebKit have no log of the console."""
+_NOT_SELECTED = "[CSS.supports('user-select: none') ? 'userSelect' : 'webkitUserSelect'] === 'none'"
 _IS_ROBOT_BLUE = """(({x, y}) => {
   const at = mapCanvas.view.toScreen(x, y);
   const copy = new OffscreenCanvas(2000, 2000).getContext("2d", {willReadFrequently: true});
@@ -704,14 +711,30 @@ def test_the_language_changes_everywhere(browser: Browser) -> None:
     eventually(lambda: browser.text("#tab-go") == "Go", "English")
 
 
-def test_the_page_works_in_firefox(robot: SimulatedPage) -> None:
-    with firefox() as browser:
+@pytest.mark.parametrize("start", [firefox, webkit])
+def test_the_page_works_in_another_browser(
+    robot: SimulatedPage, start: Callable[[], AbstractContextManager[Browser]]
+) -> None:
+    with start() as browser:
+        from selenium.webdriver.common.keys import Keys
+
         browser.open(robot.url)
+        browser.script(_COLLECT_ERRORS)
+        assert browser.script("getComputedStyle(document.querySelector('#stop'))" + _NOT_SELECTED)
         browser.choose_mark()
         browser.press("#dismiss")
         browser.drive(robot)
         assert browser.text("#owner") == "You have control"
-        browser.element("#stop").click()
+        browser.release()
+        eventually(lambda: is_stopped_by_zero(robot), "the robot to stop after the release")
+        browser.drive(robot)
+        browser.actions().send_keys(Keys.ESCAPE).perform()
+        eventually(lambda: is_stopped_by_zero(robot), "the robot to stop after Esc")
+        assert browser.script("store.held.value === null")
+        browser.release()
+        browser.drive(robot)
+        # a click of WebKit's driver goes to the stick, which has captured the mouse
+        browser.element("#stop").send_keys(Keys.ENTER)
         eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
         assert browser.script("store.held.value === null")
         browser.release()
@@ -723,3 +746,4 @@ def test_the_page_works_in_firefox(robot: SimulatedPage) -> None:
         eventually(lambda: browser.elements("#plots canvas"), "the plots")
         browser.press("#language")
         eventually(lambda: browser.text("#tab-go") == "前往", "Chinese")
+        assert browser.script("window.errors") == []
