@@ -196,6 +196,7 @@ def test_the_dock_says_what_the_banner_says(
     eventually(lambda: "Paused" not in browser.text("#now"), "the end of the task")
     assert says in browser.text("#now")
     assert "Press a place" not in browser.text("#now")
+    assert browser.script("mapCanvas.picture().lost") == (fault == "lost_localisation")
     assert ("Hold the stick" in browser.text("#now")) == (fault == "lost_localisation")
     browser.click_at(1.0, -6.0)
     eventually(lambda: says in browser.text("#now"), "the reason in the preview")

@@ -266,6 +266,7 @@ def test_an_unconfirmed_stop_and_a_lost_link_are_counted_as_alarms(
     assert window.text("button.chip") == "0 alarms"
     served.robots[0].stop_listening()
     eventually(lambda: window.text("button.chip") == "1 alarm", "the lost link")
+    assert re.search(r"Since \d\d:\d\d:\d\d\.", window.text("#notice"))
     window.press("#stop")
     eventually(lambda: window.text("#alarm"), "the unconfirmed stop")
     assert window.text("button.chip") == "2 alarms"
@@ -280,6 +281,7 @@ def test_the_bar_the_banner_and_the_list_agree_how_much_is_wrong(
         eventually(lambda: window.text("button.chip") == alarms, alarms)
         assert len(window.elements("#problems > li")) == count
         assert window.text("#tab-state .badge") == str(count)
+        assert "bad" in window.element("#tab-state .badge").get_attribute("class")
         more = [each.text for each in window.elements("#notice .actions .quiet")]
         assert more == ([f"{count - 1} more"] if count > 1 else [])
 

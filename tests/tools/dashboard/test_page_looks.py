@@ -15,11 +15,12 @@ import os
 import pickle
 import re
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from PIL import Image, ImageChops, ImageStat
+from PIL import Image, ImageChops, ImageDraw, ImageFont, ImageStat
 
 from tests.quick_chassis import set_speed
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually
@@ -28,6 +29,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.sentences import AND, SENTENCES, Said
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.texts import PAGE, value_data
 from woosh_robot_agent.vda5050.intake import OrderCheck
@@ -51,6 +53,21 @@ _GO = """connection.command("goMark", {mark: "A2", ...store.shownMap.value}).the
 """Gives a task, whatever the page thinks of it, and shows the answer."""
 _TOLERANCE = 20.0
 """Greatest difference of a mean colour, of 255: fonts may differ, but nothing may be missing."""
+
+
+_MAIN_STATES = {
+    "standing": "Standing",
+    "driving": "Driving by hand",
+    "task": "Task running",
+    "fault": "Fault",
+    "emergency": "Emergency stop",
+    "position": "Lost position",
+    "lost": "Link lost, STOP pressed",
+    "watching": "Only looking",
+    "two": "Two robots",
+    "nomap": "No map",
+}
+"""Titles of the main states on the sheets of the documentation."""
 
 
 Opened = Callable[..., Any]
@@ -352,9 +369,10 @@ _LIBRARY_TEXTS = (
 
 
 def test_who_may_only_look_sees_no_commands(serve: Serve, opened: Opened) -> None:
-    browser = opened(serve({}, options=["--host", "0.0.0.0"], watch=True).url, 390, 844)
+    browser = opened(serve_to_watch(serve), 390, 844)
     assert "token" not in browser.driver.current_url
     eventually(lambda: "only shows" in browser.text("#now"), "the hint")
+    assert browser.text("#tab-go") == "Marks"
     for selector in ("#stop", "#stick", "#owner", "[data-tool=go]"):
         assert browser.elements(selector) == [], selector
     for tab in ("go", "tasks", "state", "map", "setup"):
@@ -394,60 +412,109 @@ def test_main_states_look_as_stored(
     scheme: str,
 ) -> None:
     browser = opened(robot.url, width, height, scheme)
-    if name == "preview":
+    bring_about(name, robot, browser)
+    check_picture(browser, name, tmp_path)
+
+
+def bring_about(state: str, robot: SimulatedPage, browser: Browser) -> None:
+    """Bring a robot and its page into one of the main states."""
+    if state == "preview":
         browser.choose_mark()
-    elif name == "emergency":
+    elif state == "emergency":
         robot.inject("emergency_stop")
         eventually(lambda: browser.text("#notice"), "the banner")
-    elif name == "sheet":
+    elif state == "sheet":
         browser.show("go")
         browser.press("#fit")
-    elif name == "task":
+    elif state == "task":
         set_speed(robot, 0.05)  # it stays there
+        is_wide = browser.script("innerWidth >= 1000")  # no sheet lies over the map
+        if not is_wide:
+            browser.show("go")
         browser.choose_mark()
+        if not is_wide:
+            browser.show("go")  # closes the sheet
         browser.press("#go")
         eventually(lambda: browser.script("store.path.value.length > 1"), "the path")
-        browser.show("tasks")
-    elif name == "fault":
+        assert browser.script("mapCanvas.picture().chosenMark") == "A2"
+        if is_wide:
+            browser.show("tasks")
+    elif state == "fault":
+        assert "Ready" in browser.text("#now")
         code = StatusCode(code=11020100001, level=StatusCode.kFault, msg="the brake is stuck")
         robot.push(AbnormalCodes(scs=[code]))
         eventually(lambda: browser.text("#notice"), "the banner")
-    elif name == "lost":
+        assert "Fault" in browser.text("#now")
+        assert "Press a place" not in browser.text("#now")
+    elif state == "lost":
         robot.inject("off")
-        eventually(lambda: "doctor" in browser.text("#notice"), "the banner")
+        text = "document.querySelector('#notice')?.textContent ?? ''"  # it may be folded
+        eventually(lambda: "doctor" in browser.script(text), "the banner")
         browser.press("#stop")
         eventually(lambda: browser.text("#alarm"), "the alarm of the stop")
-    check_picture(browser, name, tmp_path)
+    elif state == "driving":
+        browser.hold_stick(lambda: "m/s" in browser.text("#now"), "the speed")
+    elif state == "position":
+        robot.inject("lost_localisation")
+        eventually(lambda: browser.text("#notice"), "the banner")
+        assert browser.script("mapCanvas.picture().lost")
 
 
 def test_the_page_of_a_viewer_who_may_only_look_looks_as_stored(
     serve: Serve, opened: Opened, tmp_path: Path
 ) -> None:
-    url = serve({}, options=["--host", "0.0.0.0"], watch=True).url
-    check_picture(opened(url, 1024, 768), "watching", tmp_path)
+    check_picture(opened(serve_to_watch(serve), 1024, 768), "watching", tmp_path)
+
+
+def serve_to_watch(serve: Serve) -> str:
+    """Return the address for a viewer who may only look."""
+    return serve({}, options=["--host", "0.0.0.0"], watch=True).url
 
 
 def test_two_robots_look_as_stored(serve: Serve, opened: Opened, tmp_path: Path) -> None:
-    browser = opened(serve({}, {"robot_id": 30002}).url, 1440, 900)
+    browser = opened(serve_two_robots(serve), 1440, 900)
+    show_two_robots(browser)
+    check_picture(browser, "two", tmp_path)
+
+
+def serve_two_robots(serve: Serve) -> str:
+    """Serve a page for two robots at different places; return its address."""
+    served = serve({}, {"robot_id": 30002})
+    place = Pose(-6.0, 2.0, 0.0)
+    served.robots[1].call(lambda simulator: simulator.chassis.base.place(place))
+    return served.url
+
+
+def show_two_robots(browser: Browser) -> None:
+    """Show the cards of two robots, and both on the map."""
     browser.show("fleet")
     eventually(lambda: browser.text("#fleet").count("Ready") == 2, "the cards")
     eventually(lambda: browser.script("mapCanvas.picture().others.length") == 1, "both")
-    check_picture(browser, "two", tmp_path)
+    eventually(lambda: browser.script("mapCanvas.picture().others[0].x < -5"), "its place")
+    assert browser.script("mapCanvas.picture().name") == "30001"
 
 
 def test_a_robot_without_a_map_looks_as_stored(
     serve: Serve, window: Browser, tmp_path: Path
 ) -> None:
-    served = serve({})
-    served.robots[0].refuse(full_name(SceneData), "the scene is damaged")
     window.set_screen(390, 844)
     window.set_media(**{"prefers-color-scheme": "light"})
-    window.driver.get(served.url)
-    eventually(lambda: window.script("globalThis.store?.scan.value != null"), "the laser")
-    eventually(lambda: "No map" in window.text("#notice"), "the banner")
+    url = open_without_map(serve, window)
     assert "There is no map" in window.script("document.querySelector('#panel').innerText")
     check_picture(window, "nomap", tmp_path)
-    window.check_console_and_requests(served.url)
+    window.press("#notice .actions button")
+    assert "Maps on the robot" in window.text("#panel")
+    window.check_console_and_requests(url)
+
+
+def open_without_map(serve: Serve, browser: Browser) -> str:
+    """Open the page of a robot that does not send its map; return the address."""
+    served = serve({})
+    served.robots[0].refuse(full_name(SceneData), "the scene is damaged")
+    browser.driver.get(served.url)
+    eventually(lambda: browser.script("globalThis.store?.scan.value != null"), "the laser")
+    eventually(lambda: "No map" in browser.text("#notice"), "the banner")
+    return served.url
 
 
 def check_picture(browser: Browser, name: str, tmp_path: Path) -> None:
@@ -499,6 +566,62 @@ def test_pictures_of_the_documentation(robot: SimulatedPage, opened: Opened) -> 
     browser.press("#fit")
     eventually(lambda: browser.is_enabled("#go"), "the way")
     browser.driver.save_screenshot(str(docs / "dashboard_phone.png"))
+
+
+@pytest.mark.skipif(not _DOCS, reason="makes the pictures of the documentation")
+@pytest.mark.parametrize(
+    ("width", "height", "scale", "columns"),
+    [(1440, 900, 0.6, 2), (1024, 768, 0.75, 2), (768, 1024, 0.65, 5), (390, 844, 0.85, 5)],
+)
+def test_sheets_of_the_main_states(
+    serve: Serve,
+    window: Browser,
+    tmp_path: Path,
+    width: int,
+    height: int,
+    scale: float,
+    columns: int,
+) -> None:
+    window.set_screen(width, height)
+    window.set_media(**{"prefers-color-scheme": "light"})
+    cell = round(width * scale), round(height * scale)
+    margin, line = 16, 32
+    step = cell[0] + margin, cell[1] + line
+    rows = math.ceil(len(_MAIN_STATES) / columns)
+    sheet = Image.new("RGB", (columns * step[0] + margin, rows * step[1] + margin), "#8a93a0")
+    for index, (state, title) in enumerate(_MAIN_STATES.items()):
+        path = tmp_path / f"{state}.png"
+        with open_in_state(state, serve, window):
+            window.script("document.getAnimations().forEach((each) => each.finish())")
+            window.driver.save_screenshot(str(path))
+        x, y = margin + index % columns * step[0], line + index // columns * step[1]
+        font = ImageFont.load_default(18)
+        ImageDraw.Draw(sheet).text((x, y - 26), title, "#000000", font)
+        with Image.open(path) as screen:
+            sheet.paste(screen.convert("RGB").resize(cell, Image.Resampling.LANCZOS), (x, y))
+    sheet.save(Path(_DOCS or "") / f"dashboard_screens_{width}.webp", quality=55, method=6)
+
+
+@contextmanager
+def open_in_state(state: str, serve: Serve, browser: Browser) -> Iterator[None]:
+    """Show a page in one of the main states; check its console and its requests."""
+    with ExitStack() as running:
+        if state == "nomap":
+            url = open_without_map(serve, browser)
+        elif state in ("watching", "two"):
+            url = (serve_to_watch if state == "watching" else serve_two_robots)(serve)
+            browser.open(url)
+            if state == "two":
+                show_two_robots(browser)
+        else:
+            robot = running.enter_context(SimulatedPage())
+            url = robot.url
+            browser.open(url)
+            bring_about(state, robot, browser)
+        yield
+        browser.release()
+        browser.check_console_and_requests(url)
+        browser.driver.get("about:blank")
 
 
 def _frame(browser: Browser) -> Image.Image:

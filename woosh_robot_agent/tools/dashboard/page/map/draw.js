@@ -17,7 +17,7 @@
  * @property {import("../store.js").Zone[]} zones
  * @property {number[][][]} lanes
  * @property {import("../store.js").Mark[]} marks
- * @property {string} [chosenMark]
+ * @property {string} [chosenMark] the mark that is selected, or else where the robot goes
  * @property {number[][]} trail
  * @property {number[][]} path
  * @property {number[][]} planned
@@ -26,6 +26,8 @@
  * @property {import("../store.js").Fault[]} obstacles
  * @property {import("../store.js").Place[]} others
  * @property {Pose} [pose]
+ * @property {boolean} lost true if the robot may be elsewhere
+ * @property {string} [name] of the robot, if there are others
  * @property {Pose} [draft]
  * @property {number[][]} outline
  * @property {[Point, Point]} [measured]
@@ -66,11 +68,17 @@ export function draw(painter, picture) {
   drawMarks(painter, picture);
   for (const each of picture.others) {
     drawRobot(painter, each, each.outline, colours.edge, colours["map-floor"]);
-    const at = view.toScreen(each.x, each.y);
-    text(painter, each.name, at.x + 14, at.y - 12);
+    robotName(painter, each, each.name);
   }
   const { pose, draft, target, outline } = picture;
-  if (pose && !draft) drawRobot(painter, pose, outline, colours.accent, colours["on-accent"]);
+  if (pose && !draft) {
+    const [colour, contrast] = picture.lost
+      ? [colours["map-floor"], colours.warning]
+      : [colours.accent, colours["on-accent"]];
+    drawRobot(painter, pose, outline, colour, contrast);
+    const name = [picture.name, picture.lost && "?"].filter(Boolean).join(" ");
+    if (name) robotName(painter, pose, name);
+  }
   if (draft) drawRobot(painter, draft, outline, colours.warning, colours["map-floor"]);
   if (target) drawTarget(painter, target);
   if (picture.measured) drawMeasured(painter, picture.measured);
@@ -277,6 +285,16 @@ function drawRobot({ context, view }, pose, outline, colour, contrast) {
   context.fillStyle = contrast;
   triangle(context, front * 0.8, front * 0.15, front * 0.42);
   context.restore();
+}
+
+/**
+ * @param {Painter} painter
+ * @param {Pose} pose
+ * @param {string} name
+ */
+function robotName(painter, pose, name) {
+  const at = painter.view.toScreen(pose.x, pose.y);
+  text(painter, name, at.x + 14, at.y - 12);
 }
 
 /**

@@ -8,6 +8,7 @@ import { View } from "./view.js";
 
 /** @typedef {import("../store.js").Point} Point */
 
+const LOST = ["lost", "not_initialised"]; // objections of a robot that does not know where it is
 const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const OCCUPIED = 0.65; // darkness above which a pixel is a wall, as in nav2's map_server
 const FREE = 0.196; // darkness below which a pixel is floor
@@ -92,6 +93,7 @@ export class MapCanvas {
       const signals = [store.scan, store.path, store.outline, store.layers, store.target];
       for (const each of [...signals, store.draft, store.measured, store.places]) each.value;
       for (const each of [store.simulator, store.tool, store.entered]) each.value;
+      for (const each of [store.robot, store.tasks]) each.value;
       this.redraw();
     });
   }
@@ -491,12 +493,12 @@ export class MapCanvas {
     const draft = store.draft.peek();
     const robot = store.robot.peek();
     const { area } = this;
-    const others = store.places
-      .peek()
-      .filter(
-        ({ index, scene, map: name }) =>
-          index !== store.chosen.peek() && scene === robot?.scene && name === robot?.map,
-      );
+    const isChosen = (/** @type {store.Place} */ { index }) => index === store.chosen.peek();
+    const places = store.places.peek();
+    const others = places.filter(
+      (each) => !isChosen(each) && each.scene === robot?.scene && each.map === robot?.map,
+    );
+    const running = store.tasks.peek().find((each) => each.running);
     const plan = target?.plan && "path" in target.plan ? target.plan.path : [];
     return {
       area: area
@@ -512,7 +514,7 @@ export class MapCanvas {
       zones: (layers.zones && map?.zones) || [],
       lanes: (layers.zones && map?.lanes) || [],
       marks: (layers.marks && map?.marks) || [],
-      chosenMark: target?.mark,
+      chosenMark: target?.mark ?? (running?.to || running?.command.args?.mark),
       trail: layers.trail ? this.trail : [],
       path: layers.path ? store.path.peek() : [],
       planned: plan,
@@ -521,6 +523,8 @@ export class MapCanvas {
       obstacles: this.obstacles,
       others: layers.others ? others : [],
       pose: store.pose.peek() ?? undefined,
+      lost: robot?.objections?.some(({ name }) => LOST.includes(name)) ?? false,
+      name: layers.others && others.length ? places.find(isChosen)?.name : undefined,
       draft: draft ?? undefined,
       outline: layers.footprint ? store.outline.peek() : [],
       measured: store.measured.peek() ?? undefined,

@@ -72,9 +72,12 @@ function CurrentTask() {
   if (store.tool.value === "pose" && !drives) return html`<${PoseDraft} />`;
   if (task?.running) return html`<${Running} />`;
   if (store.target.value) return html`<${Preview} />`;
+  const isHeld = store.held.value !== null;
+  const mayGo = !isHeld && !refusal("go") && !hasFault();
+  const mayDrive = !isHeld && !refusal("drive") && store.robot.value?.control === "auto";
   const hints = [
-    !refusal("go") && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
-    !refusal("drive") && store.robot.value?.control === "auto" && t("dock.hintDrive"),
+    mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
+    mayDrive && t("dock.hintDrive"),
     limitText(),
   ];
   return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
@@ -112,9 +115,11 @@ function stateText() {
   if (pose.value && moves) return speedText(pose.value);
   const reason = refusal("go");
   if (reason && reason.key !== "reason.controlled") return say(reason);
-  const state = robot.value?.state ?? "";
+  const state = hasFault() ? "fault" : (robot.value?.state ?? "");
   return tOr(`state.${state}`, state);
 }
+
+const hasFault = () => store.robot.value?.problems.some(({ level }) => level === "fault");
 
 let shownButtons = 0; // number of `Buttons` that are shown
 

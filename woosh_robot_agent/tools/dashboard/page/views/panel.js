@@ -9,7 +9,7 @@ import { MapTab } from "./map_tab.js";
 import { compact, Icon } from "./parts.js";
 import { Setup } from "./setup.js";
 import { Simulator } from "./simulator.js";
-import { wrongCount } from "./stage.js";
+import { wrongCount, wrongTone } from "./stage.js";
 import { State } from "./state.js";
 import { Tasks } from "./tasks.js";
 
@@ -83,8 +83,8 @@ export function Tabs() {
           onClick=${() => pressTab(name)}
         >
           <${Icon} name=${TABS[name].icon} />
-          <span>${t(`tab.${name}`)}</span>
-          ${name === "state" && problems > 0 && html`<span class="badge">${problems}</span>`}
+          <span>${t(name === "go" && !store.mayControl.value ? "marks.name" : `tab.${name}`)}</span>
+          ${name === "state" && problems > 0 && html`<span class="badge ${wrongTone.value}">${problems}</span>`}
         </button>`;
       })}
     </div>

@@ -5,7 +5,7 @@ import { refusal } from "../allowed.js";
 import * as commands from "../commands.js";
 import { MapCanvas } from "../map/map.js";
 import * as store from "../store.js";
-import { clock, meaningOf, say, t } from "../texts.js";
+import { clock, meaningOf, moment, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
 import { openTab, useMatches } from "./panel.js";
 import { alarmText, Icon, objectionText, ofRobot, placeText, tiny, toneOf } from "./parts.js";
@@ -266,8 +266,11 @@ export function notices() {
   const found = [];
   if (store.outdated.value) {
     const { short, long } = linkText();
+    const { state, since = 0 } = store.link.value ?? {};
+    const isLost = state === "lost" && !store.problem.value;
+    const ended = isLost && t("notice.lostSince", { time: moment(since) });
     const text = robot?.known ? t("notice.outdated") : t("notice.unknown");
-    found.push({ tone: "bad", title: short, text: [long, text].filter(Boolean).join(" ") });
+    found.push({ tone: "bad", title: short, text: [ended, long, text].filter(Boolean).join(" ") });
   }
   const limit = store.endedLimit.value;
   if (limit) {
@@ -311,7 +314,9 @@ export function notices() {
     found.push({ tone: "bad", title, text: t("notice.faultRemedy", { code: code.code }) });
   }
   const error = store.map.value?.error;
-  if (error) found.push({ tone: "warn", title: t("map.none"), text: say(error) });
+  /** @type {Action | undefined} */
+  const maps = may && !refusal("switchMap") ? [t("tab.map"), () => openTab("map")] : undefined;
+  if (error) found.push({ tone: "warn", title: t("map.none"), text: say(error), action: maps });
   const standstill = store.control.value?.standstill;
   if (standstill)
     found.push({ tone: "warn", title: t("notice.standstill"), text: say(standstill) });
