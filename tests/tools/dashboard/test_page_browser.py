@@ -56,7 +56,7 @@ def go(browser: Browser) -> None:
     """Confirm the way that is shown."""
     again_if_slow(
         browser,
-        lambda: browser.element("#go").click(),
+        lambda: browser.press("#go"),
         lambda: browser.script("Boolean(store.answer.value?.task)"),
         "the task",
     )
