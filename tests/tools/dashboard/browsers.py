@@ -1,18 +1,15 @@
-"""Browsers from the distribution, without a screen, and a simulated robot with a page for them."""
+"""Chromium from the distribution, headless, and a simulated robot with a page for it."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import os
 import shutil
-import subprocess
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, contextmanager
-from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -28,8 +25,6 @@ T = TypeVar("T")
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
 FIREFOX_DRIVER = shutil.which("geckodriver")
-WEBKIT = next(Path("/usr/lib").glob("*/webkit2gtk-4.*/MiniBrowser"), None)
-WEBKIT_DRIVER, XVFB = shutil.which("WebKitWebDriver"), shutil.which("Xvfb")
 _OPTIONS = (
     "--headless=new",
     "--no-sandbox",
@@ -306,36 +301,6 @@ def firefox() -> Iterator[Browser]:
         yield Browser(driver)
     finally:
         driver.quit()
-
-
-@contextmanager
-def webkit() -> Iterator[Browser]:
-    """Start WebKitGTK on a virtual screen, or skip the test if one of the two is missing."""
-    if not (WEBKIT and WEBKIT_DRIVER and XVFB):
-        pytest.skip("no WebKit: run apt-get install webkit2gtk-driver xvfb (Debian)")
-    webdriver = pytest.importorskip("selenium.webdriver", reason="pip install selenium")
-    options = webdriver.WebKitGTKOptions()
-    options.binary_location = str(WEBKIT)
-    options.add_argument("--automation")
-    command = (XVFB, "-displayfd", "1", "-screen", "0", "1600x1200x24", "-nolisten", "tcp")
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    ) as screen:
-        try:
-            assert screen.stdout is not None
-            display = f":{screen.stdout.readline().strip()}"
-            # with C.UTF-8, WebKitGTK names the language "C", which the library of the plots refuses
-            env = {**os.environ, "DISPLAY": display, "LC_ALL": "C"}
-            env.pop("WAYLAND_DISPLAY", None)
-            service = webdriver.WebKitGTKService(WEBKIT_DRIVER, env=env)
-            driver = webdriver.WebKitGTK(options, service=service)
-            try:
-                driver.set_window_size(1280, 900)
-                yield Browser(driver)
-            finally:
-                driver.quit()
-        finally:
-            screen.terminate()
 
 
 def are_apart(one: dict[str, float], other: dict[str, float]) -> bool:
