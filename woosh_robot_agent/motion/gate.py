@@ -12,9 +12,9 @@
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
    longer drive the robot once the chassis accepts a task or action, or reports the start of one
-   that another client commands. A velocity that is sent after the command of the start drives the
-   robot. So does one that is unanswered when a start of another client is reported. If the chassis
-   refuses such a velocity, it does not drive the robot.
+   that another client commands. A velocity that is sent after the agent's command of a start drives
+   the robot, and so does one that is unanswered when another client's start is reported, unless the
+   chassis refuses it.
 7. If the agent closes the link to use other settings, or only observes the robot from now on, the
    robot gets a zero velocity if it may still be driving at a velocity from this gate.
 8. A command that may have been sent to the agent before the end of a stall of its process or event

@@ -104,8 +104,8 @@ class Control:
 
     1. The first viewer to give a command gets the control. It keeps the control until it gives it
        back, hides the page, disconnects, watches another robot, or gives no command for a minute.
-    2. The other viewers are told who has the control. Every viewer with the
-       permission to control may stop the robot.
+    2. The other viewers are told who has the control. Every viewer with the permission to control
+       may stop the robot.
     3. When a viewer loses the control, its stick stops the robot.
     4. The stick drives only while the page repeats the velocity; see `VelocityDriver`.
     5. The page repeats the newest time that it got from this process. If that time is old, the

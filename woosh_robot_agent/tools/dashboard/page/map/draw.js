@@ -288,6 +288,7 @@ function drawRobot({ context, view }, pose, outline, colour, contrast) {
 }
 
 /**
+ * Write a name beside a robot.
  * @param {Painter} painter
  * @param {Pose} pose
  * @param {string} name
