@@ -173,8 +173,9 @@ def test_learned_profile_is_that_of_the_robot(surveyed, tmp_path, source, capsys
     for section, fields in CHANGES.items():
         for name, value in fields.items():
             found = data[section][name]
-            if name == "default":  # the longest times are those of a busy machine
-                assert found[:2] == near(value[:2])
+            if name == "default":  # a busy machine adds to it, but not the slow answers to others
+                slow = fields["requests"][MODE][0]
+                assert 0.9 * value[0] <= found[0] <= found[1] < slow  # found[2]: the longest
             elif isinstance(value, dict):
                 for key, each in value.items():
                     one, two = (
