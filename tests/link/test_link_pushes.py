@@ -27,7 +27,8 @@ from tests.link.link_peer import (
     turns,
 )
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.subscriptions import LATEST_DEPTH, PushQueue
+from woosh_robot_agent.link.reports import LinkRecord
+from woosh_robot_agent.link.subscriptions import LATEST_DEPTH, PushQueue, Subscriptions
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, TaskProc
@@ -291,7 +292,8 @@ async def test_a_flood_does_not_delay_answers_and_consumers() -> None:
 
 async def taken(queue: PushQueue, count: int) -> None:
     for _ in range(count):
-        (await soon(queue.get(), 1))()
+        await soon(queue.wait(), 1)
+        queue.get()()
 
 
 @aio
@@ -315,6 +317,24 @@ async def test_the_queue_keeps_the_newest_pushes_of_each_type_up_to_its_limit() 
     await taken(queue, 1)  # now there is room
     assert not seen
     assert dropped["state"] == 20
+
+
+@aio
+async def test_a_burst_after_an_idle_time_is_delivered_in_one_turn() -> None:
+    """Otherwise the reader adds the next pushes to those of the burst, and the queue overflows."""
+    record = LinkRecord(logging.getLogger())
+    subscriptions = Subscriptions(10, record)
+    loop = asyncio.get_running_loop()
+    delivery = loop.create_task(subscriptions.deliver())
+    await asyncio.sleep(0.02)  # the idle time: more than the delivery's time slice
+    answer: Any = None  # for the queue, any object is an answer
+    seen: list[int | str] = []
+    subscriptions.put_answer(lambda _: loop.call_soon(seen.append, "next turn"), answer)
+    for number in range(20):
+        subscriptions.put_answer(lambda _, number=number: seen.append(number), answer)  # type: ignore[misc]
+    await eventually(lambda: "next turn" in seen)
+    assert seen == [*range(20), "next turn"]
+    delivery.cancel()
 
 
 @aio

@@ -82,15 +82,17 @@ class PushQueue:
         self._not_empty.set()
         return fits
 
-    async def get(self) -> Deliver:
-        """Wait for the next push and return the function that delivers it."""
-        while True:
-            if self._queue:
-                name, deliver = self._queue.popleft()
-                self._waiting[name] -= 1
-                return deliver
+    async def wait(self) -> None:
+        """Wait until there is a push."""
+        while not self._queue:
             self._not_empty.clear()
             await self._not_empty.wait()
+
+    def get(self) -> Deliver:
+        """Return the function that delivers the next push."""
+        name, deliver = self._queue.popleft()
+        self._waiting[name] -= 1
+        return deliver
 
     def take_all(self) -> list[tuple[str, Deliver]]:
         """Remove all pushes; return their types and the functions that deliver them."""
@@ -275,8 +277,10 @@ class Subscriptions:
         slice_started = now()
         try:
             while True:
-                deliver = await queue.get()
-                delivery = deliver()
+                if not len(queue):
+                    await queue.wait()
+                    slice_started = now()  # other tasks ran meanwhile
+                delivery = queue.get()()
                 if delivery is not None:  # a large value is being prepared; later ones must wait
                     await delivery
                 if now() - slice_started > _TIME_SLICE:
