@@ -54,6 +54,7 @@ config/agent.yaml lists all parameters; it is installed in the folder that
 "ros2 pkg prefix --share woosh_robot_agent" prints. The documentation is README.md
 and docs/ in the source of the package."""
 _EXAMPLE_ARGUMENTS = ("-p", "ip:=172.20.8.74")
+"""ROS arguments that an error shows if it is unclear which ones were meant."""
 _ROS_OPTION = (
     "-[epr]|--(param|remap|params-file|enclave|log-level|log-config-file"
     "|(en|dis)able-(rosout|stdout|external-lib)-logs)"

@@ -93,6 +93,7 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
 
 
 _SOURCE = "source"
+"""Key in the metadata of a dataclass field that marks it as a `source_field`."""
 
 
 def source_field() -> Any:
@@ -175,7 +176,7 @@ class _Reader:
             return {k: self.read(arguments[1], v, _below(where, k)) for k, v in value.items()}
         if is_dataclass(kind):
             return self._record(kind, value, where)
-        if hasattr(kind, "_fields"):
+        if hasattr(kind, "_fields"):  # a named tuple
             return self._named_tuple(kind, value, where)
         if origin is Literal or (isinstance(kind, type) and issubclass(kind, Enum)):
             choices = arguments or [each.value for each in kind]

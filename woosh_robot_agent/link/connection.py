@@ -33,7 +33,7 @@ from woosh_robot_agent.link.frames import (
 )
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reports import LinkRecord
-from woosh_robot_agent.link.subscriptions import COUNTED_PUSHES
+from woosh_robot_agent.link.subscriptions import EVENT_PUSHES
 from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
@@ -138,8 +138,10 @@ class Liveness:
         """Loop time of the last sign of life."""
         self._accepted_at = self._now()
         """Loop time at which the other end last accepted bytes, or no bytes were waiting."""
-        self._previous = (sent(), 0)
-        """Frames sent, and bytes waiting to be sent, at the last check."""
+        self._sent_before = sent()
+        """Number of frames sent, at the last check."""
+        self._backlog_before = 0
+        """Number of bytes waiting to be sent, at the last check."""
 
     def note_alive(self) -> None:
         """Note a sign of life."""
@@ -184,11 +186,11 @@ class Liveness:
         now = self._now()
         self._alive_at = max(self._alive_at, self._transport.progress_at)
         sent, backlog = self._sent(), self._transport.backlog()
-        previous_sent, previous_backlog = self._previous
-        self._previous = sent, backlog
-        if sent == previous_sent and backlog < previous_backlog:  # the other end has read a part
+        has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
+        self._sent_before, self._backlog_before = sent, backlog
+        if has_drained and not has_sent:  # the other end has read a part of it
             self._alive_at = now
-        if not backlog or sent != previous_sent or backlog < previous_backlog:
+        if has_drained or has_sent or not backlog:
             self._accepted_at = now
         elif now - self._accepted_at >= self._timeout:
             seconds = f"{self._timeout:g}"
@@ -491,7 +493,7 @@ class Connection:
             await self._outbox_changed.wait()
 
     def _next_to_send(self) -> int | None:
-        """Return the key of the next frame; None if no frame can be sent now.
+        """Return the key of the next frame, which is encoded; None if no frame can be sent now.
 
         Frames keep their order, also while the first one is being encoded. Only an urgent frame
         does not wait for that.
@@ -562,7 +564,7 @@ class Connection:
             try:
                 data = await self._transport.recv()
                 if len(data) < LARGE:
-                    self._receive(self._codec.decode(data), self._transport.waited)
+                    self._receive(self._codec.decode(data), alone=self._transport.waited)
                 else:
                     await self._receive_aside(data)
             except FrameError as error:
@@ -584,8 +586,13 @@ class Connection:
         except Exception as error:
             self._fail_unexpectedly(error)
 
-    def _receive(self, envelope: Envelope, alone: bool) -> None:
-        """Pass on a valid frame: an answer to its request, a push to `on_push`."""
+    def _receive(self, envelope: Envelope, *, alone: bool) -> None:
+        """Pass on a valid frame: an answer to its request, a push to `on_push`.
+
+        Args:
+            envelope: the frame.
+            alone: True if it is known that no other frame was waiting to be read.
+        """
         self._stats.rx += 1
         self._liveness.note_alive()
         if envelope.defect:
@@ -621,7 +628,7 @@ class Connection:
         finally:
             self._newer = [each for each in self._newer if each is not newer]
             self._aside_slots.release()
-        if not envelope.sn and envelope.type in newer and envelope.type not in COUNTED_PUSHES:
+        if not envelope.sn and envelope.type in newer and envelope.type not in EVENT_PUSHES:
             self._stats.dropped_pushes[envelope.type] += 1  # only the newest value matters
         elif self._cause is None:
             self._receive(envelope, alone=False)

@@ -274,9 +274,10 @@ def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bo
 
 def _check_info(answer: Answer, log: LogOnce) -> None:
     """Raise a HandshakeError if an answer is not a RobotInfo; warn if it cannot be read."""
-    if not answer.ok or answer.type != full_name(RobotInfo):
-        reason = one_line(answer.defect if answer.ok else answer.msg)
-        raise HandshakeError(_NO_INFO(reason=reason or (_OTHER_TYPE if answer.ok else "")))
+    if not answer.ok:
+        raise HandshakeError(_NO_INFO(reason=one_line(answer.msg)))
+    if answer.type != full_name(RobotInfo):
+        raise HandshakeError(_NO_INFO(reason=one_line(answer.defect) or _OTHER_TYPE))
     if answer.defect:  # perhaps from newer firmware; everything else may work
         log.warn("no snapshot", f"the first values are missing because {answer.defect}")
 

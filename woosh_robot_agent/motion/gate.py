@@ -270,13 +270,12 @@ class MotionGate:
         for callback in self._stop_callbacks:
             callback()
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
-        orders = [Twist(), *cancel_orders().values()]
-        # each goes to the front of the queue, so the first one to send is queued last
-        answers = await asyncio.gather(
-            *(self._send_first(message, timeout) for message in reversed(orders))
-        )
+        orders = cancel_orders()
+        # each goes to the front of the queue, so the first one to send, the zero, is queued last
+        queued = [*reversed(orders.values()), Twist()]
+        answers = await asyncio.gather(*(self._send_first(each, timeout) for each in queued))
         zero, *cancels = reversed(answers)
-        return StopReport(zero, dict(zip(cancel_orders(), cancels, strict=True)))
+        return StopReport(zero, dict(zip(orders, cancels, strict=True)))
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.
