@@ -204,10 +204,9 @@ def _as_ros_args(arguments: list[str]) -> Sequence[str]:
     name, separator, value = first.lstrip("-").replace(":=", "=").partition("=")
     for each in PARAMETERS:
         if each.name == name.replace("-", "_"):
-            if not separator and rest and not rest[0].startswith("-"):
-                value = rest[0]
-            elif not separator:
-                value = "true" if isinstance(each.default, bool) else "VALUE"
+            if not separator:  # the value is the next argument, or missing
+                missing = "true" if isinstance(each.default, bool) else "VALUE"
+                value = rest[0] if rest and not rest[0].startswith("-") else missing
             return "-p", f"{each.name}:={value}"
     return _EXAMPLE_ARGUMENTS
 

@@ -136,7 +136,7 @@ def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True)
         kind: the type; the docstring of this module lists the possible types.
         value: the data, as YAML or JSON loads them.
         where: name of the file, and the path of the value in it, for errors: `FILE: a.b[2]`.
-        known_only: refuse keys that no field has, instead of ignoring them.
+        known_only: True to refuse keys that no field has, False to ignore them.
 
     Raises:
         DataFileError: the data do not fit the type.

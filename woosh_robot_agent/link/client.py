@@ -115,7 +115,8 @@ class ChassisClient:
         if self._connection is not None:
             sizes.update(self._connection.debug())
         sizes["tasks"] += self._reconnect.task_count
-        sizes["tasks"] += self._delivery is not None and not self._delivery.done()
+        if self._delivery is not None and not self._delivery.done():
+            sizes["tasks"] += 1
         return {**sizes, "pushes": self._subscriptions.queued}
 
     def traffic(self) -> tuple[int, int]:
@@ -202,8 +203,8 @@ class ChassisClient:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
                 `request_timeout`, or the minimum timeout of the request if that is longer.
-            first: send it ahead of all other waiting requests, and even if `max_in_flight` requests
-                are in flight.
+            first: True to send it ahead of all other waiting requests, and even if `max_in_flight`
+                requests are in flight.
             tap: callback that gets the answer in order with the pushes: after those that arrived
                 before it, and before those that arrived after it. `request` itself may return
                 before earlier pushes are delivered.

@@ -188,7 +188,7 @@ class Liveness:
         sent, backlog = self._sent(), self._transport.backlog()
         has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
         self._sent_before, self._backlog_before = sent, backlog
-        if has_drained and not has_sent:  # the other end has read a part of it
+        if has_drained and not has_sent:  # the other end has read a part of the backlog
             self._alive_at = now
         if has_drained or has_sent or not backlog:
             self._accepted_at = now
@@ -221,12 +221,12 @@ class Sending(NamedTuple):
 
     Attributes:
         timeout: time to wait for the answer, in seconds; None for the default of the request.
-        first: send it ahead of all other waiting frames, and even if `max_in_flight` requests are
-            in flight.
-        urgent: send it even if `max_in_flight` requests are in flight, and do not count it as one
-            of them.
+        first: True to send it ahead of all other waiting frames, and even if `max_in_flight`
+            requests are in flight.
+        urgent: True to send it even if `max_in_flight` requests are in flight, and not to count it
+            as one of them.
         within: maximum time for which the request may wait to be sent, in seconds.
-        always: send it even if `ChassisClient.permit_only` excludes it.
+        always: True to send it even if `ChassisClient.permit_only` excludes it.
         tap: callback that gets the answer in order with the pushes; see `ChassisClient.request`.
     """
 
@@ -430,16 +430,13 @@ class Connection:
         if self._cause is not None:
             return
         self._cause = cause
-        self._fail_pending(cause)
-        self._outbox.clear()
-        if not self.ended.done():
-            self.ended.set_result(cause)
-
-    def _fail_pending(self, cause: LinkError) -> None:
         for pending in self._pending.values():
             if not pending.future.done():
                 # a separate error for each: a raised one keeps its caller's frames alive
                 pending.future.set_exception(type(cause)(said_by(cause)))
+        self._outbox.clear()
+        if not self.ended.done():
+            self.ended.set_result(cause)
 
     async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
         """Run a part of the connection's work; an error in it ends the whole connection."""

@@ -253,7 +253,7 @@ class HttpConnection(asyncio.Protocol):
 
     Attributes:
         transport: the socket.
-        lost: done when the connection has ended.
+        lost: future that is done when the connection has ended.
     """
 
     def __init__(self, inner: asyncio.Protocol, open_timeout: float) -> None:

@@ -224,11 +224,9 @@ _TASKS = tuple(map(full_name, TASK_REQUESTS))
 _LIFTS = tuple(
     f"woosh.ros.action.{name}" for name in ("LiftControl", "LiftControl2", "LiftControl3")
 )
-_STEP, _CHARGE, _MOVE = (
-    "woosh.ros.action.StepControl",
-    "woosh.ros.action.ChargeControl",
-    "woosh.ros.action.MoveBase",
-)
+_STEP = "woosh.ros.action.StepControl"
+_CHARGE = "woosh.ros.action.ChargeControl"
+_MOVE = "woosh.ros.action.MoveBase"
 
 _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProxyType(
     {

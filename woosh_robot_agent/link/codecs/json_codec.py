@@ -320,7 +320,8 @@ def to_json(message: Message, *, defaults: bool) -> dict[str, Any]:
 
     Args:
         message: any message.
-        defaults: include scalars and lists that have their default value, as the chassis does.
+        defaults: True to include scalars and lists that have their default value, as the chassis
+            does.
 
     Raises:
         FieldError: a google.protobuf.Any holds a type that is not one of the chassis.
@@ -424,7 +425,7 @@ class JsonCodec:
     """Frames as JSON text.
 
     Args:
-        defaults: include fields that have their default value, as the chassis does.
+        defaults: True to include fields that have their default value, as the chassis does.
     """
 
     def __init__(self, *, defaults: bool = False) -> None:
