@@ -31,7 +31,7 @@ from woosh_robot_agent.link.subscriptions import Subscriptions, call_logged
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.sentences import Sentence, said_by
+from woosh_robot_agent.sentences import REFUSED, Sentence, said_by
 
 _NOT_CONNECTED = Sentence(
     "link.notConnected",
@@ -274,7 +274,7 @@ def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bo
 def _check_info(answer: Answer, log: LogOnce) -> None:
     """Raise a HandshakeError if an answer is not a RobotInfo; warn if it cannot be read."""
     if not answer.ok:
-        raise HandshakeError(_NO_INFO(reason=one_line(answer.msg)))
+        raise HandshakeError(_NO_INFO(reason=one_line(answer.msg) or REFUSED()))
     if answer.type != full_name(RobotInfo):
         raise HandshakeError(_NO_INFO(reason=one_line(answer.defect) or _OTHER_TYPE))
     if answer.defect:  # perhaps from newer firmware; everything else may work
