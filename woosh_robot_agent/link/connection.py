@@ -118,7 +118,7 @@ class Liveness:
         transport: the transport to watch.
         timeout: time without a sign of life after which the link counts as lost, in seconds.
         probe: asks for a sign of life and waits for it.
-        sent: returns the number of frames handed to the transport so far.
+        sent: returns the number of frames that the transport has taken so far.
     """
 
     def __init__(
