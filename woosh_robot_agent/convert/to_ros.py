@@ -300,7 +300,7 @@ def _set(
             value = f"({value}) & 0xFFFFFFFF"
     if optional:
         value = f"{blank} if v is None else {value}"
-    if field.enum_type is not None and items is None and "/" in ros_type:
+    if field.enum_type is not None and items is None and "/" in ros_type:  # an enum message
         source.add(f"v = {value}")
         enum = MessageSource(source, "e", class_of(ros_type))
         enum.set("value", "v")

@@ -625,8 +625,9 @@ class Connection:
         finally:
             self._newer = [each for each in self._newer if each is not newer]
             self._aside_slots.release()
-        if not envelope.sn and envelope.type in newer and envelope.type not in EVENT_PUSHES:
-            self._stats.dropped_pushes[envelope.type] += 1  # only the newest value matters
+        only_newest_matters = not envelope.sn and envelope.type not in EVENT_PUSHES
+        if only_newest_matters and envelope.type in newer:
+            self._stats.dropped_pushes[envelope.type] += 1
         elif self._cause is None:
             self._receive(envelope, alone=False)
 

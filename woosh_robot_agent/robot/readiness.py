@@ -155,10 +155,10 @@ _POSE_WITHOUT_MAP = Objection(
 
 def all_objections(info: RobotInfo) -> list[Objection]:
     """Return every reason for which the robot rejects a new task now, e.g. its present task."""
-    busy = busy_objections(info)
-    # what the robot is doing tells why it is not taskable
-    found = [each for each in objections(info) if not (busy and each == NOT_TASKABLE)]
-    return list(dict.fromkeys([*found, *busy]))
+    found, busy = objections(info), busy_objections(info)
+    if busy:  # what the robot is doing tells why it is not taskable
+        found = [each for each in found if each != NOT_TASKABLE]
+    return list(dict.fromkeys([*found, *busy]))  # without duplicates
 
 
 def objections_except_busy(info: RobotInfo) -> list[Objection]:

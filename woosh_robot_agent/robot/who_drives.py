@@ -325,7 +325,8 @@ class WhoDrives:
     def _unexplained(self, info: RobotInfo) -> Driver:
         """Return the driver of a robot that no task, action or velocity of the agent drives."""
         now, twist = time.monotonic(), info.pose_speed.twist
-        if now - self._pose_time > REPORT_GAP or not (twist.linear or twist.angular):
+        moves = twist.linear or twist.angular
+        if not moves or now - self._pose_time > REPORT_GAP:
             return Driver(NOBODY)
         if now - self._velocities.last_time < ROLL_OUT:
             return Driver(self._velocities.last, _ROLLS)
