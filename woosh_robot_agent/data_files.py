@@ -245,8 +245,8 @@ def _check_type(value: Any, kind: type, name: str, where: str) -> None:
 
 def _scalar(kind: type, value: Any, where: str) -> Any:
     """Return a text, number or boolean as the type `kind`; an empty text is refused."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)  # a bool is an int, too
-    if kind is float and number and abs(value) < math.inf:  # 1e400 is read as infinity
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)  # a bool is an int
+    if kind is float and is_number and abs(value) < math.inf:  # 1e400 is read as infinity
         try:
             return float(value)
         except OverflowError:  # an integer of hundreds of digits

@@ -16,7 +16,7 @@ from woosh_robot_agent.link.config import (
     NotConnectedError,
     NotPermittedError,
 )
-from woosh_robot_agent.link.connection import NAMED_NOT_SENT, Connection, Sending
+from woosh_robot_agent.link.connection import NAMED_NOT_SENT, Connection, Sending, Traffic
 from woosh_robot_agent.link.frames import Answer, Body
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reconnect import LinkState, LinkStatus, ReconnectLoop
@@ -119,14 +119,9 @@ class ChassisClient:
             sizes["tasks"] += 1
         return {**sizes, "pushes": self._subscriptions.queued}
 
-    def traffic(self) -> tuple[int, int]:
-        """Return how much the current connection has transferred, to show progress.
-
-        Returns:
-            The number of bytes received so far, those of an unfinished frame included, and the
-            number of bytes that wait to be sent; zeros without a connection.
-        """
-        return (0, 0) if self._connection is None else self._connection.traffic()
+    def traffic(self) -> Traffic:
+        """Return how much the current connection has transferred; zeros without a connection."""
+        return Traffic() if self._connection is None else self._connection.traffic()
 
     # Starting and closing
 

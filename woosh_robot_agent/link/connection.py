@@ -238,6 +238,18 @@ class Sending(NamedTuple):
     tap: Callable[[Answer], None] | None = None
 
 
+class Traffic(NamedTuple):
+    """Amount of data that a connection has transferred.
+
+    Attributes:
+        received: number of bytes received so far, those of an unfinished frame included.
+        waiting: number of bytes that wait to be sent.
+    """
+
+    received: int = 0
+    waiting: int = 0
+
+
 @dataclass(slots=True)
 class _Pending:
     """A request that is waiting for its answer.
@@ -413,9 +425,9 @@ class Connection:
         finally:
             self._transport.abort()
 
-    def traffic(self) -> tuple[int, int]:
-        """Return the number of bytes received, and the number of bytes that wait to be sent."""
-        return self._transport.received, self._transport.backlog()
+    def traffic(self) -> Traffic:
+        """Return how much the connection has transferred."""
+        return Traffic(self._transport.received, self._transport.backlog())
 
     def debug(self) -> dict[str, int]:
         """Return the sizes of everything that may grow; see `ChassisClient.debug`."""

@@ -263,8 +263,8 @@ class VelocityDriver:
         """Return the loop time at which to send next; infinite if there is nothing to send."""
         limits = self._limits()
         if self._waiting is not None:  # rule 4
-            first_zero = self._driving and not may_move(self._waiting)
-            return 0.0 if first_zero else self._pace.due(limits.rate)
+            is_first_zero = self._driving and not may_move(self._waiting)
+            return 0.0 if is_first_zero else self._pace.due(limits.rate)
         if self._driving and self._chassis.state is LinkState.READY:  # rule 6
             return self._published + limits.timeout
         return math.inf

@@ -134,14 +134,11 @@ _BY_STATE = {
     robot.kCharging: Objection("charging", "the robot is charging", "wait, or stop charging"),
 }
 """Objections by state of a robot that is not taskable."""
-_EXECUTING = "the robot is executing a task"
+_BUSY = Objection("busy", "the robot is executing a task", "wait for its end, or cancel it")
 _BUSY_BY_STATE = {
-    robot.kTask: Objection("busy", _EXECUTING, "wait for its end, or cancel it"),
-    robot.kParking: Objection(  # also the state of a charging task
-        "busy",
-        "the robot is executing a charging or parking task",
-        "wait for its end, or cancel it",
-    ),
+    robot.kTask: _BUSY,
+    # also the state of a charging task
+    robot.kParking: _BUSY._replace(reason="the robot is executing a charging or parking task"),
     robot.kMapping: MAPPING,
     robot.kFollowing: _BY_STATE[robot.kFollowing],
 }
@@ -194,8 +191,7 @@ def busy_objections(info: RobotInfo) -> list[Objection]:
     proc = info.task_proc
     if is_unfinished(proc):
         number = proc.robot_task_id
-        reason = f"the robot is executing task {number}" if number else _EXECUTING
-        return [Objection("busy", reason, "wait for its end, or cancel it")]
+        return [_BUSY._replace(reason=f"the robot is executing task {number}") if number else _BUSY]
     return [_BUSY_BY_STATE[info.state]] if info.state in _BUSY_BY_STATE else []
 
 
