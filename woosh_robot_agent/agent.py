@@ -54,6 +54,7 @@ config/agent.yaml lists all parameters; it is installed in the folder that
 "ros2 pkg prefix --share woosh_robot_agent" prints. The documentation is README.md
 and docs/ in the source of the package."""
 _EXAMPLE_ARGUMENTS = ("-p", "ip:=172.20.8.74")
+"""ROS arguments that an error shows if it is unclear which ones were meant."""
 _ROS_OPTION = (
     "-[epr]|--(param|remap|params-file|enclave|log-level|log-config-file"
     "|(en|dis)able-(rosout|stdout|external-lib)-logs)"
@@ -203,10 +204,9 @@ def _as_ros_args(arguments: list[str]) -> Sequence[str]:
     name, separator, value = first.lstrip("-").replace(":=", "=").partition("=")
     for each in PARAMETERS:
         if each.name == name.replace("-", "_"):
-            if not separator and rest and not rest[0].startswith("-"):
-                value = rest[0]
-            elif not separator:
-                value = "true" if isinstance(each.default, bool) else "VALUE"
+            if not separator:  # the value is the next argument, or missing
+                missing = "true" if isinstance(each.default, bool) else "VALUE"
+                value = rest[0] if rest and not rest[0].startswith("-") else missing
             return "-p", f"{each.name}:={value}"
     return _EXAMPLE_ARGUMENTS
 

@@ -93,6 +93,7 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
 
 
 _SOURCE = "source"
+"""Key in the metadata of a dataclass field that marks it as a `source_field`."""
 
 
 def source_field() -> Any:
@@ -135,7 +136,7 @@ def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True)
         kind: the type; the docstring of this module lists the possible types.
         value: the data, as YAML or JSON loads them.
         where: name of the file, and the path of the value in it, for errors: `FILE: a.b[2]`.
-        known_only: refuse keys that no field has, instead of ignoring them.
+        known_only: True to refuse keys that no field has, False to ignore them.
 
     Raises:
         DataFileError: the data do not fit the type.
@@ -175,7 +176,7 @@ class _Reader:
             return {k: self.read(arguments[1], v, _below(where, k)) for k, v in value.items()}
         if is_dataclass(kind):
             return self._record(kind, value, where)
-        if hasattr(kind, "_fields"):
+        if hasattr(kind, "_fields"):  # a named tuple
             return self._named_tuple(kind, value, where)
         if origin is Literal or (isinstance(kind, type) and issubclass(kind, Enum)):
             choices = arguments or [each.value for each in kind]
@@ -244,8 +245,8 @@ def _check_type(value: Any, kind: type, name: str, where: str) -> None:
 
 def _scalar(kind: type, value: Any, where: str) -> Any:
     """Return a text, number or boolean as the type `kind`; an empty text is refused."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)  # a bool is an int, too
-    if kind is float and number and abs(value) < math.inf:  # 1e400 is read as infinity
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)  # a bool is an int
+    if kind is float and is_number and abs(value) < math.inf:  # 1e400 is read as infinity
         try:
             return float(value)
         except OverflowError:  # an integer of hundreds of digits

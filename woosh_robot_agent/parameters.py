@@ -100,7 +100,7 @@ class Parameter:
         if isinstance(self.default, float):
             self._check_number(value)
         elif isinstance(self.default, tuple) and not self.holds_names:
-            # rclpy gives a list or an array; those of numpy are no Sequence
+            # rclpy gives a list, an `array.array` or an array of numpy, which is no Sequence
             if not isinstance(value, Sequence) and not hasattr(value, "tolist"):
                 raise ValueError(f"{self.name} must be a list of numbers, not {value!r}")
             if len(value) != len(self.default):
@@ -374,8 +374,12 @@ GONE = {
     "handshake_timeout": "set connect_timeout, which holds for both steps",
     **dict.fromkeys(
         (
-            *("close_timeout", "backoff_min", "backoff_max"),
-            *("stable_after", "max_in_flight", "push_queue"),
+            "close_timeout",
+            "backoff_min",
+            "backoff_max",
+            "stable_after",
+            "max_in_flight",
+            "push_queue",
         ),
         "its value is fixed",
     ),

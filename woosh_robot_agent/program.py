@@ -50,7 +50,7 @@ class StopSignals:
 
 
 _DESCRIPTORS = 64
-"""File descriptors that the agent needs for one robot; each further robot needs one more.
+"""Number of file descriptors that the agent needs for one robot; each further robot needs one more.
 
 It opens 24, and the middleware some for each other ROS program on the computer.
 """

@@ -25,6 +25,7 @@ class Said(str):
     def __new__(
         cls, english: str, key: str = "", values: Mapping[str, str | int] = _NO_VALUES
     ) -> Said:
+        # copy and pickle call this with the text alone, and set the attributes afterwards
         said = super().__new__(cls, english)
         said.key, said.values = key, values
         return said

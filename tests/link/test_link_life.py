@@ -85,6 +85,7 @@ async def test_an_unreadable_robot_info_costs_only_the_first_values() -> None:
     ("changes", "reason"),
     [
         ({"ok": False, "msg": "still booting"}, "still booting"),
+        ({"ok": False, "msg": ""}, "RobotInfo: refused"),
         ({"type": "woosh.robot.Mode"}, "another type"),
         ({"type": "woosh.New"}, "unknown type"),
     ],

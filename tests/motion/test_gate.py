@@ -152,6 +152,19 @@ async def test_a_stop_without_an_answer_says_so() -> None:
 
 
 @aio
+async def test_a_stop_that_the_chassis_refuses_without_a_reason_says_so() -> None:
+    async def refuse(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == TWIST:
+            await wire.answer(frame, ok=False, msg="")
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(refuse) as rig:
+        report = await soon(rig.gate.stop(TIMEOUT))
+        assert report.message.startswith("NOT STOPPED: refused; ")
+
+
+@aio
 async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
     async def all_but_the_task(wire: Wire, frame: Frame) -> bool:
         return frame["type"] == "woosh.robot.ActionOrder" or await answer_all(wire, frame)

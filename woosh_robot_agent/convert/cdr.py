@@ -60,6 +60,7 @@ def packer(codes: str) -> Callable[[int], struct.Struct]:
             padded += f"{padding}x{code}"
             at += padding + size
         structs.append(struct.Struct("=" + padded))
+    # indexed by the length of the buffer, which includes the header
     return [structs[(length - HEADER_SIZE) % 8] for length in range(8)].__getitem__
 
 

@@ -296,15 +296,16 @@ def _set(
         value = f"{source.bind(maker(ros_class, proto_class, origin))}(v)"
     else:
         blank, value = _BLANKS.get(ros_type, "0"), origin.scalar(source, field)
-        if field.enum_type is not None and "/" in ros_type:
-            source.add(f"v = {f'{blank} if v is None else ' if optional else ''}{value}")
-            enum = MessageSource(source, "e", class_of(ros_type))
-            enum.set("value", "v")
-            made.set(name, "e")
-            return
-        if field.enum_type is not None:  # an unsigned field: negative enum values wrap
+        if field.enum_type is not None and "/" not in ros_type:  # unsigned: negative values wrap
             value = f"({value}) & 0xFFFFFFFF"
-    made.set(name, f"{blank} if v is None else {value}" if optional else value)
+    if optional:
+        value = f"{blank} if v is None else {value}"
+    if field.enum_type is not None and items is None and "/" in ros_type:  # an enum message
+        source.add(f"v = {value}")
+        enum = MessageSource(source, "e", class_of(ros_type))
+        enum.set("value", "v")
+        value = "e"
+    made.set(name, value)
 
 
 _BLANKS = {"boolean": "False", "string": "''", "float": "0.0", "double": "0.0"}

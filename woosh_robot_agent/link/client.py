@@ -16,7 +16,7 @@ from woosh_robot_agent.link.config import (
     NotConnectedError,
     NotPermittedError,
 )
-from woosh_robot_agent.link.connection import NAMED_NOT_SENT, Connection, Sending
+from woosh_robot_agent.link.connection import NAMED_NOT_SENT, Connection, Sending, Traffic
 from woosh_robot_agent.link.frames import Answer, Body
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reconnect import LinkState, LinkStatus, ReconnectLoop
@@ -115,17 +115,13 @@ class ChassisClient:
         if self._connection is not None:
             sizes.update(self._connection.debug())
         sizes["tasks"] += self._reconnect.task_count
-        sizes["tasks"] += self._delivery is not None and not self._delivery.done()
+        if self._delivery is not None and not self._delivery.done():
+            sizes["tasks"] += 1
         return {**sizes, "pushes": self._subscriptions.queued}
 
-    def traffic(self) -> tuple[int, int]:
-        """Return how much the current connection has transferred, to show progress.
-
-        Returns:
-            The number of bytes received so far, those of an unfinished frame included, and the
-            number of bytes that wait to be sent; zeros without a connection.
-        """
-        return (0, 0) if self._connection is None else self._connection.traffic()
+    def traffic(self) -> Traffic:
+        """Return how much the current connection has transferred; zeros without a connection."""
+        return Traffic() if self._connection is None else self._connection.traffic()
 
     # Starting and closing
 
@@ -202,8 +198,8 @@ class ChassisClient:
             message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
                 `request_timeout`, or the minimum timeout of the request if that is longer.
-            first: send it ahead of all other waiting requests, and even if `max_in_flight` requests
-                are in flight.
+            first: True to send it ahead of all other waiting requests, and even if `max_in_flight`
+                requests are in flight.
             tap: callback that gets the answer in order with the pushes: after those that arrived
                 before it, and before those that arrived after it. `request` itself may return
                 before earlier pushes are delivered.

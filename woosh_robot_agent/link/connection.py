@@ -33,7 +33,7 @@ from woosh_robot_agent.link.frames import (
 )
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reports import LinkRecord
-from woosh_robot_agent.link.subscriptions import COUNTED_PUSHES
+from woosh_robot_agent.link.subscriptions import EVENT_PUSHES
 from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
@@ -118,7 +118,7 @@ class Liveness:
         transport: the transport to watch.
         timeout: time without a sign of life after which the link counts as lost, in seconds.
         probe: asks for a sign of life and waits for it.
-        sent: returns the number of frames handed to the transport so far.
+        sent: returns the number of frames that the transport has taken so far.
     """
 
     def __init__(
@@ -138,8 +138,10 @@ class Liveness:
         """Loop time of the last sign of life."""
         self._accepted_at = self._now()
         """Loop time at which the other end last accepted bytes, or no bytes were waiting."""
-        self._previous = (sent(), 0)
-        """Frames sent, and bytes waiting to be sent, at the last check."""
+        self._sent_before = sent()
+        """Number of frames sent, at the last check."""
+        self._backlog_before = 0
+        """Number of bytes waiting to be sent, at the last check."""
 
     def note_alive(self) -> None:
         """Note a sign of life."""
@@ -184,11 +186,11 @@ class Liveness:
         now = self._now()
         self._alive_at = max(self._alive_at, self._transport.progress_at)
         sent, backlog = self._sent(), self._transport.backlog()
-        previous_sent, previous_backlog = self._previous
-        self._previous = sent, backlog
-        if sent == previous_sent and backlog < previous_backlog:  # the other end has read a part
+        has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
+        self._sent_before, self._backlog_before = sent, backlog
+        if has_drained and not has_sent:  # the other end has read a part of the backlog
             self._alive_at = now
-        if not backlog or sent != previous_sent or backlog < previous_backlog:
+        if has_drained or has_sent or not backlog:
             self._accepted_at = now
         elif now - self._accepted_at >= self._timeout:
             seconds = f"{self._timeout:g}"
@@ -219,12 +221,12 @@ class Sending(NamedTuple):
 
     Attributes:
         timeout: time to wait for the answer, in seconds; None for the default of the request.
-        first: send it ahead of all other waiting frames, and even if `max_in_flight` requests are
-            in flight.
-        urgent: send it even if `max_in_flight` requests are in flight, and do not count it as one
-            of them.
+        first: True to send it ahead of all other waiting frames, and even if `max_in_flight`
+            requests are in flight.
+        urgent: True to send it even if `max_in_flight` requests are in flight, and not to count it
+            as one of them.
         within: maximum time for which the request may wait to be sent, in seconds.
-        always: send it even if `ChassisClient.permit_only` excludes it.
+        always: True to send it even if `ChassisClient.permit_only` excludes it.
         tap: callback that gets the answer in order with the pushes; see `ChassisClient.request`.
     """
 
@@ -234,6 +236,18 @@ class Sending(NamedTuple):
     within: float = math.inf
     always: bool = False
     tap: Callable[[Answer], None] | None = None
+
+
+class Traffic(NamedTuple):
+    """Amount of data that a connection has transferred.
+
+    Attributes:
+        received: number of bytes received so far, those of an unfinished frame included.
+        waiting: number of bytes that wait to be sent.
+    """
+
+    received: int = 0
+    waiting: int = 0
 
 
 @dataclass(slots=True)
@@ -411,9 +425,9 @@ class Connection:
         finally:
             self._transport.abort()
 
-    def traffic(self) -> tuple[int, int]:
-        """Return the number of bytes received, and the number of bytes that wait to be sent."""
-        return self._transport.received, self._transport.backlog()
+    def traffic(self) -> Traffic:
+        """Return how much the connection has transferred."""
+        return Traffic(self._transport.received, self._transport.backlog())
 
     def debug(self) -> dict[str, int]:
         """Return the sizes of everything that may grow; see `ChassisClient.debug`."""
@@ -428,16 +442,13 @@ class Connection:
         if self._cause is not None:
             return
         self._cause = cause
-        self._fail_pending(cause)
-        self._outbox.clear()
-        if not self.ended.done():
-            self.ended.set_result(cause)
-
-    def _fail_pending(self, cause: LinkError) -> None:
         for pending in self._pending.values():
             if not pending.future.done():
                 # a separate error for each: a raised one keeps its caller's frames alive
                 pending.future.set_exception(type(cause)(said_by(cause)))
+        self._outbox.clear()
+        if not self.ended.done():
+            self.ended.set_result(cause)
 
     async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
         """Run a part of the connection's work; an error in it ends the whole connection."""
@@ -491,7 +502,7 @@ class Connection:
             await self._outbox_changed.wait()
 
     def _next_to_send(self) -> int | None:
-        """Return the key of the next frame; None if no frame can be sent now.
+        """Return the key of the next frame, which is encoded; None if no frame can be sent now.
 
         Frames keep their order, also while the first one is being encoded. Only an urgent frame
         does not wait for that.
@@ -562,7 +573,7 @@ class Connection:
             try:
                 data = await self._transport.recv()
                 if len(data) < LARGE:
-                    self._receive(self._codec.decode(data), self._transport.waited)
+                    self._receive(self._codec.decode(data), alone=self._transport.waited)
                 else:
                     await self._receive_aside(data)
             except FrameError as error:
@@ -584,8 +595,13 @@ class Connection:
         except Exception as error:
             self._fail_unexpectedly(error)
 
-    def _receive(self, envelope: Envelope, alone: bool) -> None:
-        """Pass on a valid frame: an answer to its request, a push to `on_push`."""
+    def _receive(self, envelope: Envelope, *, alone: bool) -> None:
+        """Pass on a valid frame: an answer to its request, a push to `on_push`.
+
+        Args:
+            envelope: the frame.
+            alone: True if it is known that no other frame was waiting to be read.
+        """
         self._stats.rx += 1
         self._liveness.note_alive()
         if envelope.defect:
@@ -621,8 +637,9 @@ class Connection:
         finally:
             self._newer = [each for each in self._newer if each is not newer]
             self._aside_slots.release()
-        if not envelope.sn and envelope.type in newer and envelope.type not in COUNTED_PUSHES:
-            self._stats.dropped_pushes[envelope.type] += 1  # only the newest value matters
+        only_newest_matters = not envelope.sn and envelope.type not in EVENT_PUSHES
+        if only_newest_matters and envelope.type in newer:
+            self._stats.dropped_pushes[envelope.type] += 1
         elif self._cause is None:
             self._receive(envelope, alone=False)
 

@@ -131,7 +131,7 @@ class Body:
     Args:
         codec: decodes the body.
         envelope: the frame.
-        on_bad: called once if the body cannot be read.
+        on_bad: called once if the body does not fit its type; not for an unknown type.
 
     Attributes:
         type: protobuf full name of the body's message, as the frame gives it.

@@ -9,11 +9,10 @@ import asyncio
 import logging
 import random
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
-from typing import Any
 
 from woosh_robot_agent.link.codecs import client_codec
 from woosh_robot_agent.link.config import (
@@ -32,7 +31,7 @@ from woosh_robot_agent.link.subscriptions import Subscriptions, call_logged
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.sentences import Sentence, said_by
+from woosh_robot_agent.sentences import REFUSED, Sentence, said_by
 
 _NOT_CONNECTED = Sentence(
     "link.notConnected",
@@ -274,9 +273,10 @@ def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bo
 
 def _check_info(answer: Answer, log: LogOnce) -> None:
     """Raise a HandshakeError if an answer is not a RobotInfo; warn if it cannot be read."""
-    if not answer.ok or answer.type != full_name(RobotInfo):
-        reason = one_line(answer.defect if answer.ok else answer.msg)
-        raise HandshakeError(_NO_INFO(reason=reason or (_OTHER_TYPE if answer.ok else "")))
+    if not answer.ok:
+        raise HandshakeError(_NO_INFO(reason=one_line(answer.msg) or REFUSED()))
+    if answer.type != full_name(RobotInfo):
+        raise HandshakeError(_NO_INFO(reason=one_line(answer.defect) or _OTHER_TYPE))
     if answer.defect:  # perhaps from newer firmware; everything else may work
         log.warn("no snapshot", f"the first values are missing because {answer.defect}")
 
@@ -294,7 +294,7 @@ async def _request_info(
             requests.add(asyncio.ensure_future(request))
             done, _ = await asyncio.wait(
                 requests,
-                # without a timeout, the last request ends by its own
+                # no timeout for the last request, which has its own
                 timeout=_RETRY_AFTER if remaining > 2 * _RETRY_AFTER else None,
                 return_when=asyncio.FIRST_COMPLETED,
             )
@@ -358,7 +358,10 @@ class ReconnectLoop:
 
     def start(self) -> None:
         """Start connecting."""
-        self._current = self._add_task(self._run(), "link to the chassis")
+        task = asyncio.get_running_loop().create_task(self._run(), name="link to the chassis")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        self._current = task
 
     async def stop(self) -> None:
         """Stop connecting and close the connection, within `close_timeout`."""
@@ -385,12 +388,6 @@ class ReconnectLoop:
             self.start()
             if earlier:
                 await asyncio.wait(earlier)
-
-    def _add_task(self, work: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:
-        task = asyncio.get_running_loop().create_task(work, name=name)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-        return task
 
     async def _run(self) -> None:
         """Connect, and reconnect until another task replaces this one."""

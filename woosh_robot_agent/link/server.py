@@ -80,11 +80,13 @@ class Listener:
         self.addresses: list[tuple[int, Any]] = [
             (each.family, each.getsockname()) for each in server.sockets
         ]
-        self.port: int = self.addresses[0][1][1]
+        self.port: int = server.sockets[0].getsockname()[1]
 
     def drop(self) -> None:
         """Abort all HTTP connections, also idle ones."""
-        for connection in self._http.connections if self._http else ():
+        if self._http is None:
+            return
+        for connection in self._http.connections:
             if connection.transport is not None:
                 abort_transport(connection.transport)
 
@@ -251,7 +253,7 @@ class HttpConnection(asyncio.Protocol):
 
     Attributes:
         transport: the socket.
-        lost: done when the connection has ended.
+        lost: future that is done when the connection has ended.
     """
 
     def __init__(self, inner: asyncio.Protocol, open_timeout: float) -> None:

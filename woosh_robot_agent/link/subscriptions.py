@@ -35,10 +35,11 @@ def call_logged(callback: Callable[[Any], None], argument: object) -> None:
         _LOG.exception("a callback failed")
 
 
-COUNTED_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
-"""Types whose every push must be delivered. Of other types, only the newest values matter."""
+EVENT_PUSHES = tuple(full_name(cls) for cls in (StatusCode, TaskProc, Feedbacks))
+"""Types of pushes about events, which must all be delivered. Of other types, only the newest values
+matter."""
 LATEST_DEPTH = 50
-"""Maximum number of queued pushes of a type not in COUNTED_PUSHES. Enough at 3000 Hz while another
+"""Maximum number of queued pushes of a type not in EVENT_PUSHES. Enough at 3000 Hz while another
 program uses the core for 17 ms."""
 
 Deliver = Callable[[], Awaitable[None] | None]
@@ -138,7 +139,7 @@ class Subscriptions:
     """Queues the pushes that were read, and calls their consumers from a separate task.
 
     Args:
-        depth: maximum number of queued pushes for each of `COUNTED_PUSHES`.
+        depth: maximum number of queued pushes for each of `EVENT_PUSHES`.
         record: counters and logs.
     """
 
@@ -163,8 +164,8 @@ class Subscriptions:
         """Pushes and answers of a connection whose handshake is in progress."""
 
     def set_depth(self, depth: int) -> None:
-        """Change the maximum number of queued pushes for each of `COUNTED_PUSHES`."""
-        self._depths.update(dict.fromkeys(COUNTED_PUSHES, depth))
+        """Change the maximum number of queued pushes for each of `EVENT_PUSHES`."""
+        self._depths.update(dict.fromkeys(EVENT_PUSHES, depth))
 
     @property
     def queued(self) -> int:
@@ -212,8 +213,9 @@ class Subscriptions:
     def release(self) -> None:
         """Stop holding back, and queue what was held back; idempotent."""
         held, self._held = self._held, None
-        for name, deliver in () if held is None else held.take_all():
-            self._queue.put(name, deliver)
+        if held is not None:
+            for name, deliver in held.take_all():
+                self._queue.put(name, deliver)
 
     def discard_held(self) -> None:
         """Discard what was held back. After a successful handshake, nothing is held back."""
@@ -233,8 +235,9 @@ class Subscriptions:
         Args:
             codec: codec of the connection.
             envelope: the push.
-            alone: deliver it at once if nothing is queued, which saves a turn of the event loop.
-                Pushes that arrive together are queued, so that the oldest can be dropped.
+            alone: True if no other frame was waiting to be read. Then the push is delivered at
+                once if nothing is queued, which saves a turn of the event loop. Pushes that arrive
+                together are queued, so that the oldest can be dropped.
         """
         name = envelope.type
         if not self._consumers.get(name):

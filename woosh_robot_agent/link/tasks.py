@@ -94,9 +94,9 @@ LARGE = 64 * 1024
 A shorter frame takes some milliseconds at most.
 """
 _SWITCH_INTERVAL = 0.0005
-"""Switch interval of Python while the thread for large messages works, in seconds: other threads
-wait so long for the GIL. The link thread needs it again after each system call. With Python's 5 ms,
-a few system calls would take 20 ms."""
+"""Switch interval of Python while the thread for large messages works, in seconds: the time for
+which other threads wait for the GIL. The link thread needs it again after each system call. With
+Python's 5 ms, a few system calls would take 20 ms."""
 _THREAD = ThreadPoolExecutor(1, thread_name_prefix="large messages")
 """One thread, so that large messages keep their order, and at most one competes for the GIL."""
 

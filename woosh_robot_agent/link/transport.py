@@ -199,8 +199,9 @@ class TcpTransport:
                     "oversize", f"{size} bytes are more than max_frame_size, {self._max_size}"
                 )
             if size <= CHUNK:
+                data = await self._reader.readexactly(size)
                 self.received += size
-                return await self._reader.readexactly(size)
+                return data
             return await self._read_large(size)
         except asyncio.IncompleteReadError as error:
             raise TransportClosedError(_CUT if error.partial else _CLOSED) from None

@@ -52,7 +52,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
-from woosh_robot_agent.sentences import NOT_SENT, THEN, Said, Sentence, joined, said_by
+from woosh_robot_agent.sentences import NOT_SENT, REFUSED, THEN, Said, Sentence, joined, said_by
 
 
 def cancel_orders() -> dict[str, Message]:
@@ -118,7 +118,7 @@ def _is_ok(answer: Answer | LinkError) -> bool:
 
 
 def _reason(answer: Answer | LinkError) -> str:
-    return answer.msg if isinstance(answer, Answer) else said_by(answer)
+    return (answer.msg or REFUSED()) if isinstance(answer, Answer) else said_by(answer)
 
 
 def _name(what: str) -> str:
@@ -270,13 +270,12 @@ class MotionGate:
         for callback in self._stop_callbacks:
             callback()
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
-        orders = [Twist(), *cancel_orders().values()]
-        # each goes to the front of the queue, so the first one to send is queued last
-        answers = await asyncio.gather(
-            *(self._send_first(message, timeout) for message in reversed(orders))
-        )
+        orders = cancel_orders()
+        # each goes to the front of the queue, so the first one to send, the zero, is queued last
+        queued = [*reversed(orders.values()), Twist()]
+        answers = await asyncio.gather(*(self._send_first(each, timeout) for each in queued))
         zero, *cancels = reversed(answers)
-        return StopReport(zero, dict(zip(cancel_orders(), cancels, strict=True)))
+        return StopReport(zero, dict(zip(orders, cancels, strict=True)))
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.

@@ -42,7 +42,9 @@ TASK_REQUESTS = (ExecTask, ExecPreTask, ExecTaskSet, RepeatTask)
 """Types of the requests that start tasks. RepeatTask can also just edit a task set."""
 _MOTION_TYPES = frozenset((Twist, CallAction, ActionOrder, Follow, *TASK_REQUESTS))
 _RESTING_ORDERS = (action_pb2.kPause, action_pb2.kCancel)
+"""Orders to the running task after which the robot stands."""
 _DRIVING_ORDERS = (action_pb2.kStart, action_pb2.kContinue, action_pb2.kRecover)
+"""Orders to the running task after which the robot drives by itself."""
 _EDITING_ORDERS = (RepeatTask.kPut, RepeatTask.kDel)
 """Orders of RepeatTask that only change the list of predefined task sets."""
 _DRIVING_MEMBERS = ("step_control", "move_base", "charge_control")

@@ -142,7 +142,9 @@ class SpeedLimiter:
 
     def _send(self) -> None:
         """Send the limit if the robot navigates and may not have it yet."""
-        if self._limit in (None, self._sent) or self.refusal or not self._navigation:
+        if self._limit is None or self._limit == self._sent:  # nothing to limit, or sent already
+            return
+        if self.refusal or not self._navigation:
             return
         was_limited, self._sent = self.is_limited, self._limit
         self._start(self._send_limit(self._navigation, self._limit))

@@ -59,9 +59,11 @@ class SenderClock:
 
     def __init__(self) -> None:
         self._since = -math.inf
-        """Monotonic time from which `_least` counts."""
-        self._least = self._former = math.inf
-        """Smallest difference since `_since`, and in the window before, in seconds."""
+        """Monotonic time at which the current window began."""
+        self._least = math.inf
+        """Smallest difference in the current window, in seconds."""
+        self._least_before = math.inf
+        """Smallest difference in the window before, in seconds."""
 
     def published(self, source: float, received: float, taken: float) -> float:
         """Return the monotonic time at which a message was sent, and learn from its times.
@@ -72,14 +74,15 @@ class SenderClock:
             taken: monotonic time at which this process took the message from the middleware.
         """
         ahead = time.time() - time.monotonic()  # by which Unix time is ahead of monotonic time
+        # when it was taken, if the receipt is unknown or the clock was set back since then
         received = min(received or math.inf, taken + ahead)
         if not source:
             return received - ahead
         if taken > self._since + _WINDOW:
-            self._since, self._former, self._least = taken, self._least, math.inf
-        is_first = self._least == self._former == math.inf
+            self._since, self._least_before, self._least = taken, self._least, math.inf
+        is_first = self._least == self._least_before == math.inf
         self._least = min(self._least, received - source)
-        offset = min(self._least, self._former)
+        offset = min(self._least, self._least_before)
         if is_first and 0.0 < offset < _WINDOW:
             offset = 0.0
         return source + offset - ahead

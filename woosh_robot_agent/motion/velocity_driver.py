@@ -75,7 +75,7 @@ class VelocityLimits:
         max_angular: maximum turning speed, in rad/s.
         rate: maximum rate of the velocities that are sent, in Hz.
         timeout: time without a velocity after which the robot is stopped, in seconds.
-        override: drive even while a goal, a task or an action drives the robot.
+        override: True to drive even while a goal, a task or an action drives the robot.
         max_age: maximum age at which a velocity is sent, in seconds; never more than `timeout` and
             `MotionTiming.max_age`.
     """
@@ -141,7 +141,7 @@ class VelocityDriver:
         chassis: the link.
         name: name of the stream in the log, e.g. "cmd_vel".
         limits: returns the current limits.
-        log_refusals: log velocities that the chassis refuses, with its answer.
+        log_refusals: True to log velocities that the chassis refuses, with its answer.
     """
 
     def __init__(
@@ -263,8 +263,8 @@ class VelocityDriver:
         """Return the loop time at which to send next; infinite if there is nothing to send."""
         limits = self._limits()
         if self._waiting is not None:  # rule 4
-            first_zero = self._driving and not may_move(self._waiting)
-            return 0.0 if first_zero else self._pace.due(limits.rate)
+            is_first_zero = self._driving and not may_move(self._waiting)
+            return 0.0 if is_first_zero else self._pace.due(limits.rate)
         if self._driving and self._chassis.state is LinkState.READY:  # rule 6
             return self._published + limits.timeout
         return math.inf

@@ -68,8 +68,8 @@ class WheelOwner:
     def _task_changed(self, report: TaskProc) -> None:
         before, self._task = self._task, report
         self._update_name()
-        same_task = before.robot_task_id == report.robot_task_id
-        if _may_drive(report) and not (_may_drive(before) and same_task):
+        drove_before = _may_drive(before) and before.robot_task_id == report.robot_task_id
+        if _may_drive(report) and not drove_before:
             self._on_start()
 
     def _actions_reported(self, reports: Feedbacks) -> None:

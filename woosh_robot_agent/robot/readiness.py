@@ -24,7 +24,7 @@ from woosh_robot_agent.sentences import Said
 
 
 class Objection(NamedTuple):
-    """One reason for which the robot rejects tasks.
+    """One reason for which the robot rejects tasks or other requests.
 
     Attributes:
         name: identifier for programs, e.g. `emergency_stop`; unlike the texts, it never changes.
@@ -112,19 +112,21 @@ MAPPING = Objection(
 )
 NO_TASK = Objection("no_task", "the robot is not executing a task", "start one first")
 
-CONTROL_MODES = (MANUAL, MAINTENANCE, NO_CONTROL_MODE)
-"""Objections to the control mode."""
-_CONTROL_MODES = {
+_BY_CONTROL_MODE = {
     robot.kControlModeUndefined: NO_CONTROL_MODE,
     robot.kManual: MANUAL,
     robot.kMaintain: MAINTENANCE,
 }
-_WORK_MODES = {
+"""Objections by control mode."""
+CONTROL_MODES = tuple(_BY_CONTROL_MODE.values())
+"""All objections to the control mode."""
+_BY_WORK_MODE = {
     robot.kWorkModeUndefined: NO_WORK_MODE,
     robot.kDeployMode: DEPLOYMENT,
     robot.kScheduleMode: SCHEDULE,
 }
-_STATES = {
+"""Objections by work mode."""
+_BY_STATE = {
     robot.kMapping: MAPPING,
     robot.kFollowing: Objection(
         "following", "the robot is following a person", "stop it with robot/Follow"
@@ -132,16 +134,13 @@ _STATES = {
     robot.kCharging: Objection("charging", "the robot is charging", "wait, or stop charging"),
 }
 """Objections by state of a robot that is not taskable."""
-_EXECUTING = "the robot is executing a task"
-_BUSY_STATES = {
-    robot.kTask: Objection("busy", _EXECUTING, "wait for its end, or cancel it"),
-    robot.kParking: Objection(  # also the state of a charging task
-        "busy",
-        "the robot is executing a charging or parking task",
-        "wait for its end, or cancel it",
-    ),
+_BUSY = Objection("busy", "the robot is executing a task", "wait for its end, or cancel it")
+_BUSY_BY_STATE = {
+    robot.kTask: _BUSY,
+    # also the state of a charging task
+    robot.kParking: _BUSY._replace(reason="the robot is executing a charging or parking task"),
     robot.kMapping: MAPPING,
-    robot.kFollowing: _STATES[robot.kFollowing],
+    robot.kFollowing: _BY_STATE[robot.kFollowing],
 }
 """Objections of `busy_objections`, by state of the robot."""
 _POSE_WITHOUT_MAP = Objection(
@@ -153,10 +152,10 @@ _POSE_WITHOUT_MAP = Objection(
 
 def all_objections(info: RobotInfo) -> list[Objection]:
     """Return every reason for which the robot rejects a new task now, e.g. its present task."""
-    busy = busy_objections(info)
-    # what the robot is doing tells why it is not taskable
-    found = [each for each in objections(info) if not (busy and each == NOT_TASKABLE)]
-    return list(dict.fromkeys([*found, *busy]))
+    found, busy = objections(info), busy_objections(info)
+    if busy:  # what the robot is doing tells why it is not taskable
+        found = [each for each in found if each != NOT_TASKABLE]
+    return list(dict.fromkeys([*found, *busy]))  # without duplicates
 
 
 def objections_except_busy(info: RobotInfo) -> list[Objection]:
@@ -182,7 +181,8 @@ def objections(info: RobotInfo) -> list[Objection]:
         if info.battery.charge_state == Battery.kNot and info.battery.power == 0:
             found.append(BATTERY_EMPTY)
         found += _failed_parts(info.hardware_state)
-        found += [] if found else _likely(info)
+        if not found:
+            found = _likely(info)
     return found
 
 
@@ -191,9 +191,8 @@ def busy_objections(info: RobotInfo) -> list[Objection]:
     proc = info.task_proc
     if is_unfinished(proc):
         number = proc.robot_task_id
-        reason = f"the robot is executing task {number}" if number else _EXECUTING
-        return [Objection("busy", reason, "wait for its end, or cancel it")]
-    return [_BUSY_STATES[info.state]] if info.state in _BUSY_STATES else []
+        return [_BUSY._replace(reason=f"the robot is executing task {number}") if number else _BUSY]
+    return [_BUSY_BY_STATE[info.state]] if info.state in _BUSY_BY_STATE else []
 
 
 def is_taskable(info: RobotInfo) -> bool | None:
@@ -244,12 +243,12 @@ def _certain(info: RobotInfo) -> Iterator[Objection]:
     if info.device_state.hardware & DeviceState.kEmgBtn:
         yield EMERGENCY_STOP
     if info.HasField("mode"):
-        if info.mode.ctrl in _CONTROL_MODES:
-            yield _CONTROL_MODES[info.mode.ctrl]
+        if info.mode.ctrl in _BY_CONTROL_MODE:
+            yield _BY_CONTROL_MODE[info.mode.ctrl]
         # Without automatic control, an undefined work mode has no meaning.
         automatic = info.mode.ctrl == robot.kAuto
-        if info.mode.work in _WORK_MODES and (automatic or info.mode.work):
-            yield _WORK_MODES[info.mode.work]
+        if info.mode.work in _BY_WORK_MODE and (automatic or info.mode.work):
+            yield _BY_WORK_MODE[info.mode.work]
     if info.state == robot.kUninit:
         yield NOT_INITIALISED
     elif is_located(info) is False:  # an uninitialised robot is never located
@@ -279,8 +278,8 @@ def _likely(info: RobotInfo) -> list[Objection]:
         for code in info.abnormal_codes.scs
         if code.level == StatusCode.kFault
     ]
-    if info.state in _STATES:
-        found.append(_STATES[info.state])
+    if info.state in _BY_STATE:
+        found.append(_BY_STATE[info.state])
     if info.device_state.software & DeviceState.kOccupancy:
         found.append(
             Objection(

@@ -150,7 +150,7 @@ class _Refusal:
     Attributes:
         type: type of the request.
         state: the reasons in the state of the robot.
-        code: future that gets the status code, or None if none came in time.
+        code: future that gets the objection with the status code, or None if no code came in time.
     """
 
     type: str
@@ -158,7 +158,7 @@ class _Refusal:
     code: asyncio.Future[Objection | None]
 
     def end(self, code: Objection | None = None) -> None:
-        """Set the status code, unless it is already set."""
+        """Set `code`, unless it is already set."""
         if not self.code.done():
             self.code.set_result(code)
 
@@ -224,11 +224,9 @@ _TASKS = tuple(map(full_name, TASK_REQUESTS))
 _LIFTS = tuple(
     f"woosh.ros.action.{name}" for name in ("LiftControl", "LiftControl2", "LiftControl3")
 )
-_STEP, _CHARGE, _MOVE = (
-    "woosh.ros.action.StepControl",
-    "woosh.ros.action.ChargeControl",
-    "woosh.ros.action.MoveBase",
-)
+_STEP = "woosh.ros.action.StepControl"
+_CHARGE = "woosh.ros.action.ChargeControl"
+_MOVE = "woosh.ros.action.MoveBase"
 
 _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProxyType(
     {
@@ -249,22 +247,20 @@ _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProx
 )
 """Functions that return the reasons in the robot's state, by type of the request."""
 
+# First digits of status codes that several types of requests have
 _WRONG_VERSION = "14080100001"
 _NOT_AUTOMATIC = "14080100008"
-_STEP_CODES = ("12030100002", "140506")
-_LIFT_CODES = ("12400100002", "140502")
-_CHARGE_CODES = ("12060100002", "140501")
-_MOVE_CODES = ("140304",)
 _CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         **dict.fromkeys(
             _TASKS,
+            # the second one stands for the ten codes 14080100010 to 14080100019
             (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
         ),
-        **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, *_LIFT_CODES)),
-        _STEP: (_NOT_AUTOMATIC, *_STEP_CODES),
-        _CHARGE: (_NOT_AUTOMATIC, *_CHARGE_CODES),
-        _MOVE: (_NOT_AUTOMATIC, *_MOVE_CODES),
+        **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, "12400100002", "140502")),
+        _STEP: (_NOT_AUTOMATIC, "12030100002", "140506"),
+        _CHARGE: (_NOT_AUTOMATIC, "12060100002", "140501"),
+        _MOVE: (_NOT_AUTOMATIC, "140304"),
         "woosh.robot.Twist": (_NOT_AUTOMATIC, "14080100009"),
         "woosh.robot.Follow": (_NOT_AUTOMATIC, "14080100009"),
         "woosh.robot.ActionOrder": (_NOT_AUTOMATIC, "14080100027", "14080100028", "14080100029"),
@@ -278,8 +274,12 @@ _CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "woosh.robot.Deployment": ("14080100010",),
         "woosh.robot.SwitchMap": ("14080100022", "14070600001", "14070600002", "14070600003"),
         "woosh.robot.InitRobot": (
-            *("14080100023", "14080100024", "14020100001"),
-            *("14020100002", "14020100003", "14020100004"),
+            "14080100023",
+            "14080100024",
+            "14020100001",
+            "14020100002",
+            "14020100003",
+            "14020100004",
         ),
     }
 )

@@ -85,7 +85,7 @@ def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
 _LOG = logging.getLogger(__name__)
 
 LIMIT = 2.0
-"""Time after which a robot that has not moved is reported, in seconds.
+"""Time after which a robot that has not moved causes a warning, in seconds.
 
 A real robot usually starts 0.31 s after a velocity, and in 90 % of all cases within 0.66 s.
 """
@@ -125,7 +125,7 @@ class _Demand:
         since: loop time from which the robot should move; None while it may stand.
         last: loop time of the last velocity; for other commands, of the command.
         begun: True once the chassis has reported that it executes the task.
-        reported: True if the warning has been given.
+        warned: True if the warning has been given.
     """
 
     name: str
@@ -135,7 +135,7 @@ class _Demand:
     since: float | None
     last: float
     begun: bool = False
-    reported: bool = False
+    warned: bool = False
 
     @property
     def is_velocity(self) -> bool:
@@ -156,7 +156,7 @@ class Standstill:
         last_known: last values that the chassis reported.
 
     Attributes:
-        limit: time after which a robot that has not moved is reported, in seconds; by default
+        limit: time after which a robot that has not moved causes a warning, in seconds; by default
             `LIMIT`.
         kept: time for which a warning of a velocity remains, in seconds; by default `KEPT`.
     """
@@ -181,7 +181,7 @@ class Standstill:
     def warning(self) -> str:
         """The command that moves nothing, and the likely causes; empty if there is none."""
         demand = self._demand
-        if demand is None or not demand.reported:
+        if demand is None or not demand.warned:
             return ""
         if demand.is_velocity and asyncio.get_running_loop().time() - demand.last > self.kept:
             return ""
@@ -230,7 +230,7 @@ class Standstill:
 
     def _give_up(self) -> None:
         """Stop expecting movement; a warning that was given remains until the robot moves."""
-        if self._demand is not None and not self._demand.reported:
+        if self._demand is not None and not self._demand.warned:
             self._demand = None
 
     def _start_timer(self, demand: _Demand) -> None:
@@ -241,7 +241,7 @@ class Standstill:
 
     def _check(self, demand: _Demand, since: float) -> None:
         """Warn if the robot should have moved since a loop time, and has not."""
-        if demand is not self._demand or demand.since != since or demand.reported:
+        if demand is not self._demand or demand.since != since or demand.warned:
             return
         if demand.is_velocity and self._chassis.refusal(Twist()):
             self._demand = None  # the agent has stopped the robot, and only observes it
@@ -250,7 +250,7 @@ class Standstill:
         if now - since > 1.5 * self.limit:  # this process stood still, and has read no reports
             self._start_timer(demand)
             return
-        demand.reported = True
+        demand.warned = True
         if now - self._log_cleared > self.kept:
             self._log.clear()
             self._log_cleared = now
@@ -275,11 +275,11 @@ class Standstill:
             demand.start = pose
         if not _has_moved(demand.start, pose):
             return
-        if demand.reported:
+        if demand.warned:
             _LOG.info("the robot moves after %s", demand.name)
         self._log.clear()
         if demand.is_velocity:  # later velocities of the stream may move nothing
-            demand.start, demand.since, demand.reported = pose, None, False
+            demand.start, demand.since, demand.warned = pose, None, False
         else:
             self._demand = None
 

@@ -106,7 +106,7 @@ class VelocitySources:
 
         Args:
             service: name of the service.
-            number: number of the call, counted by its client.
+            number: sequence number of the call, counted by its client.
         """
         if self._callers.observe(number, time.monotonic()):
             self.report(f"a client of {service}", f"another client of {service}")
@@ -144,7 +144,7 @@ WINDOW = 2.5
 
 Long enough to detect publishers at 1 Hz.
 """
-_UNKNOWN = (None, 0, 2**64 - 1)
+_UNNUMBERED = (0, 2**64 - 1)
 """Sequence numbers of a middleware that does not number messages."""
 
 
@@ -166,13 +166,13 @@ class Interleaving:
         """Process the number of a message.
 
         Args:
-            number: publication sequence number.
+            number: publication sequence number; None if there is none.
             now: monotonic time.
 
         Returns:
             True if messages of several publishers alternate.
         """
-        if number is None or number in _UNKNOWN:
+        if number is None or number in _UNNUMBERED:
             return False
         if number <= self._last:
             self._setbacks.append(now)
@@ -325,7 +325,8 @@ class WhoDrives:
     def _unexplained(self, info: RobotInfo) -> Driver:
         """Return the driver of a robot that no task, action or velocity of the agent drives."""
         now, twist = time.monotonic(), info.pose_speed.twist
-        if now - self._pose_time > REPORT_GAP or not (twist.linear or twist.angular):
+        moves = twist.linear or twist.angular
+        if not moves or now - self._pose_time > REPORT_GAP:
             return Driver(NOBODY)
         if now - self._velocities.last_time < ROLL_OUT:
             return Driver(self._velocities.last, _ROLLS)

@@ -35,17 +35,6 @@ if TYPE_CHECKING:
         spinning,
     )
 
-_WITH_ROS = {
-    "AgentInProcess",
-    "AgentProcess",
-    "RunningAgent",
-    "Spinner",
-    "own_domain",
-    "running_agent",
-    "spinning",
-}
-"""Names that are imported on first use."""
-
 __all__ = [
     "TIMEOUT",
     "AgentInProcess",
@@ -65,7 +54,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    if name not in _WITH_ROS:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from woosh_robot_agent.testing import agents
 

@@ -344,8 +344,8 @@ def running_agent(
 
     Args:
         chassis: the chassis to connect to.
-        process: run the agent in its own process, as on a robot. By default it runs in this
-            process, which starts faster and can be debugged.
+        process: True to run the agent in its own process, as on a robot. By default it runs in
+            this process, which starts faster and can be debugged.
         domain: ROS_DOMAIN_ID of the agent; by default a new one from `own_domain`.
         namespace: namespace of the agent.
         parameters: parameters of the agent; by default, `ip` and `port` lead to `chassis`.

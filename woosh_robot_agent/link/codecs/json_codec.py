@@ -235,7 +235,7 @@ def _setter(field: Field) -> Setter:
 def _list_setter(field: Field) -> Setter:
     """Return the function that puts a JSON list into a field."""
     name = field.name
-    floats = field.cpp_type in FLOATS
+    has_floats = field.cpp_type in FLOATS
     append = _appender(field)
 
     def set_list(message: Any, values: Any) -> None:
@@ -243,7 +243,7 @@ def _list_setter(field: Field) -> Setter:
             raise FieldError("", f"expected a list, got {brief_repr(values)}")
         items = getattr(message, name)
         del items[:]
-        if floats:
+        if has_floats:
             try:
                 items.extend(values)  # ten times as fast, and scans are long
                 return
@@ -320,7 +320,8 @@ def to_json(message: Message, *, defaults: bool) -> dict[str, Any]:
 
     Args:
         message: any message.
-        defaults: include scalars and lists that have their default value, as the chassis does.
+        defaults: True to include scalars and lists that have their default value, as the chassis
+            does.
 
     Raises:
         FieldError: a google.protobuf.Any holds a type that is not one of the chassis.
@@ -424,7 +425,7 @@ class JsonCodec:
     """Frames as JSON text.
 
     Args:
-        defaults: include fields that have their default value, as the chassis does.
+        defaults: True to include fields that have their default value, as the chassis does.
     """
 
     def __init__(self, *, defaults: bool = False) -> None:
@@ -452,8 +453,8 @@ class JsonCodec:
         if timestamp is not None:
             frame["timestamp"] = timestamp
         # long base64 texts skip the JSON writer, which would look at each of their characters
-        long = body is not None and body.ByteSize() >= json_text.LONG_MESSAGE
-        texts = json_text.take_from_value(frame) if long else []
+        is_long = body is not None and body.ByteSize() >= json_text.LONG_MESSAGE
+        texts = json_text.take_from_value(frame) if is_long else []
         text = json_text.write(frame)
         return json_text.put_into_frame(text, texts) if texts else text
 

@@ -89,8 +89,8 @@ def take_from_frame(frame: str | bytes) -> tuple[str | bytes, list[str]]:
     texts: list[str] = []
     copied, at = 0, _STEP
     while at < len(frame) and (end := frame.find(quote, at)) >= 0:
-        if end - at >= _STEP:
-            begin = frame.rfind(quote, at - _STEP, at) + 1
+        if end - at >= _STEP:  # no quotation mark here: probably inside of a long text
+            begin = frame.rfind(quote, at - _STEP, at) + 1  # 0 if there is no mark
             text = _text(frame, begin, end) if begin else None
             if text is not None:
                 token = f"{_TOKEN}{len(texts)}"
@@ -277,8 +277,8 @@ class _Pieces:
     def _items(self, at: int) -> tuple[list[Any], int]:
         """Return the next items of a list, at least one, and the place where the last item ends.
 
-        If the rest of the list fits in a piece, it is returned. Otherwise, fewer items: half of a
-        piece, and so on. If not even the first item ends there, that item is parsed alone.
+        These are the items in a piece, or else the rest of the list if it ends in the piece, or
+        else the items in half a piece, and so on. If no piece holds an item, one is parsed alone.
         """
         size = _PIECE
         while size >= _SMALLEST_PIECE and self._spare > 0:
