@@ -97,8 +97,8 @@ class Laser:
         start = wrap(math.atan2(y1, x1) - origin.theta)
         sweep = wrap(math.atan2(y2, x2) - math.atan2(y1, x1))
         along_x, along_y = x2 - x1, y2 - y1
-        # A wall that spans the blind sector behind the robot is seen at both ends of the scan.
-        for begin in (start, start - math.tau):
+        # A scan may begin or end beyond half a turn, and may see a wall behind it at both ends.
+        for begin in (start - math.tau, start, start + math.tau):
             first = max(0, math.ceil((begin - self.angle_min) / self.increment))
             last = min(self.rays - 1, math.floor((begin + sweep - self.angle_min) / self.increment))
             for ray in range(first, last + 1):
