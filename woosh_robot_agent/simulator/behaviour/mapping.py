@@ -52,7 +52,10 @@ def require_name(field: str, name: str) -> None:
     if not name:
         raise RefusedError(refusals.NO_NAME, field=field)
     if not is_plain(name):
-        raise RefusedError(refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME)
+        raise RefusedError(
+            f"{field} {name[:MAX_NAME]!r} must be a name of at most {MAX_NAME} characters that is "
+            "not a path"
+        )
 
 
 class Phase(Enum):

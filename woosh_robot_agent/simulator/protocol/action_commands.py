@@ -100,11 +100,7 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         chassis.actions.start(name, Done("navigation mode set"))
         return None
     if field not in _JOBS:
-        raise RefusedError(
-            "unknown action {action}: this chassis has {actions}",
-            action=command.type,
-            actions=", ".join(_JOBS),
-        )
+        raise RefusedError(f"unknown action {command.type}: this chassis has {', '.join(_JOBS)}")
     if command.action == action_pb2.kExecute:
         chassis.readiness.require_ready()
         # Leaving the charger needs the wheels, and ends a charge too.
@@ -271,7 +267,7 @@ def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
     try:
         route = plan_route(chassis, start, [end])
     except NoRouteError as error:
-        raise RefusedError(refusals.NO_PATH, failure=error) from None
+        raise RefusedError(str(error)) from None
     detour = route.length - start.distance(end.point)
     if request.tolerance and detour > request.tolerance:
         raise RefusedError(

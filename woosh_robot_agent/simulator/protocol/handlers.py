@@ -79,9 +79,8 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
     scene = chassis.scenes.get(name) if name else chassis.scene
     if scene is None:
         raise RefusedError(
-            "unknown scene {scene}: use one of {scenes}, or upload it by SwitchMap with file_datas",
-            scene=name,
-            scenes=", ".join(chassis.scenes),
+            f"unknown scene {name}: use one of {', '.join(chassis.scenes)}, or upload it by "
+            "SwitchMap with file_datas"
         )
     return scene
 
