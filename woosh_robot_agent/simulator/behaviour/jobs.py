@@ -73,9 +73,9 @@ class Progress:
 
     done: bool = False
     failure: str = ""
+    code: int = 0
     text: str = ""
     impeded: bool = False
-    code: int = 0
 
 
 class Job(ABC):

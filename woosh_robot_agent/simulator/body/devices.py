@@ -233,10 +233,9 @@ class Readiness:
     @property
     def refusal(self) -> Refusal | None:
         """The first reason to refuse and to stop tasks and actions; None if there is none."""
-        for reason in self._reasons_not_ready():
-            if not (reason is refusals.KEY_AT_MANUAL and self.key_accepts):
-                return reason
-        return None
+        tolerated = refusals.KEY_AT_MANUAL if self.key_accepts else None
+        reasons = (each for each in self._reasons_not_ready() if each is not tolerated)
+        return next(reasons, None)
 
     def require_ready(self) -> None:
         """Check that the robot accepts tasks and actions.

@@ -83,7 +83,11 @@ class Statistics:
             self._push(self.days[-1])
 
     def update(self, *, end: bool = False) -> None:
-        """Bring the record of the present day up to date, without pushing it."""
+        """Bring the record of the present day up to date, without pushing it.
+
+        Args:
+            end: True if the day is over.
+        """
         day = self.days[-1]
         day.mileage.end = self._mileage
         day.distance = self._mileage - day.mileage.start

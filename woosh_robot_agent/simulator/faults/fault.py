@@ -102,7 +102,7 @@ class Argument:
             raise self._wrong(value)
         if self.kind is int and not isinstance(value, int):
             raise self._wrong(value)
-        if not (self.low <= value <= self.high and abs(value) <= _MAX_NUMBER):
+        if not (self.low <= value <= self.high and abs(value) <= _MAX_NUMBER):  # true for NaN too
             raise self._wrong(value)
         return self.kind(value)
 
@@ -114,12 +114,12 @@ class Argument:
         if self.is_message:
             return _MESSAGE()
         text = _KINDS[self.kind]
-        low, high = math.isfinite(self.low), math.isfinite(self.high)
-        if low and high:
+        has_low, has_high = math.isfinite(self.low), math.isfinite(self.high)
+        if has_low and has_high:
             text = _WITHIN(kind=text, low=_number(self.low), high=_number(self.high))
-        elif low:
+        elif has_low:
             text = _AT_LEAST(kind=text, low=_number(self.low))
-        elif high:
+        elif has_high:
             text = _AT_MOST(kind=text, high=_number(self.high))
         if not self.unit:
             return text
@@ -151,6 +151,7 @@ Begin = Callable[[Server, "Injection"], "End | None"]
 FOR = Argument(
     "for", 0.0, "time after which the fault ends; 0: no limit", 0, unit="s of simulated time"
 )
+"""An argument of all lasting faults."""
 
 
 @dataclass(frozen=True)

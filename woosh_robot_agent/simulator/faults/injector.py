@@ -71,6 +71,7 @@ def _describe_argument(argument: Argument) -> str:
 
 
 _AT = Argument("at", 0.0, "time at which the fault begins", 0.0, unit="s of simulated time")
+"""An additional argument of faults on the command line and in scenarios."""
 
 
 def _make_step(name: str, arguments: Mapping[str, object]) -> Step:
@@ -206,7 +207,8 @@ class Injector:
 
     def clear(self) -> None:
         """End all faults."""
-        # Shared faults last: a frozen chassis must execute its queue without the other faults.
+        # Shared faults come last: when `freeze` ends, the chassis executes its queued requests,
+        # which the other faults must no longer affect.
         for injection in sorted(self.active, key=lambda each: each.fault.shared):
             injection.clear()
 

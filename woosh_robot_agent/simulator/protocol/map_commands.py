@@ -250,7 +250,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         chassis.deployment.end_session()
     elif kind == pack.BuildMap.kSave:
         duration = mapping.save()
-    elif kind == pack.BuildMap.kCanel:
+    elif kind == pack.BuildMap.kCanel:  # cancel; the misspelling is that of the schema
         is_new_map = mapping.draft is not None
         duration = mapping.cancel()
         if is_new_map:

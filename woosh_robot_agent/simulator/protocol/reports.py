@@ -222,7 +222,7 @@ def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
     """Return all states of the robot in one message."""
     return robot_pb2.RobotInfo(
         robot_id=chassis.robot_id,
-        genral=general(chassis),
+        genral=general(chassis),  # the misspelling is that of the schema
         setting=setting(chassis),
         state=chassis.state,
         mode=mode(chassis),
@@ -420,7 +420,7 @@ class StateWatch:
         self._last: dict[str, bytes] = {}
         """Last known state of each watched topic, serialized."""
         self._due: dict[str, float] = {}
-        """Time at which each watched periodic report was last due, in seconds."""
+        """Simulated time at which each watched periodic report was last due, in seconds."""
         self._next_pose = 0.0
         """Simulated time from which PoseSpeed may be pushed again, in seconds."""
         self._repeat_battery = math.inf
@@ -445,7 +445,8 @@ class StateWatch:
         """Return the periodic reports that are due and the states that have changed, once each.
 
         Args:
-            while_moving: include PoseSpeed, which changes with every step of a moving robot.
+            while_moving: True to include PoseSpeed, which changes with every step of a moving
+                robot.
         """
         messages = []
         for topic, last_due in self._due.items():

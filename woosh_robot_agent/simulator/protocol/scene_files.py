@@ -77,10 +77,10 @@ def updated_scene(
         return None
     if len(scene.maps) > MAX_MAPS:
         raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
+    whole = replace and SCENE_INDEX in new  # all files of a robot's folder
     for area in scene.maps:
         before = old.map(area.name) if old else None
         if before:
-            whole = replace and SCENE_INDEX in new  # all files of a robot's folder
             scene = with_map_changed(scene, area, _successor(area, before, whole=whole))
     return scene
 

@@ -304,6 +304,7 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
         raise RefusedError(f"the time span from {first} to {last} ends before it starts")
 
     def wanted(kind: int, record: Any, ids: Sequence[int]) -> bool:
+        """Return True if the client wants a record of `kind`; `ids` are the ids that it names."""
         if request.req_type == _Count.kSync:
             return record.id in ids
         span = record.buckets[0] if kind == _Count.kOperation else record.bucket

@@ -220,7 +220,7 @@ def read_scene_yaml(name: str, read: FileReader, *, use_own_name: bool) -> Scene
     Args:
         name: name of the scene.
         read: returns the content of a file.
-        use_own_name: prefer the name in the file, if there is one.
+        use_own_name: True to prefer the name in the file, if there is one.
 
     Raises:
         DataFileError: a file cannot be used.

@@ -135,12 +135,12 @@ class Grid:
 
         Near a corner of the outline, the gap is slightly underestimated.
         """
-        # Only cells in a square around the robot can be near: the square from `left` to `right`.
-        middle = self._in_cells(pose.x, pose.y)
+        # Only cells in a square around the robot can be near.
+        column, row = self._in_cells(pose.x, pose.y)
         reach = hull.radius / self.resolution + 1.0
-        (left, bottom), (right, top) = (
-            [max(0, math.floor(value + side * reach)) for value in middle] for side in (-1.0, 1.0)
-        )
+        # At least 0, because a negative index would count from the other end.
+        left, right = (max(0, math.floor(column + offset)) for offset in (-reach, reach))
+        bottom, top = (max(0, math.floor(row + offset)) for offset in (-reach, reach))
         rows, columns = np.nonzero(self.cells[bottom : top + 1, left : right + 1] == OCCUPIED)
         if not rows.size:
             return math.inf
