@@ -11,7 +11,7 @@ from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.manual_driving import Follower, Teleop
-from woosh_robot_agent.simulator.behaviour.mapping import Deployment, Mapping
+from woosh_robot_agent.simulator.behaviour.mapping import Deployment, MapBuilder
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.body.devices import Device
@@ -78,7 +78,7 @@ class Chassis(Robot):
         self.auto_tasks = AutoTasks(
             self, self.tasks, self.ownership, config.charge_after, config.park_after
         )
-        self.mapping = Mapping(self)
+        self.mapping = MapBuilder(self)
         self.deployment = Deployment(self, self.mapping)
 
     @property

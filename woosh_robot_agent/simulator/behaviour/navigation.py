@@ -241,6 +241,11 @@ class Navigate(Job):
     def change_path(self, robot: Robot, via: Iterable[Pose], *, strict: bool) -> None:
         """Take another way to the same goal.
 
+        Args:
+            robot: the robot.
+            via: poses to pass on the way.
+            strict: True to drive straight from one pose to the next.
+
         Raises:
             RefusedError: there is no such way.
         """

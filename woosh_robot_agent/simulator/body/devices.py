@@ -18,8 +18,8 @@ class Device(Enum):
     """A device that at most one running job owns; NONE for jobs that need no device."""
 
     WHEELS = auto()
-    JACK = auto()
-    COLUMN = auto()
+    JACK = auto()  # the lift of LiftControl
+    COLUMN = auto()  # the lift of LiftControl2 and LiftControl3
     CHARGER = auto()
     NONE = auto()
 

@@ -223,7 +223,12 @@ class Codes:
             self._statistics.problem_occurred(status)
 
     def watch(self, code: Code, *, present: bool) -> None:
-        """Report a code when its cause appears, and list it as abnormal until the cause is gone."""
+        """Report a code when its cause appears, and list it as abnormal until the cause is gone.
+
+        Args:
+            code: the code.
+            present: True if the cause is present at this moment.
+        """
         if present and code.number not in self._abnormal:
             status = self._abnormal[code.number] = self._report(code)
             self._statistics.problem_began(status)

@@ -135,7 +135,10 @@ def _number(value: float) -> str:
 
 
 def _article(text: str) -> str:
-    """Return a description such as "integer" with its article; a list of choices has none."""
+    """Return a description such as "integer" with its article; choices have none.
+
+    A single choice is the only text that is not a `Said`.
+    """
     if " or " in text or not isinstance(text, Said):
         return text
     article = "an" if text[0] in "aeiou" else "a"
@@ -224,7 +227,7 @@ def fault(
     shared: bool = False,
     check: Callable[[Mapping[str, Any]], None] | None = None,
 ) -> Callable[[Begin], Begin]:
-    """Add a fault to `FAULTS`. The decorated function begins the fault, and has its name."""
+    """Make the decorated function begin a fault of the same name, and add the fault to `FAULTS`."""
 
     def add(begin: Begin) -> Begin:
         name = begin.__name__.strip("_")

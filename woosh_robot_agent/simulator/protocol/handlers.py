@@ -147,7 +147,7 @@ def non_finite(message: Message, path: str = "") -> str:
     """Return the path of the first NaN or infinite number in `message`, empty if there is none."""
     for field, value in message.ListFields():
         name = f"{path}.{field.name}" if path else field.name
-        is_repeated = hasattr(value, "append") or hasattr(value, "extend")
+        is_repeated = hasattr(value, "extend")  # only the value of a repeated field has it
         for index, item in enumerate(value if is_repeated else [value]):
             item_path = f"{name}[{index}]" if is_repeated else name
             if isinstance(item, Message):

@@ -454,12 +454,15 @@ class StateWatch:
             if due != last_due:
                 self._due[topic] = due
                 messages.append(_PERIODIC[topic](self._chassis))
+        due_until = self._chassis.elapsed + ROUNDING
+        pose_is_due = while_moving and self._next_pose <= due_until
+        battery_is_due = self._repeat_battery <= due_until
         for topic, last in self._last.items():
-            if topic == _POSE_SPEED and not (while_moving and self._pose_is_due()):
+            if topic == _POSE_SPEED and not pose_is_due:
                 continue
             message = _STATES[topic](self._chassis)
             now = message.SerializeToString()
-            if now != last or (topic == _BATTERY and self._battery_is_due()):
+            if now != last or (topic == _BATTERY and battery_is_due):
                 self._last[topic] = now
                 messages.append(message)
                 if topic == _POSE_SPEED:
@@ -467,12 +470,6 @@ class StateWatch:
                 elif topic == _BATTERY:
                     self._schedule_battery()
         return messages
-
-    def _pose_is_due(self) -> bool:
-        return self._chassis.elapsed >= self._next_pose - ROUNDING
-
-    def _battery_is_due(self) -> bool:
-        return self._chassis.elapsed >= self._repeat_battery - ROUNDING
 
     def _schedule_pose(self) -> None:
         self._next_pose = self._wake_after(self._chassis.profile.rates.pose_speed)

@@ -137,7 +137,7 @@ def _successor(area: Map, before: Map, *, whole: bool) -> Map:
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
     """Return the name of the first uploaded map of map_server, empty if there is none."""
     names = {file.name for file in upload}
-    if SCENE_FILE in names:
+    if SCENE_FILE in names:  # which lists the maps
         return ""
     stems = {PurePosixPath(name).stem for name in names if "/" not in name}
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")

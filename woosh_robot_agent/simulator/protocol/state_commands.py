@@ -127,7 +127,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
 
 @command(pack.SetRobotPose)
 def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
-    if not (chassis.readiness.initialised or chassis.mapping.active):
+    if not chassis.readiness.initialised and not chassis.mapping.active:
         raise RefusedError(refusals.NOT_INITIALISED)
     # While a map is made, only a robot that has lost its localisation may get a pose.
     if chassis.readiness.located:

@@ -43,6 +43,7 @@ _MAX_WALLS = 1000
 a picture instead."""
 
 _INT32 = 2**31 - 1
+"""Largest value of an int32 field."""
 
 _CallInfo = woosh_task_pb2.CallInfo
 
@@ -375,7 +376,7 @@ def _task_set(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.Woo
             id=number,
             name=f"{entry.name} {number}",
             mark_no=step.mark,
-            type=f"k{step.type.title()}",
+            type=f"k{step.type.title()}",  # the name of the type in `woosh.task.Type`
             direction=f"k{step.direction.title()}" if step.direction else None,
             wait_time=step.wait,
         )
