@@ -169,7 +169,7 @@ class Injector:
         self._seed = seed
         self._steps = deque(sorted(steps, key=lambda step: step.at))
         self._clock = 0.0
-        """Time that has passed, in seconds; unlike that of the chassis, it never freezes."""
+        """Simulated time, in seconds. Unlike that of the chassis, it goes on during `freeze`."""
         self._active: dict[Injection, float | None] = {}
         """Active faults, oldest first, with the simulated times at which they expire."""
         self._ends: dict[object, End] = {}

@@ -189,14 +189,14 @@ class Grid:
         while rays.size:
             here_x, here_y = x + travelled * dx, y + travelled * dy
             column, row = here_x.astype(np.intp), here_y.astype(np.intp)
-            free = self._to_occupied[row, column]
-            hit = free == 0.0
+            to_occupied = self._to_occupied[row, column]
+            hit = to_occupied == 0.0
             ranges[rays[hit]] = travelled[hit] * self.resolution
             # Advance through space that is certainly free, and at least to the next cell.
             to_next = np.minimum(
                 (column + (dx > 0.0) - here_x) / dx, (row + (dy > 0.0) - here_y) / dy
             )
-            travelled = travelled + np.maximum(free - math.sqrt(2.0), to_next + _OVERSHOOT)
+            travelled = travelled + np.maximum(to_occupied - math.sqrt(2.0), to_next + _OVERSHOOT)
             going = ~hit & (travelled < limit)
             rays, dx, dy = rays[going], dx[going], dy[going]
             travelled, limit = travelled[going], limit[going]
