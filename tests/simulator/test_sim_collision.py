@@ -166,3 +166,15 @@ def test_invalid_obstacles_are_refused(x: float, radius: float) -> None:
     assert obstacles.clearance(0.0, 0.0) == math.inf
     with pytest.raises(KeyError):
         obstacles.remove("a")
+
+
+def test_steps_stop_before_they_touch_an_obstacle_on_the_wider_side(chassis: Chassis) -> None:
+    chassis.footprints[chassis.footprint] = ((0.4, 0.2), (0.4, -0.6), (-0.4, -0.6), (-0.4, 0.2))
+    chassis.base.place(Pose())
+    chassis.obstacles.put("box", 3.0, -0.6, radius=0.2)
+    steps = {"action": 1, "steps": [{"mode": 1, "value": 4.0}]}
+    assert execute(chassis, "woosh.ros.CallAction", step_control=steps).ok
+    for _ in range(round(10.0 / TIME_STEP)):
+        chassis.tick(TIME_STEP)
+    assert chassis.pose.x > 1.5
+    assert chassis.gap(chassis.pose) > 0.01

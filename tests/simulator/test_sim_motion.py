@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from itertools import pairwise
 from typing import Any
@@ -89,9 +90,13 @@ def test_driving_raises_odometer_and_drains_battery(chassis: Chassis) -> None:
     assert chassis.battery.level < rested.battery.level < level
 
 
+@pytest.mark.parametrize("angles", [(-2.2, 2.2), (0.0, 6.28), (-6.28, 0.0)])
 @pytest.mark.parametrize("pose", [Pose(4.2, -6.7, -0.26), Pose(10.0, 0.0, 0.3), Pose(0, 2, 3.1)])
-def test_laser_agrees_with_rays_cast_one_by_one(chassis: Chassis, pose: Pose) -> None:
+def test_laser_agrees_with_rays_cast_one_by_one(
+    chassis: Chassis, pose: Pose, angles: tuple[float, float]
+) -> None:
     chassis.base.place(pose)
+    chassis.laser = dataclasses.replace(chassis.laser, angle_min=angles[0], angle_max=angles[1])
     laser, walls = chassis.laser, chassis.map.walls
     ranges = chassis.scan()
     assert len(ranges) == laser.rays

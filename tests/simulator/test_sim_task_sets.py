@@ -13,6 +13,7 @@ from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.behaviour.jobs import Wait
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 
@@ -23,6 +24,7 @@ PUT, DELETE, EXECUTE = 1, 2, 3
 PAUSED, COMPLETED, CANCELED, FAILED = 4, 7, 8, 9
 ENDED = (COMPLETED, CANCELED, FAILED)
 CHARGE = 3
+PAUSE, CONTINUE = 2, 3
 
 
 def task_set(number: int, *marks: str, **base: Any) -> Json:
@@ -333,3 +335,19 @@ def test_task_set_goes_on_after_charging_and_leaves_the_dock_first(real: Chassis
     reports += run_until(real, lambda: real.tasks.reported.action.type == driving)
     kinds = [each.action.type for each in reports if each.robot_task_id == 802]
     assert kinds == [leaving, leaving, driving]
+
+
+def test_setting_the_navigation_mode_holds_up_no_waiting_task(chassis: Chassis) -> None:
+    """The action that sets the mode needs no device, and neither does the wait of the task."""
+    ask(chassis, PRE_TASK, {"taskSetId": 777})
+    for _ in range(10_000):
+        if isinstance(chassis.tasks.job, Wait):
+            break
+        chassis.tick(TIME_STEP)
+    move = {"action": 1, "targetPose": {"x": 8.0, "y": 0.0}}
+    for action in ({"moveBase": move}, {"navMode": {"mode": 3}}):
+        answer = ask(chassis, "woosh.ros.CallAction", action)
+        assert answer.ok, answer.msg
+    for order in (PAUSE, CONTINUE):
+        answer = ask(chassis, ORDER, {"order": order})
+        assert answer.ok, answer.msg

@@ -11,7 +11,7 @@ from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.manual_driving import Follower, Teleop
-from woosh_robot_agent.simulator.behaviour.mapping import Deployment, Mapping
+from woosh_robot_agent.simulator.behaviour.mapping import Deployment, MapBuilder
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.body.devices import Device
@@ -78,7 +78,7 @@ class Chassis(Robot):
         self.auto_tasks = AutoTasks(
             self, self.tasks, self.ownership, config.charge_after, config.park_after
         )
-        self.mapping: Mapping = Mapping(self)
+        self.mapping = MapBuilder(self)
         self.deployment = Deployment(self, self.mapping)
 
     @property
@@ -187,7 +187,9 @@ class Chassis(Robot):
     def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
         """Turn the key switch to manual, where the motors are off, or to automatic.
 
-        With `accept`, requests are accepted at manual, although nothing moves.
+        Args:
+            manual: True for manual, False for automatic.
+            accept: True to accept requests at manual, although nothing moves.
         """
         self.readiness.key_manual = manual
         self.readiness.key_accepts = accept

@@ -161,7 +161,6 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
         if signals.received:  # while the scenes were loading
             return
         async with simulator:
-            host = url_host(config.host)
             async with AsyncExitStack() as stack:
                 if dashboard_port is not None:
                     page = _dashboard(simulator, dashboard_port)
@@ -173,19 +172,20 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
                             f"{error.strerror or error}; choose another one: --dashboard PORT"
                         ) from None
                     print(f"dashboard ready at {url}", flush=True)
+                host = url_host(config.host)
                 print(
                     f"simulated chassis ready on ws://{host}:{simulator.port} "
                     f"and tcp://{host}:{simulator.tcp_port}",
                     flush=True,
                 )
                 await stopping.wait()
-            waits = (_wait_for_another(stopping), simulator.wait_disconnected())
-            ends = [asyncio.ensure_future(each) for each in waits]
+            waits = (_wait_for_another_signal(stopping), simulator.wait_disconnected())
+            tasks = [asyncio.ensure_future(each) for each in waits]
             await asyncio.wait(
-                ends, timeout=_DISCONNECT_TIMEOUT, return_when=asyncio.FIRST_COMPLETED
+                tasks, timeout=_DISCONNECT_TIMEOUT, return_when=asyncio.FIRST_COMPLETED
             )
-            for each in ends:
-                each.cancel()
+            for task in tasks:
+                task.cancel()
     finally:
         loop.remove_reader(signals.fd)
 
@@ -205,11 +205,11 @@ def _port(text: str) -> int:
     return port
 
 
-async def _wait_for_another(signal: asyncio.Event) -> None:
-    """Wait for another signal, except within `_REPEAT_TIME` of the first one."""
+async def _wait_for_another_signal(stopping: asyncio.Event) -> None:
+    """Wait until another signal sets `stopping`, except within `_REPEAT_TIME` of the first one."""
     await asyncio.sleep(_REPEAT_TIME)
-    signal.clear()
-    await signal.wait()
+    stopping.clear()
+    await stopping.wait()
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):

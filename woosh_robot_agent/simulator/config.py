@@ -51,7 +51,13 @@ MAX_CLOCK_OFFSET = 3650 * 86400.0
 
 
 def _option(default: Any, help_: str, **arguments: Any) -> Any:
-    """Return a field with its description, and the arguments of its command-line option."""
+    """Return a field that is also a command-line option.
+
+    Args:
+        default: default value.
+        help_: description of the option.
+        arguments: further arguments of `ArgumentParser.add_argument`.
+    """
     return field(default=default, metadata={"help": help_, **arguments})
 
 
@@ -93,7 +99,7 @@ class SimulatorConfig:
     )
     max_outbox: int = _option(
         10_000,
-        "maximum number of frames waiting for a client; a slower client is dropped",
+        "maximum number of frames waiting for a client; a client that exceeds it is dropped",
         metavar="N",
     )
     scenes: tuple[Path, ...] = ()
@@ -102,7 +108,7 @@ class SimulatorConfig:
     omnidirectional: bool = True
     """True for a base that can move sideways, False for a differential base."""
     initialised: bool = True
-    """The robot knows its pose at the start. Otherwise a client must send InitRobot."""
+    """True if the robot knows its pose at the start. Otherwise a client must send InitRobot."""
     first_frame_timeout: float = 10.0
     """Real time after which a client that has sent nothing is dropped, in seconds."""
     charge_after: float = 600.0

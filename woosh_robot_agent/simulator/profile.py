@@ -230,6 +230,7 @@ class Profile:
     refusals: RefusalProfile
     status_codes: StatusCodeProfile
     file: str = source_field()
+    """Name of the file that the profile was read from; not a key of the file."""
 
     @property
     def name(self) -> str:

@@ -36,8 +36,8 @@ class Refusal:
         explanation: what is wrong, then after a colon what to do: a template for `str.format`.
         words: text of the real robot's answer.
         code: status code that follows the answer of the real robot; None if there is none.
-        harmless: the request has no effect, but harms nothing. If the profile explains refusals,
-            the answer is `ok`, with the explanation; otherwise the request is refused.
+        harmless: True if the request merely has no effect. If the profile explains refusals, it is
+            answered `ok`, with the explanation; otherwise it is refused.
     """
 
     explanation: str
@@ -66,7 +66,7 @@ class RefusedError(Exception):
     def __init__(self, refusal: Refusal | str, **values: object) -> None:
         self.refusal = Refusal(refusal) if isinstance(refusal, str) else refusal
         explanation = self.refusal.explanation
-        # Without values it is no template: it may contain braces that a client sent.
+        # Without values the text is no template, but final: it may have braces that a client sent.
         super().__init__(explanation.format(**values) if values else explanation)
 
 
@@ -137,7 +137,6 @@ NO_NAVIGATION_FOR_MODE = Refusal(
     "no navigation is running: a navigation mode counts only during a navigation",
     code=codes.MODE_NOT_NAVIGATING,
 )
-NO_PATH = Refusal("{failure}")
 PATH_EMPTY = Refusal(
     "the path has no poses: give at least one pose or target", code=codes.PATH_EMPTY
 )
@@ -183,9 +182,6 @@ MAP_CHANGE_WHILE_NAVIGATION_PAUSED = Refusal(
 )
 MAP_EXISTS = Refusal("map {map} of scene {scene} exists already: choose another name")
 NO_NAME = Refusal("{field} is empty: give a name")
-NAME_INVALID = Refusal(
-    "{field} {name!r} must be a name of at most {limit} characters that is not a path"
-)
 TOO_MANY_MAPS = Refusal("scene {scene} would have more than {limit} maps: delete one first")
 MAP_CHANGE_WHILE_MAPPING = Refusal(
     "map {map} is being made: save or cancel it by BuildMap first", code=codes.MAP_CHANGE_FORBIDDEN

@@ -73,6 +73,7 @@ class Robot(Timeline):
         self.profile = load_profile(config.profile)
         self.omnidirectional = config.omnidirectional
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
+        """Seed of all random numbers; each generator adds a text of its own to it."""
         self.rng = random.Random(f"{self._seed}:chance")
         self.answer_delay = 0.0
         self.state_first = False
@@ -83,9 +84,10 @@ class Robot(Timeline):
         self._collisions = CollisionDetector()
 
         driving = self.profile.driving
+        # The odometer, the charge of the battery and the settings have arbitrary initial values.
         self.base = Base(
             start,
-            odometer=1204.0,  # arbitrary, like the charge of the battery below
+            odometer=1204.0,
             rolls_for=driving.rolls_for,
             stops_below=driving.stops_below,
             max_speed=driving.max_speed,
@@ -93,8 +95,8 @@ class Robot(Timeline):
         )
         self.laser = self.profile.laser
         self.scan_pose = start
-        self.scan_time: float = 0.0
-        self.pushed_scan_time: float = 0.0
+        self.scan_time = 0.0
+        self.pushed_scan_time = 0.0
         self._ranges: list[float] = []
         """Ranges of the last scan in metres, empty until they are needed."""
         self.battery = Battery(93.0, self.profile.battery)

@@ -31,8 +31,8 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
         profile: the robot that is to drive there.
     """
     try:
-        is_of_robot = (path / SCENE_INDEX).is_file()
-        unreadable = list(_unreadable_files(path)) if is_of_robot else []
+        is_robot_folder = (path / SCENE_INDEX).is_file()
+        unreadable = list(_unreadable_files(path)) if is_robot_folder else []
         # The marks on a map can only be checked if all maps can be read.
         return unreadable or list(_unusable_places(load_scene(path), profile))
     except DataFileError as error:
@@ -108,7 +108,7 @@ def _can_drive(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
 def _unusable_tasks(scene: Scene) -> Iterator[str]:
     """Yield the types of tasks without actions, and the tasks whose marks are on no map."""
     for kind in task_pb2.Type.values():
-        if kind and not scene.action_groups.numbers(kind):
+        if kind and not scene.action_groups.numbers(kind):  # 0 is the undefined type
             yield f"{ACTION_GROUPS}: it has no actions for tasks of type {kind}"
     marks = {number for area in scene.maps for number in area.marks}
     sets = [each.task_set for each in scene.predefined.repeat_tasks]

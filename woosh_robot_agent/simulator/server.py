@@ -109,7 +109,7 @@ class SimulatedChassis(Server):
 
         Args:
             name: name of the fault.
-            arguments: arguments of the fault, and `for_`.
+            arguments: arguments of the fault, and `for_`, the simulated seconds until it ends.
 
         Returns:
             The injected fault, which can be cleared.
@@ -131,7 +131,7 @@ class SimulatedChassis(Server):
 
     @property
     def injected(self) -> Counter[str]:
-        """Number of faults since the start, by name."""
+        """Number of faults that have begun since the start, by name."""
         return Counter(self._injector.counts)
 
     @property

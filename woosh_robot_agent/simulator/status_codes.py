@@ -12,7 +12,6 @@ from woosh_robot_agent.robot.status_codes import meaning
 Language = Literal["zh", "en", "none"]
 """Language of the texts of status codes; `none` for codes without a text."""
 
-
 _Status = robot_count_pb2.StatusCode
 _LEVELS = (_Status.kNormal, _Status.kTips, _Status.kWarn, _Status.kFault)
 """Severities by the last digit of a code's number."""
@@ -23,7 +22,7 @@ class Code(NamedTuple):
 
     Attributes:
         number: number of the code, as in the table of `woosh_robot_agent.robot.status_codes`.
-        chinese: text in Chinese.
+        chinese: text in Chinese. The English text is in that table.
     """
 
     number: int

@@ -176,12 +176,14 @@ class SimulatorThread:
 
     def inject(self, name: str, /, **arguments: object) -> ThreadInjection:
         """Start a fault; see `SimulatedChassis.inject`."""
-        return ThreadInjection(self.call(lambda each: each.inject(name, **arguments)), self)
+        injection = self.call(lambda simulator: simulator.inject(name, **arguments))
+        return ThreadInjection(injection, self)
 
     @property
     def faults(self) -> list[ThreadInjection]:
         """Active faults, oldest first."""
-        return [ThreadInjection(each, self) for each in self.call(lambda each: each.faults)]
+        faults = self.call(lambda simulator: simulator.faults)
+        return [ThreadInjection(each, self) for each in faults]
 
     @property
     def _simulator(self) -> SimulatedChassis:

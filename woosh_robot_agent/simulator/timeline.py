@@ -40,7 +40,7 @@ class Timeline:
         elapsed: simulated time since the start, in seconds.
         stepped: the time up to which the motion is computed, in seconds.
         on_schedule: called with the time of each call that is scheduled.
-        on_change: called after each scheduled call.
+        on_change: called after each scheduled call, which may have changed something.
     """
 
     def __init__(self, robot_id: int, start_time: float, clock_offset: float) -> None:

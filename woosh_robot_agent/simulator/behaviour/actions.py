@@ -18,7 +18,7 @@ REPORT_PERIOD = 1.0
 
 @dataclass
 class _Run:
-    """A current action.
+    """A current execution of an action.
 
     Attributes:
         name: name of the action.
@@ -68,6 +68,8 @@ class Actions:
 
     def owner(self, device: Device) -> str:
         """Return the short name of the action that owns `device`; empty if no action owns it."""
+        if device is Device.NONE:  # actions without a device do not exclude each other
+            return ""
         for run in self._runs.values():
             if run.job.device is device and not run.paused:
                 return short_name(run.name)
@@ -83,7 +85,7 @@ class Actions:
         return run.job if run.paused else None
 
     def start(self, name: str, job: Job) -> None:
-        """Run `job` as the action `name`, in place of its current run."""
+        """Run `job` as the action `name`, in place of a current execution of this action."""
         if name in self._runs:
             replaced = f"replaced by {short_name(name)}"
             self._end(self._runs[name], ros_pack_pb2.kRosCancel, replaced)

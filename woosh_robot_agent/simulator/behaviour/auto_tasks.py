@@ -87,7 +87,6 @@ class AutoTasks:
         if kind == util_task_pb2.kParking and distance <= _PARKED_DISTANCE:
             return
         jobs = task_jobs(robot, actions, util_task_pb2.kDirectionUndefined, mark)
-        order = TaskOrder(
-            self._tasks.new_id(), kind, mark.number, lambda: jobs, automatic=True, own_id=True
-        )
+        number = self._tasks.new_id()
+        order = TaskOrder(number, kind, mark.number, jobs=lambda: jobs, automatic=True, own_id=True)
         self._ownership.start_tasks([order])

@@ -34,6 +34,8 @@ _TOLERANCE = 5e-3
 def is_clear(robot: Robot, direction: float, distance: float) -> bool:
     """Return True if the base can go on without coming too close to an obstacle.
 
+    The walls of the map do not count: planned paths keep away from them.
+
     Args:
         robot: the robot.
         direction: direction of the motion from straight ahead, in radians.
@@ -45,7 +47,7 @@ def is_clear(robot: Robot, direction: float, distance: float) -> bool:
     cos, sin = math.cos(direction), math.sin(direction)
     outline = robot.outline
     front = max(x * cos + y * sin for x, y in outline)
-    half_width = max(y * cos - x * sin for x, y in outline) + _SIDE_GAP
+    half_width = max(abs(y * cos - x * sin) for x, y in outline) + _SIDE_GAP
     braking = robot.base.velocity.speed**2 / (2.0 * ACCELERATION)
     # The checked area is a corridor whose round end reaches `half_width` beyond its length.
     length = min(distance, max(0.0, braking + front + _STOP_GAP - half_width))
@@ -73,9 +75,9 @@ class Progress:
 
     done: bool = False
     failure: str = ""
+    code: int = 0
     text: str = ""
     impeded: bool = False
-    code: int = 0
 
 
 class Job(ABC):

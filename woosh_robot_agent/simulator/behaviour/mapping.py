@@ -52,7 +52,10 @@ def require_name(field: str, name: str) -> None:
     if not name:
         raise RefusedError(refusals.NO_NAME, field=field)
     if not is_plain(name):
-        raise RefusedError(refusals.NAME_INVALID, field=field, name=name[:MAX_NAME], limit=MAX_NAME)
+        raise RefusedError(
+            f"{field} {name[:MAX_NAME]!r} must be a name of at most {MAX_NAME} characters that is "
+            "not a path"
+        )
 
 
 class Phase(Enum):
@@ -65,7 +68,7 @@ class Phase(Enum):
     CANCELLING = "is being cancelled"
 
 
-class Mapping:
+class MapBuilder:
     """Makes maps.
 
     The robot still localises itself while it makes a map, and the new map has the frame of the
@@ -252,7 +255,13 @@ class Mapping:
             raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
 
     def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
-        """Schedule the first scan; return the duration of the start, in seconds."""
+        """Schedule the first scan; return the duration of the start, in seconds.
+
+        Args:
+            scene_name: name of the scene.
+            map_name: name of the map.
+            update: True to continue the current map, False to make a new one.
+        """
         robot, profile = self._robot, self._profile
         self._scene_name, self._map_name = scene_name, map_name
         self._phase = Phase.STARTING
@@ -367,7 +376,7 @@ class Deployment:
         mapping: makes new maps.
     """
 
-    def __init__(self, robot: Robot, mapping: Mapping) -> None:
+    def __init__(self, robot: Robot, mapping: MapBuilder) -> None:
         self._robot = robot
         self._mapping = mapping
         self._collected: list[CollectedPoint] = []

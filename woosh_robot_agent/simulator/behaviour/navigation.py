@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
-from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Progress, failed, is_clear
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
@@ -85,7 +84,7 @@ def plan_route(
         robot: the robot.
         start: pose at which the route starts.
         stops: poses to pass, the goal last.
-        strict: drive in straight lines from pose to pose, without a search.
+        strict: True to drive in straight lines from pose to pose, without a search.
         obstacles: walls to avoid in addition to the walls of the map.
 
     Raises:
@@ -193,9 +192,9 @@ class Navigate(Job):
     Args:
         goal: goal, in the map's frame.
         via: poses to pass on the way.
-        strict: drive straight from one pose to the next. Otherwise plan paths between them.
-        one_by_one: turn to the heading of each pose of `via` too, unless the next pose is closer
-            than 0.3 m, so that both are points of a path.
+        strict: True to drive straight from one pose to the next, False to plan paths between them.
+        one_by_one: True to turn to the heading of each pose of `via` too. Poses less than 0.3 m
+            apart are points of a path, where the base does not turn.
 
     Attributes:
         goal: goal, in the map's frame.
@@ -242,6 +241,11 @@ class Navigate(Job):
     def change_path(self, robot: Robot, via: Iterable[Pose], *, strict: bool) -> None:
         """Take another way to the same goal.
 
+        Args:
+            robot: the robot.
+            via: poses to pass on the way.
+            strict: True to drive straight from one pose to the next.
+
         Raises:
             RefusedError: there is no such way.
         """
@@ -251,7 +255,7 @@ class Navigate(Job):
             self._plan(robot)
         except NoRouteError as error:
             self._stops, self._strict = before
-            raise RefusedError(refusals.NO_PATH, failure=error) from None
+            raise RefusedError(str(error)) from None
 
     def change_mode(self, mode: navigation_pb2.ModeSetting) -> None:
         """Set the arrival type, the behaviour at obstacles and the speed limit."""
@@ -300,7 +304,7 @@ class Navigate(Job):
             else:
                 self._corners.popleft()
                 self._stops.popleft()
-        # a task may list the same drive twice, with a move between
+        # The job can run again: a task may list the same drive twice, with a move between.
         self._stops.append(self.goal)
         self.replan()
         return Progress(done=True, text=f"arrived at {base.pose}")
@@ -440,8 +444,9 @@ class Navigate(Job):
 
     def _turn_to(self, stop: Pose, base: Base, dt: float) -> bool:
         """Turn to the heading of `stop`. Return False instead when no turn is needed."""
-        last = len(self._stops) == 1
-        if not self._turns_at(0) or (last and self._mode.type == navigation_pb2.kVague):
+        is_goal = len(self._stops) == 1
+        any_heading = is_goal and self._mode.type == navigation_pb2.kVague
+        if any_heading or not self._turns_at(0):
             return False
         error = wrap(stop.theta - base.pose.theta)
         if abs(error) <= _ANGLE_TOLERANCE:

@@ -70,7 +70,9 @@ def task_jobs(
     else:
         distance = robot.dock_distance(target) if has_dock else 0.0
         drive = Navigate(target.pose.moved(-distance, 0.0, 0.0))
-    jobs = _leave_dock_jobs(robot)
+    jobs: list[Job] = []
+    if robot.profile.tasks.leave_dock and robot.charger:
+        jobs.append(leave_charger_job(robot))
     for each in actions:
         kind = each.action
         if kind == util_action_pb2.kNav:
@@ -93,12 +95,6 @@ def task_jobs(
         else:
             jobs.append(_step(robot, each))
     return jobs
-
-
-def _leave_dock_jobs(robot: Robot) -> list[Job]:
-    """Return the job that leaves a dock, or no job if the robot stands in none."""
-    leaves = robot.profile.tasks.leave_dock and robot.charger is not None
-    return [leave_charger_job(robot)] if leaves else []
 
 
 def _step(robot: Robot, action: Action) -> Job:

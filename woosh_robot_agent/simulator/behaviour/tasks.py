@@ -356,8 +356,8 @@ class Tasks:
         """Start the next task of the set.
 
         Args:
-            at_once: show the new state of the robot at once, instead of with the answer to the
-                current request.
+            at_once: True to show the new state of the robot at once, False to show it with the
+                answer to the current request.
         """
         if not self._rest_of_set:
             return
@@ -378,7 +378,7 @@ class Tasks:
         if order.own_id and self._profile.empty_report:
             self._reports.push_empty()
         delay = 0.0 if at_once else self._robot.answer_delay
-        self._show_state(0.0 if at_once or self._robot.state_first else delay)
+        self._show_state(0.0 if self._robot.state_first else delay)
         states = [_STARTING_STATES[name] for name in self._profile.starting_states]
         starting: deque[Callable[[], None]] = deque(partial(self._report, each) for each in states)
         starting.append(self._begin_job)
@@ -530,6 +530,6 @@ class Tasks:
         action = None
         if action_state is not None:
             job = self._jobs[0]
-            wait_id = job.number or self._waits_done + 1 if isinstance(job, Wait) else 0
+            wait_id = (job.number or self._waits_done + 1) if isinstance(job, Wait) else 0
             action = robot_pb2.TaskProc.Action(type=job.kind, state=action_state, wait_id=wait_id)
         self._reports.push(self.proc, state, action, msg)

@@ -64,6 +64,8 @@ class Base:
         odometry: pose by wheel odometry, which never jumps. Its heading is not wrapped.
         velocity: current velocity.
         odometer: total distance driven, in metres.
+        max_speed: maximum speed, in m/s.
+        max_turn_rate: maximum turn rate, in rad/s.
         blocked: True if a collision stopped the base in the last step.
     """
 
@@ -101,8 +103,8 @@ class Base:
 
         Args:
             velocity: wanted velocity.
-            rolls_on: slow down exponentially afterwards, as after remote control, instead of at a
-                constant rate.
+            rolls_on: True to slow down exponentially afterwards, as after remote control; False to
+                slow down at a constant rate.
         """
         self._wanted = velocity.limited(self.max_speed, self.max_turn_rate)
         self._rolls_on = rolls_on
@@ -160,13 +162,11 @@ class Base:
     def _slowed(self, dt: float) -> Velocity:
         """Return the wanted velocity of a base that is not driven: slower, or zero."""
         now = self.velocity
-        if (
-            not (self._rolls_on and self._rolls_for)
-            or max(now.speed, abs(now.turn)) <= self._stops_below
-        ):
-            return STANDSTILL
-        share = math.exp(-dt / self._rolls_for)
-        return Velocity(share * now.forward, share * now.left, share * now.turn)
+        is_fast = max(now.speed, abs(now.turn)) > self._stops_below
+        if self._rolls_on and self._rolls_for and is_fast:
+            share = math.exp(-dt / self._rolls_for)
+            return Velocity(share * now.forward, share * now.left, share * now.turn)
+        return STANDSTILL
 
 
 def approach(distance: float, fastest: float, acceleration: float, dt: float) -> float:
@@ -203,7 +203,10 @@ def _accelerated(now: Velocity, wanted: Velocity, dt: float) -> Velocity:
 
 
 def displacement(velocity: Velocity, dt: float) -> tuple[float, float, float]:
-    """Return the displacement in `dt` seconds along an exact arc, in the frame of its start."""
+    """Return the motion in `dt` seconds along an exact arc: forward, left and turn.
+
+    It is a displacement in the frame of the pose at its start, as for `Pose.moved`.
+    """
     turn = velocity.turn * dt
     if abs(turn) < 1e-9:
         return velocity.forward * dt, velocity.left * dt, turn

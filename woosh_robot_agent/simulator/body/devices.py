@@ -18,8 +18,8 @@ class Device(Enum):
     """A device that at most one running job owns; NONE for jobs that need no device."""
 
     WHEELS = auto()
-    JACK = auto()
-    COLUMN = auto()
+    JACK = auto()  # the lift of LiftControl
+    COLUMN = auto()  # the lift of LiftControl2 and LiftControl3
     CHARGER = auto()
     NONE = auto()
 
@@ -233,10 +233,9 @@ class Readiness:
     @property
     def refusal(self) -> Refusal | None:
         """The first reason to refuse and to stop tasks and actions; None if there is none."""
-        for reason in self._reasons_not_ready():
-            if not (reason is refusals.KEY_AT_MANUAL and self.key_accepts):
-                return reason
-        return None
+        tolerated = refusals.KEY_AT_MANUAL if self.key_accepts else None
+        reasons = (each for each in self._reasons_not_ready() if each is not tolerated)
+        return next(reasons, None)
 
     def require_ready(self) -> None:
         """Check that the robot accepts tasks and actions.

@@ -83,7 +83,11 @@ class Statistics:
             self._push(self.days[-1])
 
     def update(self, *, end: bool = False) -> None:
-        """Bring the record of the present day up to date, without pushing it."""
+        """Bring the record of the present day up to date, without pushing it.
+
+        Args:
+            end: True if the day is over.
+        """
         day = self.days[-1]
         day.mileage.end = self._mileage
         day.distance = self._mileage - day.mileage.start
@@ -219,7 +223,12 @@ class Codes:
             self._statistics.problem_occurred(status)
 
     def watch(self, code: Code, *, present: bool) -> None:
-        """Report a code when its cause appears, and list it as abnormal until the cause is gone."""
+        """Report a code when its cause appears, and list it as abnormal until the cause is gone.
+
+        Args:
+            code: the code.
+            present: True if the cause is present at this moment.
+        """
         if present and code.number not in self._abnormal:
             status = self._abnormal[code.number] = self._report(code)
             self._statistics.problem_began(status)

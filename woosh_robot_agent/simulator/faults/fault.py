@@ -102,7 +102,7 @@ class Argument:
             raise self._wrong(value)
         if self.kind is int and not isinstance(value, int):
             raise self._wrong(value)
-        if not (self.low <= value <= self.high and abs(value) <= _MAX_NUMBER):
+        if not (self.low <= value <= self.high and abs(value) <= _MAX_NUMBER):  # true for NaN too
             raise self._wrong(value)
         return self.kind(value)
 
@@ -114,12 +114,12 @@ class Argument:
         if self.is_message:
             return _MESSAGE()
         text = _KINDS[self.kind]
-        low, high = math.isfinite(self.low), math.isfinite(self.high)
-        if low and high:
+        has_low, has_high = math.isfinite(self.low), math.isfinite(self.high)
+        if has_low and has_high:
             text = _WITHIN(kind=text, low=_number(self.low), high=_number(self.high))
-        elif low:
+        elif has_low:
             text = _AT_LEAST(kind=text, low=_number(self.low))
-        elif high:
+        elif has_high:
             text = _AT_MOST(kind=text, high=_number(self.high))
         if not self.unit:
             return text
@@ -135,7 +135,10 @@ def _number(value: float) -> str:
 
 
 def _article(text: str) -> str:
-    """Return a description such as "integer" with its article; a list of choices has none."""
+    """Return a description such as "integer" with its article; choices have none.
+
+    A single choice is the only text that is not a `Said`.
+    """
     if " or " in text or not isinstance(text, Said):
         return text
     article = "an" if text[0] in "aeiou" else "a"
@@ -151,6 +154,7 @@ Begin = Callable[[Server, "Injection"], "End | None"]
 FOR = Argument(
     "for", 0.0, "time after which the fault ends; 0: no limit", 0, unit="s of simulated time"
 )
+"""An argument of all lasting faults."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +227,7 @@ def fault(
     shared: bool = False,
     check: Callable[[Mapping[str, Any]], None] | None = None,
 ) -> Callable[[Begin], Begin]:
-    """Add a fault to `FAULTS`. The decorated function begins the fault, and has its name."""
+    """Make the decorated function begin a fault of the same name, and add the fault to `FAULTS`."""
 
     def add(begin: Begin) -> Begin:
         name = begin.__name__.strip("_")

@@ -71,6 +71,7 @@ def _describe_argument(argument: Argument) -> str:
 
 
 _AT = Argument("at", 0.0, "time at which the fault begins", 0.0, unit="s of simulated time")
+"""An additional argument of faults on the command line and in scenarios."""
 
 
 def _make_step(name: str, arguments: Mapping[str, object]) -> Step:
@@ -168,7 +169,7 @@ class Injector:
         self._seed = seed
         self._steps = deque(sorted(steps, key=lambda step: step.at))
         self._clock = 0.0
-        """Time that has passed, in seconds; unlike that of the chassis, it never freezes."""
+        """Simulated time, in seconds. Unlike that of the chassis, it goes on during `freeze`."""
         self._active: dict[Injection, float | None] = {}
         """Active faults, oldest first, with the simulated times at which they expire."""
         self._ends: dict[object, End] = {}
@@ -206,7 +207,8 @@ class Injector:
 
     def clear(self) -> None:
         """End all faults."""
-        # Shared faults last: a frozen chassis must execute its queue without the other faults.
+        # Shared faults come last: when `freeze` ends, the chassis executes its queued requests,
+        # which the other faults must no longer affect.
         for injection in sorted(self.active, key=lambda each: each.fault.shared):
             injection.clear()
 

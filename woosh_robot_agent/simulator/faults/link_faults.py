@@ -70,6 +70,7 @@ def _freeze(server: Server, injection: Injection) -> End:
 
 
 _MAX_SN = 2**31 - 1
+"""Largest serial number of a request."""
 
 _TYPE = Argument(
     "type", "", "affects only answers to requests of this type; empty: all", is_message=True
@@ -94,11 +95,11 @@ def _on_frames(
             # A fault without the argument `frames` affects only answers.
             of_kind = injection.arguments.get("frames", "answers") in (kind, "all")
             of_type = injection["type"] in (name, "")
-            if not (injection.active and of_kind and of_type):
-                return [frame]
-            altered = alter(injection, frame)
-            injection.hit()
-            return altered
+            if injection.active and of_kind and of_type:
+                altered = alter(injection, frame)
+                injection.hit()
+                return altered
+            return [frame]
 
         return add_hook(server.hooks.faults, intercept)
 
@@ -223,6 +224,7 @@ def _answer_twice(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
 )
 @_on_frames
 def _wrong_sn(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
+    # After the largest serial number comes 1.
     return [dataclasses.replace(frame, sn=(frame.sn + injection["by"] - 1) % _MAX_SN + 1)]
 
 
@@ -358,7 +360,8 @@ def _oversize(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
 @_damaging
 def _invalid_utf8(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     raw = bytearray(_bytes(data))
-    raw[raw.find(b"woosh") if b"woosh" in raw else len(raw) // 2] = 0xFF
+    type_name = raw.find(b"woosh")
+    raw[type_name if type_name >= 0 else len(raw) // 2] = 0xFF
     if not isinstance(data, str):
         return bytes(raw)
 

@@ -92,34 +92,30 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
     field = request.WhichOneof("action")
     if field is None:
         raise RefusedError("CallAction names no action: set one of its fields")
-    command: Any = getattr(request, field)
-    name = command.DESCRIPTOR.full_name
+    action: Any = getattr(request, field)
+    name = action.DESCRIPTOR.full_name
     if field == "nav_mode":
-        _set_navigation_mode(chassis, command)
+        _set_navigation_mode(chassis, action)
         # This action needs no device, so `ownership` has nothing to decide.
         chassis.actions.start(name, Done("navigation mode set"))
         return None
     if field not in _JOBS:
-        raise RefusedError(
-            "unknown action {action}: this chassis has {actions}",
-            action=command.type,
-            actions=", ".join(_JOBS),
-        )
-    if command.action == action_pb2.kExecute:
+        raise RefusedError(f"unknown action {action.type}: this chassis has {', '.join(_JOBS)}")
+    if action.action == action_pb2.kExecute:
         chassis.readiness.require_ready()
         # Leaving the charger needs the wheels, and ends a charge too.
         ends = Device.CHARGER if field == "charge_control" else Device.NONE
-        chassis.ownership.start_action(name, _JOBS[field](chassis, command), ends=ends)
-    elif command.action == action_pb2.kCancel:
+        chassis.ownership.start_action(name, _JOBS[field](chassis, action), ends=ends)
+    elif action.action == action_pb2.kCancel:
         chassis.actions.cancel(name)
-    elif command.action == action_pb2.kPause:
+    elif action.action == action_pb2.kPause:
         chassis.actions.pause(name)
-    elif command.action == action_pb2.kResume:
+    elif action.action == action_pb2.kResume:
         chassis.readiness.require_ready()
         chassis.ownership.resume_action(name)
     else:
         raise RefusedError(
-            f"unknown control action {command.action}: 0 is cancel, 1 execute, 2 pause, 3 resume"
+            f"unknown control action {action.action}: 0 is cancel, 1 execute, 2 pause, 3 resume"
         )
     return None
 
@@ -128,43 +124,43 @@ _LONGEST_WAIT = 2**32 - 1
 """Largest value of `ModeSetting.wait_timeout`, in seconds."""
 
 
-def _set_navigation_mode(chassis: Chassis, command: action_pb2.NavigationMode) -> None:
+def _set_navigation_mode(chassis: Chassis, action: action_pb2.NavigationMode) -> None:
     modes = {
         action_pb2.NavigationMode.kVagueAvoid: (navigation_pb2.kVague, navigation_pb2.kAvoid),
         action_pb2.NavigationMode.kAccurateAvoid: (navigation_pb2.kAccurate, navigation_pb2.kAvoid),
         action_pb2.NavigationMode.kWaitNav: (navigation_pb2.kAccurate, navigation_pb2.kNavWait),
         action_pb2.NavigationMode.kWaitAvoid: (navigation_pb2.kAccurate, navigation_pb2.kTimeout),
     }
-    if command.mode not in modes:
-        raise RefusedError(f"unknown navigation mode {command.mode}: use one of {list(modes)}")
-    if command.wait_time > _LONGEST_WAIT:
+    if action.mode not in modes:
+        raise RefusedError(f"unknown navigation mode {action.mode}: use one of {list(modes)}")
+    if action.wait_time > _LONGEST_WAIT:
         raise RefusedError(
-            f"wait_time is {command.wait_time:g} s: give a number of at most {_LONGEST_WAIT}"
+            f"wait_time is {action.wait_time:g} s: give a number of at most {_LONGEST_WAIT}"
         )
-    arrival, mode = modes[command.mode]
+    arrival, mode = modes[action.mode]
     setting = navigation_pb2.ModeSetting(
         type=arrival,
         mode=mode,
-        wait_timeout=max(0, int(command.wait_time)),
-        max_speed=usable_speed(command.max_speed, _MIN_SPEED),
-        permitted_passage=command.permitted_passage,
-        capacity=command.capacity,
+        wait_timeout=max(0, int(action.wait_time)),
+        max_speed=usable_speed(action.max_speed, _MIN_SPEED),
+        permitted_passage=action.permitted_passage,
+        capacity=action.capacity,
     )
     if chassis.ownership.navigation is None:
         raise RefusedError(refusals.NO_NAVIGATION_FOR_MODE)
     chassis.ownership.navigation.change_mode(setting)
 
 
-def _step_control(chassis: Chassis, command: action_pb2.StepControl) -> Job:
-    if not command.steps:
+def _step_control(chassis: Chassis, action: action_pb2.StepControl) -> Job:
+    if not action.steps:
         raise RefusedError(refusals.NO_STEPS)
-    if len(command.steps) > _MAX_STEPS:
+    if len(action.steps) > _MAX_STEPS:
         raise RefusedError(
-            f"StepControl has {len(command.steps)} steps, more than {_MAX_STEPS}: split it "
+            f"StepControl has {len(action.steps)} steps, more than {_MAX_STEPS}: split it "
             "into several requests"
         )
-    steps = [_step(chassis, step) for step in command.steps]
-    return Steps(steps, avoid=command.avoid == 0)
+    steps = [_step(chassis, step) for step in action.steps]
+    return Steps(steps, avoid=action.avoid == 0)
 
 
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
@@ -188,27 +184,27 @@ def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
     return Shift(directions[step.mode], step.value, fastest)
 
 
-def _lift_control(chassis: Chassis, command: action_pb2.LiftControl) -> Job:
-    if command.execute_mode == action_pb2.LiftControl.kUp:
+def _lift_control(chassis: Chassis, action: action_pb2.LiftControl) -> Job:
+    if action.execute_mode == action_pb2.LiftControl.kUp:
         return MoveLift(chassis.jack, chassis.jack.travel)
-    if command.execute_mode == action_pb2.LiftControl.kDown:
+    if action.execute_mode == action_pb2.LiftControl.kDown:
         return MoveLift(chassis.jack, 0.0)
-    raise RefusedError(f"unknown lift mode {command.execute_mode}: 1 is up, 2 is down")
+    raise RefusedError(f"unknown lift mode {action.execute_mode}: 1 is up, 2 is down")
 
 
-def _lift_control2(chassis: Chassis, command: action_pb2.LiftControl2) -> Job:
-    return MoveLift(chassis.column, chassis.column.checked(command.height))
+def _lift_control2(chassis: Chassis, action: action_pb2.LiftControl2) -> Job:
+    return MoveLift(chassis.column, chassis.column.checked(action.height))
 
 
-def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
-    column, mode = chassis.column, command.execute_mode
-    speed = usable_speed(command.speed, _MIN_LIFT_SPEED)
+def _lift_control3(chassis: Chassis, action: action_pb2.LiftControl3) -> Job:
+    column, mode = chassis.column, action.execute_mode
+    speed = usable_speed(action.speed, _MIN_LIFT_SPEED)
     if mode == _Lift3.kQuery:
         return MoveLift(column, column.height)
     if mode == _Lift3.kAbsolute:
-        return MoveLift(column, column.checked(command.height), speed=speed)
+        return MoveLift(column, column.checked(action.height), speed=speed)
     if mode == _Lift3.kRelative:
-        height = column.checked(column.height + command.height)
+        height = column.checked(column.height + action.height)
         return MoveLift(column, height, speed=speed)
     if mode == _Lift3.kCalibration:
         return MoveLift(column, 0.0, speed=speed)
@@ -219,28 +215,28 @@ def _lift_control3(chassis: Chassis, command: action_pb2.LiftControl3) -> Job:
     )
 
 
-def _charge_control(chassis: Chassis, command: action_pb2.ChargeControl) -> Job:
-    if command.execute_mode == action_pb2.ChargeControl.kAuto:
+def _charge_control(chassis: Chassis, action: action_pb2.ChargeControl) -> Job:
+    if action.execute_mode == action_pb2.ChargeControl.kAuto:
         if chassis.charger is None:
             raise RefusedError("robot is not at a charger: start a charge task instead")
         return Charge()
-    if command.execute_mode == action_pb2.ChargeControl.kExit:
+    if action.execute_mode == action_pb2.ChargeControl.kExit:
         return LeaveCharger()
-    raise RefusedError(f"unknown charge mode {command.execute_mode}: 1 is automatic, 2 is exit")
+    raise RefusedError(f"unknown charge mode {action.execute_mode}: 1 is automatic, 2 is exit")
 
 
-def _move_base(chassis: Chassis, command: action_pb2.MoveBase) -> Job:
-    way = poses(command.poses)
-    target = pose(command.target_pose)
+def _move_base(chassis: Chassis, action: action_pb2.MoveBase) -> Job:
+    way = poses(action.poses)
+    target = pose(action.target_pose)
     # Some clients send an empty target together with the poses.
-    if command.HasField("target_pose") and (target != Pose() or not way):
+    if action.HasField("target_pose") and (target != Pose() or not way):
         if way and way[-1] == target:
             way.pop()
     elif way:
         target = way.pop()
     else:
         raise RefusedError("MoveBase has no target: give target_pose or poses")
-    one_by_one = command.execution_mode == action_pb2.MoveBase.kOneByOne
+    one_by_one = action.execution_mode == action_pb2.MoveBase.kOneByOne
     return Navigate(target, way, one_by_one=one_by_one)
 
 
@@ -271,7 +267,7 @@ def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
     try:
         route = plan_route(chassis, start, [end])
     except NoRouteError as error:
-        raise RefusedError(refusals.NO_PATH, failure=error) from None
+        raise RefusedError(str(error)) from None
     detour = route.length - start.distance(end.point)
     if request.tolerance and detour > request.tolerance:
         raise RefusedError(

@@ -55,9 +55,9 @@ def dispatch(chassis: Chassis, request: Message) -> Answer:
     if text is not None:
         return Answer(name, None, ok=False, msg=text)
     try:
-        number = non_finite(request)
-        if number:
-            raise RefusedError(f"{number} is not a finite number")
+        path = non_finite(request)
+        if path:
+            raise RefusedError(f"{path} is not a finite number")
         if name in COMMANDS:
             chassis.auto_tasks.postpone()
         result = HANDLERS[name](chassis, request)

@@ -79,9 +79,8 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
     scene = chassis.scenes.get(name) if name else chassis.scene
     if scene is None:
         raise RefusedError(
-            "unknown scene {scene}: use one of {scenes}, or upload it by SwitchMap with file_datas",
-            scene=name,
-            scenes=", ".join(chassis.scenes),
+            f"unknown scene {name}: use one of {', '.join(chassis.scenes)}, or upload it by "
+            "SwitchMap with file_datas"
         )
     return scene
 
@@ -148,7 +147,7 @@ def non_finite(message: Message, path: str = "") -> str:
     """Return the path of the first NaN or infinite number in `message`, empty if there is none."""
     for field, value in message.ListFields():
         name = f"{path}.{field.name}" if path else field.name
-        is_repeated = hasattr(value, "append") or hasattr(value, "extend")
+        is_repeated = hasattr(value, "extend")  # only the value of a repeated field has it
         for index, item in enumerate(value if is_repeated else [value]):
             item_path = f"{name}[{index}]" if is_repeated else name
             if isinstance(item, Message):

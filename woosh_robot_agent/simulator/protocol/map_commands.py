@@ -132,7 +132,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
 @command(map_pack_pb2.Delete)
 def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
     """Delete a scene, or one of its maps."""
-    if not (request.scene_name or request.map_name):
+    if not request.scene_name and not request.map_name:
         raise RefusedError(refusals.NO_NAME, field="scene_name")
     scene = named_scene(chassis, request.scene_name)
     if not request.map_name:
@@ -250,7 +250,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         chassis.deployment.end_session()
     elif kind == pack.BuildMap.kSave:
         duration = mapping.save()
-    elif kind == pack.BuildMap.kCanel:
+    elif kind == pack.BuildMap.kCanel:  # cancel; the misspelling is that of the schema
         is_new_map = mapping.draft is not None
         duration = mapping.cancel()
         if is_new_map:

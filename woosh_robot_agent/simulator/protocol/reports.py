@@ -222,7 +222,7 @@ def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
     """Return all states of the robot in one message."""
     return robot_pb2.RobotInfo(
         robot_id=chassis.robot_id,
-        genral=general(chassis),
+        genral=general(chassis),  # the misspelling is that of the schema
         setting=setting(chassis),
         state=chassis.state,
         mode=mode(chassis),
@@ -420,7 +420,7 @@ class StateWatch:
         self._last: dict[str, bytes] = {}
         """Last known state of each watched topic, serialized."""
         self._due: dict[str, float] = {}
-        """Time at which each watched periodic report was last due, in seconds."""
+        """Simulated time at which each watched periodic report was last due, in seconds."""
         self._next_pose = 0.0
         """Simulated time from which PoseSpeed may be pushed again, in seconds."""
         self._repeat_battery = math.inf
@@ -445,7 +445,8 @@ class StateWatch:
         """Return the periodic reports that are due and the states that have changed, once each.
 
         Args:
-            while_moving: include PoseSpeed, which changes with every step of a moving robot.
+            while_moving: True to include PoseSpeed, which changes with every step of a moving
+                robot.
         """
         messages = []
         for topic, last_due in self._due.items():
@@ -453,12 +454,15 @@ class StateWatch:
             if due != last_due:
                 self._due[topic] = due
                 messages.append(_PERIODIC[topic](self._chassis))
+        due_until = self._chassis.elapsed + ROUNDING
+        pose_is_due = while_moving and self._next_pose <= due_until
+        battery_is_due = self._repeat_battery <= due_until
         for topic, last in self._last.items():
-            if topic == _POSE_SPEED and not (while_moving and self._pose_is_due()):
+            if topic == _POSE_SPEED and not pose_is_due:
                 continue
             message = _STATES[topic](self._chassis)
             now = message.SerializeToString()
-            if now != last or (topic == _BATTERY and self._battery_is_due()):
+            if now != last or (topic == _BATTERY and battery_is_due):
                 self._last[topic] = now
                 messages.append(message)
                 if topic == _POSE_SPEED:
@@ -466,12 +470,6 @@ class StateWatch:
                 elif topic == _BATTERY:
                     self._schedule_battery()
         return messages
-
-    def _pose_is_due(self) -> bool:
-        return self._chassis.elapsed >= self._next_pose - ROUNDING
-
-    def _battery_is_due(self) -> bool:
-        return self._chassis.elapsed >= self._repeat_battery - ROUNDING
 
     def _schedule_pose(self) -> None:
         self._next_pose = self._wake_after(self._chassis.profile.rates.pose_speed)

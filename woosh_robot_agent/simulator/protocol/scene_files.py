@@ -77,10 +77,10 @@ def updated_scene(
         return None
     if len(scene.maps) > MAX_MAPS:
         raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
+    whole = replace and SCENE_INDEX in new  # all files of a robot's folder
     for area in scene.maps:
         before = old.map(area.name) if old else None
         if before:
-            whole = replace and SCENE_INDEX in new  # all files of a robot's folder
             scene = with_map_changed(scene, area, _successor(area, before, whole=whole))
     return scene
 
@@ -137,7 +137,7 @@ def _successor(area: Map, before: Map, *, whole: bool) -> Map:
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
     """Return the name of the first uploaded map of map_server, empty if there is none."""
     names = {file.name for file in upload}
-    if SCENE_FILE in names:
+    if SCENE_FILE in names:  # which lists the maps
         return ""
     stems = {PurePosixPath(name).stem for name in names if "/" not in name}
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")

@@ -127,7 +127,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
 
 @command(pack.SetRobotPose)
 def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
-    if not (chassis.readiness.initialised or chassis.mapping.active):
+    if not chassis.readiness.initialised and not chassis.mapping.active:
         raise RefusedError(refusals.NOT_INITIALISED)
     # While a map is made, only a robot that has lost its localisation may get a pose.
     if chassis.readiness.located:
@@ -299,11 +299,12 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
     pages = (request.operation_page, request.task_page, request.status_page)
     if min(pages) < 0:
         raise RefusedError(f"page {min(pages)} is negative: count pages from 0")
-    first, last = request.bucket.start, request.bucket.end or math.inf
+    first, last = request.bucket.start, request.bucket.end or math.inf  # 0: no end
     if last < first:
         raise RefusedError(f"the time span from {first} to {last} ends before it starts")
 
     def wanted(kind: int, record: Any, ids: Sequence[int]) -> bool:
+        """Return True if the client wants a record of `kind`; `ids` are the ids that it names."""
         if request.req_type == _Count.kSync:
             return record.id in ids
         span = record.buckets[0] if kind == _Count.kOperation else record.bucket
@@ -324,13 +325,15 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
             each[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
             for each, page in zip(matching, pages, strict=True)
         ]
+    days, tasks, statuses = shown
+    day_count, task_count, status_count = map(len, matching)
     return pack.CountDataResponse(
-        operations=count_pb2.Operations(ops=shown[0]),
-        tasks=count_pb2.Tasks(ts=shown[1]),
-        abnormals=count_pb2.Abnormals(ss=shown[2]),
-        operation_qty=len(matching[0]),
-        task_qty=len(matching[1]),
-        abnormal_qty=len(matching[2]),
+        operations=count_pb2.Operations(ops=days),
+        tasks=count_pb2.Tasks(ts=tasks),
+        abnormals=count_pb2.Abnormals(ss=statuses),
+        operation_qty=day_count,
+        task_qty=task_count,
+        abnormal_qty=status_count,
     )
 
 

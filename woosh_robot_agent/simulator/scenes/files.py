@@ -79,7 +79,7 @@ def read_handwritten_scene(
         name: name of the scene.
         names: names of the files.
         read: returns the content of a file.
-        use_own_name: prefer the name in `scene.yaml`, if it has one.
+        use_own_name: True to prefer the name in `scene.yaml`, if it has one.
 
     Raises:
         DataFileError: a file cannot be used.

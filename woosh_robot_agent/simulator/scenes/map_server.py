@@ -89,7 +89,7 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
     Raises:
         DataFileError: the picture cannot be read, or has another size than the grid.
     """
-    # the picture has no YAML file, so the thresholds are the defaults of map_server
+    # The picture has no YAML file, so the thresholds are the defaults of map_server.
     description = _Description(name, grid.resolution, _Origin(*grid.low, 0.0))
     cells = _cells(*read_pixels(name, data), description)[::-1]
     if cells.shape != grid.cells.shape:

@@ -70,6 +70,7 @@ DEFAULT_FLOOR = "1F"
 """Floor of a map that names no floor."""
 
 _INT32 = 2**31 - 1
+"""Largest value of an int32 field."""
 
 
 @dataclass(frozen=True)

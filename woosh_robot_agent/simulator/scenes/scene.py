@@ -74,7 +74,7 @@ def has_pose(storage: mark_pb2.Storage) -> bool:
 
 def mark_of(storage: mark_pb2.Storage) -> Mark:
     """Return the mark that a message describes. The mark keeps a reference to the message."""
-    # prefer the pose of a robot that docks there to the pose of the place itself
+    # Prefer the pose of a robot that docks there to the pose of the place itself.
     pose = storage.pose.dock if storage.pose.HasField("dock") else storage.pose.real
     return Mark(
         id=storage.identity.id,

@@ -43,6 +43,7 @@ _MAX_WALLS = 1000
 a picture instead."""
 
 _INT32 = 2**31 - 1
+"""Largest value of an int32 field."""
 
 _CallInfo = woosh_task_pb2.CallInfo
 
@@ -220,7 +221,7 @@ def read_scene_yaml(name: str, read: FileReader, *, use_own_name: bool) -> Scene
     Args:
         name: name of the scene.
         read: returns the content of a file.
-        use_own_name: prefer the name in the file, if there is one.
+        use_own_name: True to prefer the name in the file, if there is one.
 
     Raises:
         DataFileError: a file cannot be used.
@@ -375,7 +376,7 @@ def _task_set(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.Woo
             id=number,
             name=f"{entry.name} {number}",
             mark_no=step.mark,
-            type=f"k{step.type.title()}",
+            type=f"k{step.type.title()}",  # the name of the type in `woosh.task.Type`
             direction=f"k{step.direction.title()}" if step.direction else None,
             wait_time=step.wait,
         )

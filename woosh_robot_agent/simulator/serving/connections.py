@@ -243,7 +243,7 @@ class Ports:
         """Stop listening.
 
         Args:
-            reserve: keep the ports reserved, so that no other program can take them.
+            reserve: True to keep the ports reserved, so that no other program can take them.
         """
         async with self._changing:
             await self._close(reserve)

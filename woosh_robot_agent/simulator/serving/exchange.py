@@ -261,6 +261,7 @@ class MessageHandler:
         self.counts: Counter[str] = Counter()
         self.bad_frames = 0
         self.before_request: Callable[[], object] = lambda: None
+        self.frozen = False
         self._chassis = chassis
         self._max_waiting = max_waiting
         self._received_sizes: deque[int] = deque()
@@ -268,9 +269,9 @@ class MessageHandler:
         self._received_bytes = 0
         """Sum of the sizes in `_received_sizes`, in bytes."""
         self._watch = StateWatch(chassis)
+        """Detects changes of the states to which clients have subscribed."""
         self._arrival = asyncio.Event()
         """Set, and replaced by a new event, when a message of a client arrives."""
-        self.frozen = False
         self._queue: deque[Request] = deque()
         """Queued requests, oldest first."""
         chassis.on_change = partial(self.report_changes, while_moving=True)
@@ -339,7 +340,8 @@ class MessageHandler:
         """Push all events and changed states since the last call.
 
         Args:
-            while_moving: include PoseSpeed, which changes with every step of a moving robot.
+            while_moving: True to include PoseSpeed, which changes with every step of a moving
+                robot.
         """
         self._push_events()
         for message in self._watch.take_changes(while_moving=while_moving):

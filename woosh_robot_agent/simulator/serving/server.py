@@ -127,7 +127,8 @@ class Server:
 
         Args:
             manual: True for manual, False for automatic.
-            accept: at manual, accept requests instead of refusing them. The motors stay off.
+            accept: True to accept requests at manual, instead of refusing them. The motors stay
+                off.
         """
         self.chassis.set_key_switch(manual, accept=accept)
         self.push_changes()

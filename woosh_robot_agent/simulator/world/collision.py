@@ -105,8 +105,10 @@ class CollisionDetector:
     """Computes gaps for a moving base, and skips the computation while nothing is near."""
 
     def __init__(self) -> None:
-        self._surroundings: tuple[Map, tuple[Wall, ...]] | None = None
-        """Map and walls of the obstacles for which the clearance was last computed."""
+        self._area: Map | None = None
+        """Map for which the clearance was last computed, None before the first time."""
+        self._obstacle_walls: tuple[Wall, ...] = ()
+        """Walls of the obstacles for which the clearance was last computed."""
         self._centre: Point = (0.0, 0.0)
         """Position at which the clearance was last computed, in metres."""
         self._clearance = 0.0
@@ -119,10 +121,9 @@ class CollisionDetector:
         radius.
         """
         shape = hull(outline)
-        known = self._surroundings
-        if known is None or known[0] is not area or known[1] is not obstacles.walls:
-            self._surroundings = (area, obstacles.walls)
-            self._clearance = 0.0
+        if self._area is not area or self._obstacle_walls is not obstacles.walls:
+            self._area, self._obstacle_walls = area, obstacles.walls
+            self._clearance = 0.0  # not known: the comparison below fails
         if self._clearance - pose.distance(self._centre) > shape.radius:
             return math.inf  # the base has not moved far enough to be near anything
         self._centre = pose.point

@@ -135,12 +135,12 @@ class Grid:
 
         Near a corner of the outline, the gap is slightly underestimated.
         """
-        # Only cells in a square around the robot can be near: the square from `left` to `right`.
-        middle = self._in_cells(pose.x, pose.y)
+        # Only cells in a square around the robot can be near.
+        column, row = self._in_cells(pose.x, pose.y)
         reach = hull.radius / self.resolution + 1.0
-        (left, bottom), (right, top) = (
-            [max(0, math.floor(value + side * reach)) for value in middle] for side in (-1.0, 1.0)
-        )
+        # At least 0, because a negative index would count from the other end.
+        left, right = (max(0, math.floor(column + offset)) for offset in (-reach, reach))
+        bottom, top = (max(0, math.floor(row + offset)) for offset in (-reach, reach))
         rows, columns = np.nonzero(self.cells[bottom : top + 1, left : right + 1] == OCCUPIED)
         if not rows.size:
             return math.inf
@@ -189,14 +189,14 @@ class Grid:
         while rays.size:
             here_x, here_y = x + travelled * dx, y + travelled * dy
             column, row = here_x.astype(np.intp), here_y.astype(np.intp)
-            free = self._to_occupied[row, column]
-            hit = free == 0.0
+            to_occupied = self._to_occupied[row, column]
+            hit = to_occupied == 0.0
             ranges[rays[hit]] = travelled[hit] * self.resolution
             # Advance through space that is certainly free, and at least to the next cell.
             to_next = np.minimum(
                 (column + (dx > 0.0) - here_x) / dx, (row + (dy > 0.0) - here_y) / dy
             )
-            travelled = travelled + np.maximum(free - math.sqrt(2.0), to_next + _OVERSHOOT)
+            travelled = travelled + np.maximum(to_occupied - math.sqrt(2.0), to_next + _OVERSHOOT)
             going = ~hit & (travelled < limit)
             rays, dx, dy = rays[going], dx[going], dy[going]
             travelled, limit = travelled[going], limit[going]

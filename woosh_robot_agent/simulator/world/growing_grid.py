@@ -52,6 +52,7 @@ It exceeds the noise of the laser, so that all echoes of a wall are in the same 
 
 _MARGIN = 64
 """Number of additional cells by which the grid grows, so that it grows seldom."""
+
 _EDGE = 10
 """Number of unknown cells around the known cells in the raster."""
 
@@ -103,6 +104,7 @@ class GrowingGrid:
         """
         lengths = np.array(ranges)
         echoes = np.isfinite(lengths)
+        # A ray without an echo ends at the laser, so that it covers nothing.
         lengths = np.where(echoes, lengths + _INTO_WALL, 0.0)
         angles = laser.theta + first + increment * np.arange(lengths.size)
         columns, rows = self._indices(
@@ -117,7 +119,8 @@ class GrowingGrid:
         """Add free floor inside a polygon, e.g. the outline of the robot."""
         x, y = np.array(corners).T
         columns, rows = self._indices(x, y)
-        self._add_evidence(columns, rows, columns[:0], rows[:0])
+        none = columns[:0]
+        self._add_evidence(columns, rows, echo_columns=none, echo_rows=none)
 
     def raster(self) -> Raster:
         """Return the current map: its known cells with an edge of unknown cells around them."""

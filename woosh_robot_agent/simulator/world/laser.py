@@ -97,8 +97,8 @@ class Laser:
         start = wrap(math.atan2(y1, x1) - origin.theta)
         sweep = wrap(math.atan2(y2, x2) - math.atan2(y1, x1))
         along_x, along_y = x2 - x1, y2 - y1
-        # A wall that spans the blind sector behind the robot is seen at both ends of the scan.
-        for begin in (start, start - math.tau):
+        # The angles of a scan may exceed half a turn, and both of its ends may see the same wall.
+        for begin in (start - math.tau, start, start + math.tau):
             first = max(0, math.ceil((begin - self.angle_min) / self.increment))
             last = min(self.rays - 1, math.floor((begin + sweep - self.angle_min) / self.increment))
             for ray in range(first, last + 1):

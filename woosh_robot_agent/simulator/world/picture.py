@@ -70,7 +70,7 @@ def rasterised(area: Map) -> Raster:
 
 
 def png(cells: Cells) -> bytes:
-    """Return the picture of cells, which are in rows by increasing y."""
+    """Return the picture of cells as PNG. The cells are in rows by increasing y."""
     greys = np.full(cells.shape, _GREY_FREE, np.uint8)
     greys[cells == OCCUPIED] = _GREY_OCCUPIED
     greys[cells == UNKNOWN] = _GREY_UNKNOWN

@@ -133,7 +133,7 @@ class Lattice:
         goal_row = (goal[1] - self._low[1]) / _SPACING + 0.5
 
         def heuristic(place: int) -> float:
-            """Return the length of the shortest path of straight and diagonal steps."""
+            """Return the length of the shortest path of straight and diagonal steps to the goal."""
             row, column = divmod(place, width)
             along, across = abs(goal_column - column), abs(goal_row - row)
             if along < across:
@@ -179,6 +179,7 @@ class Lattice:
 
     @staticmethod
     def _span(low: float, high: float, count: int) -> range:
+        """Return which of `count` columns or rows are between two coordinates in metres."""
         return range(
             max(0, math.floor(low / _SPACING)), min(count, math.floor(high / _SPACING) + 1)
         )
