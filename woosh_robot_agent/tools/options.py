@@ -142,7 +142,8 @@ def _address(text: str) -> Address:
     host, port = (match[1], int(match[2])) if match else (text, 0)
     try:
         if match and port == 0:
-            raise ValueError  # 0 is LinkConfig's "default port"; an explicit :0 is an error
+            raise ValueError  # LinkConfig would take 0 for the default port
+        # LinkConfig checks both; it wants an IPv6 address without brackets
         config = LinkConfig(ip=re.sub(r"^\[(.*:.*)\]$", r"\1", host), port=port)
     except ValueError:
         raise argparse.ArgumentTypeError(
@@ -158,7 +159,7 @@ def host_and_port(text: str) -> tuple[str, int]:
         argparse.ArgumentTypeError: the text has another form.
     """
     host, _, port = text.rpartition(":")
-    if not port.isdecimal() or not int(port) < 2**16:
+    if not port.isdecimal() or int(port) >= 2**16:
         raise argparse.ArgumentTypeError(f"not HOST:PORT, e.g. 127.0.0.1:5480: {text!r}")
     return host.strip("[]") or "127.0.0.1", int(port)
 

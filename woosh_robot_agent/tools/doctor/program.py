@@ -165,11 +165,10 @@ def _minutes(text: str) -> float:
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
     """Run the checks, and with --survey the survey; return the exit status."""
-    if options.survey:
-        # slow to load, and seldom needed
-        from woosh_robot_agent.tools.doctor import survey
     try:
         if options.survey:
+            from woosh_robot_agent.tools.doctor import survey  # slow to load, and seldom needed
+
             survey.check_folder(options.survey)
         results = await _examine_and_print(config, quiet=options.json)
         failed = any(result.status is Status.FAIL for result in results)

@@ -303,7 +303,7 @@ class RosSource:
             "encoding": encoding.string_value,
             "robot_id": robot_id.integer_value,
         }
-        with contextlib.suppress(ValueError):  # the agent has no such parameter, or refuses it
+        with contextlib.suppress(ValueError):  # e.g. the agent lacks one of them
             self._doctor_command = f"doctor {link_arguments(LinkConfig(**config))}"
         self._last_answer_at = time.monotonic()
         self._first_answer_at = self._first_answer_at or self._last_answer_at

@@ -293,7 +293,7 @@ def _report_frames(
         )
     if writer.lost:
         print(f"error: frames that passed but are not recorded: {writer.lost}", file=sys.stderr)
-    elif options.listen and not (writer.connections or writer.refusal):
+    elif options.listen and not writer.connections and not writer.refusal:
         print(
             "error: nothing was recorded: no client connected to the address of --listen",
             file=sys.stderr,
