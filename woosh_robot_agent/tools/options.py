@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import ipaddress
+import math
 import re
 import signal
 import sys
@@ -162,6 +163,21 @@ def host_and_port(text: str) -> tuple[str, int]:
     if not port.isdecimal() or int(port) >= 2**16:
         raise argparse.ArgumentTypeError(f"not HOST:PORT, e.g. 127.0.0.1:5480: {text!r}")
     return host.strip("[]") or "127.0.0.1", int(port)
+
+
+def above_zero(text: str) -> float:
+    """Parse a finite number above 0.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is something else.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"must be a finite number above 0: {text}")
+    return value
 
 
 def is_local(host: str) -> bool:
