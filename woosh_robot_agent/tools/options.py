@@ -94,7 +94,7 @@ def add_link_options(
     )
     add(
         "--timeout",
-        type=float,
+        type=above_zero,
         default=default.connect_timeout,
         help="timeout of the connection and of each answer, in seconds (default: %(default)g)",
     )
