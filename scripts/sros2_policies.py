@@ -92,7 +92,7 @@ def client_policy(
     Args:
         namespace: namespace of the agent; `/` for none.
         node: full name of the client's node.
-        read_only: allow topics and queries, but no commands and no actions.
+        read_only: True to allow topics and queries, but no commands and no actions.
         only: patterns of the endpoints to allow, e.g. `robot/Pose*`; by default all.
         sim_time: True if the client runs with `use_sim_time` and so subscribes to /clock.
 

@@ -105,6 +105,7 @@ def libraries_outside(install: Path) -> Iterator[tuple[str, Path]]:
     cache = subprocess.run(
         ["/sbin/ldconfig", "-p"], capture_output=True, text=True, check=True
     ).stdout
+    # the loader takes the first of several files with a name; `dict` keeps the last
     system = dict(reversed(re.findall(r"^\s+(\S+) \(.* => (.+)$", cache, re.MULTILINE)))
     folders = [Path(path) for path in os.environ.get("LD_LIBRARY_PATH", "").split(":") if path]
     for name in sorted(wanted):

@@ -105,6 +105,14 @@ def test_the_address_of_the_page_comes_before_the_commands(
     assert process.returncode == 130
 
 
+@pytest.mark.parametrize("port", ["0", "65535", "99999999999999999999", "5e3", "-1"])
+def test_a_port_that_cannot_be_used_is_refused(tmp_path: Path, domain: int, port: str) -> None:
+    with running(checkout(tmp_path), domain, "--port", port) as (process, output):
+        process.wait(TIMEOUT)
+    assert output == f"--port must be a number from 1 to 65534, not {port}\n"
+    assert process.returncode == 2
+
+
 @pytest.mark.skipif(mosquitto_path() is None, reason="mosquitto is not installed")
 def test_a_fleet_is_sent_round_and_ends_with_ctrl_c(tmp_path: Path, domain: int) -> None:
     with running(checkout(tmp_path), domain, "--fleet", "2") as (process, output):

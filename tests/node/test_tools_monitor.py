@@ -21,6 +21,8 @@ from std_msgs.msg import Bool
 
 from tests.harness import NAMESPACE, wait_until
 from tests.node.goals import SUCCEEDED, step
+from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
@@ -30,6 +32,7 @@ from woosh_robot_agent.tools.monitor.program import print_once
 from woosh_robot_agent.tools.monitor.ros_source import RosSource
 from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
+from woosh_robot_agent.tools.ros_node import NodeThread
 
 TIMEOUT = 60.0
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools", "monitor"]
@@ -159,6 +162,20 @@ def test_messages_with_invalid_values_are_skipped(watching, agent, simulator):
     assert "1 unreadable messages, the last one because of pose.x" in link.detail
     simulator.push(Battery(power=7))
     watching.wait(lambda view: view.info.battery.power == 7, "the next push")
+
+
+def test_a_node_without_the_parameters_of_an_agent_is_watched_too(watching, domain):
+    """For example `ros2 bag play`, with a recording of `record --ros`."""
+    topic = TOPICS[0]
+    player = NodeThread("player", NAMESPACE, domain=domain)
+    publisher = player.node.create_publisher(
+        class_of(topic.msg, "msg"), topic.name, latched(topic.depth)
+    )
+    with closing(player):
+        player.start()
+        publisher.publish(class_of(topic.msg, "msg")())
+        watching.wait(lambda view: not view.is_empty, "the message")
+        watching.wait_link(lambda link: link.good and "is connected to the robot" in link.detail)
 
 
 class Output:

@@ -278,6 +278,12 @@ def test_marks_outside_of_the_files_come_by_requests(run, wire, tmp_path):
     assert status == 1
     assert "not the edited marks of map scenex" in err
     assert "switch to that map" in err
+    file = tmp_path / "wooshmap" / "marks" / "wooshmap.yaml"
+    content = yaml.safe_load(file.read_text()) | {"others": {"beacons": [{"id": 5}]}}
+    file.write_text(yaml.safe_dump(content))
+    status, _, err = run("upload", "wooshmap", "--force")
+    assert status == 1
+    assert "not the edited `others` of map wooshmap" in err
 
 
 def test_nothing_is_overwritten_without_force(run: Run, wire: JsonClient, tmp_path: Path) -> None:
@@ -389,8 +395,13 @@ def test_upload_of_the_folder_of_all_backups_names_the_scenes_in_it(run: Run) ->
         (lambda marks: marks[0].update(type="shelf"), "'shelf' is not one of base, rack"),
         (lambda marks: marks[0].update(colour="red"), "unknown key 'colour'"),
         (lambda marks: marks[0].update(number=7), "put numbers into quotes"),
+        (lambda marks: marks[0].update(number=["A1"]), "marks[0].number: must be a text"),
         (lambda marks: marks[0].update(details={"nav": {"arr": "x"}}), "does not fit"),
         (lambda marks: marks[0].update(details={"charger": {}}), "have the data of a charger"),
+        (
+            lambda marks: (marks[0].update(id=2**32 - 1), marks[1].pop("id")),
+            "the id 4294967295 leaves none for the new mark A2",
+        ),
     ],
 )
 def test_mistakes_in_edited_marks_are_told_and_change_nothing(run, wire, tmp_path, change, reason):
@@ -540,6 +551,10 @@ def test_marks_that_nobody_edited_are_the_same_message(tmp_path):
     file = tmp_path / "m.yaml"
     file.write_bytes(marks_as_yaml(info, "m"))
     assert read_marks(file, info) is info
+    kept = yaml.safe_load(file.read_text())
+    del kept["others"]  # which keeps them
+    (tmp_path / "kept.yaml").write_text(yaml.safe_dump(kept))
+    assert read_marks(tmp_path / "kept.yaml", info) is info
     file.write_text(file.read_text().replace("number: A", "number: A9"))
     edited = read_marks(file, info)
     assert edited.storages[0].identity.no == "A9"

@@ -367,6 +367,8 @@ def test_replay_without_a_recording_fails(tmp_path, capsys):
     [
         ("doctor", []),
         ("doctor", ["--ip", "a b"]),
+        ("doctor", ["--ip", "x", "--survey", "new", "--minutes", "two"]),
+        ("doctor", ["--ip", "x", "--survey", "new", "--minutes", "601"]),
         ("monitor", ["--timeout", "nan"]),
         ("monitor", ["--what"]),
         ("maps", ["list"]),
@@ -380,6 +382,8 @@ def test_replay_without_a_recording_fails(tmp_path, capsys):
         ("record", ["--ip", "x", "--listen", "x:70000"]),
         ("record", ["--ip", "x", "--max-size", "0"]),
         ("record", ["--ip", "x", "--max-size", "nan"]),
+        ("record", ["--ip", "x", "--max-size", "1 GiB"]),
+        ("record", ["--ip", "x", "--duration", "1h"]),
         ("record", ["--ip", "x", "--duration", "inf"]),
         ("record", ["--ip", "x", "--split-size", "0.0000001"]),
         ("record", ["--ip", "x", "--split-duration", "-1"]),
@@ -393,5 +397,7 @@ def test_wrong_usage_ends_with_status_2(tool, arguments, capsys, tmp_path, monke
     with pytest.raises(SystemExit) as ending:
         getattr(tools, tool)(arguments)
     assert ending.value.code == 2
-    assert "error:" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "error:" in error
+    assert "invalid _" not in error  # argparse would show the name of a function
     assert not list(tmp_path.iterdir())

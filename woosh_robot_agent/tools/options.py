@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import ipaddress
+import math
 import re
 import signal
 import sys
@@ -93,7 +94,7 @@ def add_link_options(
     )
     add(
         "--timeout",
-        type=float,
+        type=above_zero,
         default=default.connect_timeout,
         help="timeout of the connection and of each answer, in seconds (default: %(default)g)",
     )
@@ -142,7 +143,8 @@ def _address(text: str) -> Address:
     host, port = (match[1], int(match[2])) if match else (text, 0)
     try:
         if match and port == 0:
-            raise ValueError  # 0 is LinkConfig's "default port"; an explicit :0 is an error
+            raise ValueError  # LinkConfig would take 0 for the default port
+        # LinkConfig checks both; it wants an IPv6 address without brackets
         config = LinkConfig(ip=re.sub(r"^\[(.*:.*)\]$", r"\1", host), port=port)
     except ValueError:
         raise argparse.ArgumentTypeError(
@@ -158,9 +160,24 @@ def host_and_port(text: str) -> tuple[str, int]:
         argparse.ArgumentTypeError: the text has another form.
     """
     host, _, port = text.rpartition(":")
-    if not port.isdecimal() or not int(port) < 2**16:
+    if not port.isdecimal() or int(port) >= 2**16:
         raise argparse.ArgumentTypeError(f"not HOST:PORT, e.g. 127.0.0.1:5480: {text!r}")
     return host.strip("[]") or "127.0.0.1", int(port)
+
+
+def above_zero(text: str) -> float:
+    """Parse a finite number above 0.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is something else.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"must be a finite number above 0: {text}")
+    return value
 
 
 def is_local(host: str) -> bool:

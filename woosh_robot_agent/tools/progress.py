@@ -35,11 +35,11 @@ def progress_bar(
         transient=True,
         disable=not sys.stderr.isatty(),
     )
-    shown = bar.add_task(text, total=total)
+    task = bar.add_task(text, total=total)
 
     async def refresh() -> None:
         while True:
-            bar.update(shown, **update())
+            bar.update(task, **update())
             await asyncio.sleep(_PERIOD)
 
     with bar:

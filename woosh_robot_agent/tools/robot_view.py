@@ -20,7 +20,7 @@ from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.tools.options import link_arguments
 
 _MAX_CODES = 50
-"""Number of status codes kept."""
+"""Maximum number of status codes that are kept, the newest ones."""
 
 
 class RobotView:

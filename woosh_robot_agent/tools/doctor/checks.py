@@ -150,6 +150,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
 async def _receive_answer(
     transport: Transport, codec: Codec, invalid_frames: list[FrameError]
 ) -> Envelope:
+    """Return the answer; add the error of each frame before it that cannot be read."""
     while True:
         try:
             envelope = codec.decode(await transport.recv())

@@ -59,6 +59,7 @@ class Learned(NamedTuple):
 
 
 Values = dict[KeyPath, Learned]
+"""Learned values, by their keys in a profile."""
 
 
 def quantile(values: Sequence[float], share: float) -> float:
@@ -129,6 +130,7 @@ def _tasks(seen: Observations) -> _Found:
                 first_reports.append(t - each.t)
                 break
     if first_reports:
+        # the simulator chooses one of these values at random: evenly spaced quantiles
         count = min(_FIRST_REPORTS, len(first_reports))
         shares = [(number + 0.5) / count for number in range(count)]
         values = [round(quantile(first_reports, share), 2) for share in shares]
@@ -161,7 +163,8 @@ def _answers(seen: Observations) -> _Found:
             delays.setdefault(each.request, []).append(each.delay)
     delays = {name: found for name, found in delays.items() if len(found) >= _MIN_SAMPLES}
     times = {name: _distribution(found) for name, found in sorted(delays.items())}
-    usual = [each for name, each in times.items() if name not in reference()["answers"]["requests"]]
+    own_times = reference()["answers"]["requests"]
+    usual = [each for name, each in times.items() if name not in own_times]
     if usual:  # each request counts alike, so that one that is slow or frequent changes little
         medians = [
             quantile(column, 0.5) for column in zip(*(each.value for each in usual), strict=True)
@@ -222,10 +225,12 @@ def _rates(seen: Observations) -> _Found:
     repeated = [after - t for (t, one), (after, two) in pairwise(batteries) if one == two]
     if len(repeated) >= _MIN_SAMPLES:
         yield ("rates", "battery"), _interval(repeated)
-    days = seen.pushed(Operation)
-    resting = [after - t for (t, one), (after, two) in pairwise(days) if one.mileage == two.mileage]
-    if len(resting) >= _MIN_SAMPLES:
-        yield ("rates", "operation"), _median(resting)
+    pushes = seen.pushed(Operation)
+    unmoved = [
+        after - t for (t, one), (after, two) in pairwise(pushes) if one.mileage == two.mileage
+    ]
+    if len(unmoved) >= _MIN_SAMPLES:
+        yield ("rates", "operation"), _median(unmoved)
 
 
 def _scan_period(seen: Observations) -> Learned | None:
@@ -287,9 +292,10 @@ def _driving(seen: Observations) -> _Found:
     start_delays, last_sent_at = [], -math.inf
     for velocity in seen.answered(pack.Twist):
         sent_at = velocity.t - velocity.delay
-        is_first, last_sent_at = sent_at - last_sent_at > _MAX_START, sent_at
+        is_after_pause = sent_at - last_sent_at > _MAX_START
+        last_sent_at = sent_at
         was_moving = any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses)
-        if is_first and not was_moving:
+        if is_after_pause and not was_moving:
             delay = next((t - sent_at for t, _ in poses if t > sent_at), math.inf)
             if delay <= _MAX_START:
                 start_delays.append(delay)
@@ -370,7 +376,7 @@ def reference() -> dict[str, dict[str, Any]]:
 _TIMES = {"answers", "mapping", "rates", "tasks"}
 """Sections with times, which depend on this computer and the network, too."""
 _TIME_TOLERANCE, _TOLERANCE = (0.1, 0.02), (0.01, 0.0)
-"""Relative and absolute difference up to which two times, or two other numbers, agree."""
+"""Relative and absolute tolerance of times, in seconds, and of other numbers; one is enough."""
 
 
 def known_value(path: KeyPath) -> Any:
@@ -391,7 +397,7 @@ def differs(path: KeyPath, value: Any) -> bool:
 
 
 def _differ(one: Any, other: Any, relative: float, absolute: float) -> bool:
-    """Return True if two values differ by more than both tolerances."""
+    """Return True if two values, or items of lists, differ by more than both tolerances."""
     if isinstance(one, list) and isinstance(other, list):
         pairs = zip(one, other, strict=False)
         return len(one) != len(other) or any(_differ(*each, relative, absolute) for each in pairs)
@@ -451,12 +457,13 @@ def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
             else:
                 lines.append(f"  {name}: {_value(values.get((section, name), Learned(value, 0)))}")
     text = "\n".join(lines) + "\n"
-    # only checks the values
+    # only checks the values; the result is not needed
     structure(Profile, load_yaml("profile", text.encode()), "profile")
     return text
 
 
 def _value(learned: Learned) -> str:
+    """Return a value as YAML, with its number of samples as a comment if it was learned."""
     text = json.dumps(learned.value, ensure_ascii=False)
     samples = "1 sample" if learned.samples == 1 else f"{learned.samples} samples"
     return f"{text}  # {samples}" if learned.samples else text
@@ -464,7 +471,7 @@ def _value(learned: Learned) -> str:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A learned value in the file of a survey."""
+    """A learned value in the file of a survey; `field` has its keys in a profile."""
 
     field: tuple[str, ...]
     value: Any

@@ -225,6 +225,7 @@ class Observations:
         if pending and not envelope.type:  # an answer may leave out its type
             envelope.type = pending[1]
         refused = envelope.sn != 0 and envelope.ok is False
+        # a refusal without a body has no values, not default values
         body = None if refused and not envelope.body else self._body(frame, envelope)
         if body is not None:
             self._add_body(frame, body, pushed=not envelope.sn)
@@ -326,6 +327,7 @@ def _names(message: Any) -> Iterator[str]:
         elif each.name in _ID_FIELDS:
             yield from map(str, items)
         elif each.type == FieldDescriptor.TYPE_STRING and each.name not in _HARMLESS_FIELDS:
+            # a single character would be redacted everywhere in other texts
             yield from (item for item in items if len(item) > 1)
         elif each.type == FieldDescriptor.TYPE_BYTES:  # e.g. the list of networks, as JSON
             yield from (text for item in items for text in _texts_in_json(item))

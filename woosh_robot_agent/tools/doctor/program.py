@@ -32,7 +32,12 @@ from woosh_robot_agent.tools.doctor.checks import (
     request_robot_info,
 )
 from woosh_robot_agent.tools.doctor.ros_graph import check_subscribers
-from woosh_robot_agent.tools.options import add_link_options, link_config, tool_parser
+from woosh_robot_agent.tools.options import (
+    above_zero,
+    add_link_options,
+    link_config,
+    tool_parser,
+)
 
 CHECKS = (
     "network",
@@ -157,19 +162,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _minutes(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value <= _MAX_MINUTES:
-        raise argparse.ArgumentTypeError(f"must be more than 0 and at most {_MAX_MINUTES}: {text}")
+    value = above_zero(text)
+    if value > _MAX_MINUTES:
+        raise argparse.ArgumentTypeError(f"must be at most {_MAX_MINUTES}: {text}")
     return value
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
     """Run the checks, and with --survey the survey; return the exit status."""
-    if options.survey:
-        # slow to load, and seldom needed
-        from woosh_robot_agent.tools.doctor import survey
     try:
         if options.survey:
+            from woosh_robot_agent.tools.doctor import survey  # slow to load, and seldom needed
+
             survey.check_folder(options.survey)
         results = await _examine_and_print(config, quiet=options.json)
         failed = any(result.status is Status.FAIL for result in results)

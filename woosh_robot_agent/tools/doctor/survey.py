@@ -174,14 +174,14 @@ class _Survey:
             yield self._make.empty(message_type(name)), max(timeout, slow.get(name, 0.0))
         yield self._make.address(Find(no=self._mark.identity.no)), timeout
         if self._rounds < _LARGE_ROUNDS:
-            name = self._scene
+            scene = self._scene
             large: list[Message] = [
                 CountData(req_type=CountData.kGet),
-                SceneDataEasy(name=name),
-                SceneData(name=name),
-                SceneMd5(scene_name=name),
+                SceneDataEasy(name=scene),
+                SceneData(name=scene),
+                SceneMd5(scene_name=scene),
                 SceneSync(),
-                Download(scene_name=name),
+                Download(scene_name=scene),
             ]
             if self._pose and self._mark.HasField("pose"):
                 pose = self._mark.pose

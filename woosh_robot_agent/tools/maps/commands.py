@@ -28,6 +28,7 @@ from woosh_robot_agent.tools.maps.scene_folder import (
     MapsError,
     SavedScene,
     check_writable,
+    other_marks,
     read_marks,
     read_scene,
     to_file_name,
@@ -117,15 +118,16 @@ def _progress(
     The total size of a download is not known in advance. The frame of an upload is larger than the
     files in it, so the bar shows the sent share of the frame, scaled to `size`.
     """
-    start, largest = chassis.traffic()[0], 0
+    received_before, _ = chassis.traffic()
+    frame_size = 0  # of an upload: the most bytes that have waited to be sent
 
     def update() -> dict[str, float]:
-        nonlocal largest
-        received, waiting = chassis.traffic()
-        largest = max(largest, waiting)
+        nonlocal frame_size
+        received, unsent = chassis.traffic()
+        frame_size = max(frame_size, unsent)
         if size is None:
-            return {"completed": max(0, received - start)}
-        return {"completed": size * (1 - waiting / largest)} if largest else {}
+            return {"completed": max(0, received - received_before)}
+        return {"completed": size * (1 - unsent / frame_size)} if frame_size else {}
 
     return progress_bar(escape(text), size, update, DownloadColumn(), TimeElapsedColumn())
 
@@ -258,12 +260,22 @@ async def _upload(library: MapLibrary, name: str, scene: SavedScene) -> None:
 
 
 async def _upload_marks(library: MapLibrary, scene: str, map_name: str, file: Path) -> None:
-    """Upload the edited marks of a map without a file of marks: one request per changed mark."""
+    """Upload the edited marks of a map without a file of marks: one request per changed mark.
+
+    Raises:
+        MapsError: marks were edited for which there is no request, or the map is not the current
+            one.
+    """
     data = await library.scene_data(scene)
     old = next((each.mark_info for each in data.maps if each.name == map_name), MarkInfo())
     new = read_marks(file, old)
     if new is old:
         return
+    if other_marks(new) != other_marks(old):
+        raise MapsError(
+            f"scene {scene} was uploaded, but not the edited `others` of map {map_name}, because "
+            "there are no requests for them: undo these edits, then repeat the upload with --force"
+        )
     current = await library.current()
     if (current.scene_name, current.map_name) != (scene, map_name):
         raise MapsError(

@@ -73,7 +73,7 @@ _MAX_MARKS_FILE = 8 * 1024 * 1024
 """Maximum size of a file of marks, in bytes."""
 _MAX_MARKS = 100_000
 """Maximum number of marks in a file."""
-_UINT32 = 2**32 - 1
+_MAX_ID = 2**32 - 1
 """Greatest possible id of a mark."""
 _HEADING = """\
 # Marks of map {map}. Edit this file, then upload the folder: maps --ip ... upload --force FOLDER
@@ -87,7 +87,7 @@ _HEADING = """\
 def marks_as_yaml(info: MarkInfo, map_name: str) -> bytes:
     """Return the marks of a map as YAML."""
     heading = _HEADING.format(map=repr(map_name), types=", ".join((_BASE, *_TYPES)))
-    content = {_MARKS: [_entry(storage) for storage in info.storages], _OTHERS: _others(info)}
+    content = {_MARKS: [_entry(storage) for storage in info.storages], _OTHERS: other_marks(info)}
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
     return (heading + text).encode()
 
@@ -107,12 +107,12 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
     try:
         root = structure(_MarksFile, load_yaml(name, _read(path), _MAX_MARKS_FILE), name)
         storages = _storages(name, root.marks, old.storages)
-        same_others = (root.others or {}) == _others(old)
-        if same_others and storages == list(old.storages):
+        has_new_others = bool(root.others) and root.others != other_marks(old)
+        if not has_new_others and storages == list(old.storages):
             return old
         new = MarkInfo()
         new.CopyFrom(old)
-        if root.others and not same_others:
+        if has_new_others:
             where = f"{name}: {_OTHERS}"
             new = _parse_into(where, root.others, MarkInfo(version=old.version))
         del new.storages[:]
@@ -131,7 +131,8 @@ def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list
     ids: set[int] = set()
     for index, entry in enumerate(entries):
         where = f"{name}: {_MARKS}[{index}]"
-        before = old_by_number.get(entry.get("number", "")) if isinstance(entry, dict) else None
+        # `str`, because the number in a file may be anything
+        before = old_by_number.get(str(entry.get("number"))) if isinstance(entry, dict) else None
         if before and _entry(before) == entry:
             storage = before
         else:
@@ -145,6 +146,9 @@ def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list
         storages.append(storage)
     for storage in changed:
         if not storage.identity.id:
+            if max(ids) == _MAX_ID:
+                text = f"the id {_MAX_ID} leaves none for the new mark {storage.identity.no}"
+                raise DataFileError(f"{name}: {_MARKS}: {text}: give it an id")
             storage.identity.id = max(ids) + 1
             ids.add(storage.identity.id)
     return storages
@@ -186,7 +190,7 @@ def _check_type(name: str) -> None:
 
 @dataclass(frozen=True)
 class _MarkEntry:
-    """A mark in the file.
+    """A mark in a file of marks.
 
     Attributes:
         pose: pose of a robot that stands at the mark; None if only `real` is known.
@@ -196,7 +200,7 @@ class _MarkEntry:
     """
 
     number: str
-    id: Annotated[int, Between(0, _UINT32)] = 0
+    id: Annotated[int, Between(0, _MAX_ID)] = 0
     type: Annotated[str, _check_type] = _BASE
     pose: _Pose | None = None
     real: _Pose | None = None
@@ -211,7 +215,12 @@ class _MarkEntry:
 
 @dataclass(frozen=True)
 class _MarksFile:
-    """The content of the file."""
+    """The content of a file of marks.
+
+    Attributes:
+        marks: the storage places; `_storages` reads each changed one as a `_MarkEntry`.
+        others: all other marks, as from `other_marks`; without them, the old ones are kept.
+    """
 
     marks: Annotated[tuple[Any, ...], Between(0, _MAX_MARKS)]
     others: Any = None
@@ -241,7 +250,7 @@ def _storage(entry: _MarkEntry) -> Storage:
     return storage
 
 
-def _others(info: MarkInfo) -> dict[str, Any]:
+def other_marks(info: MarkInfo) -> dict[str, Any]:
     """Return all marks except the storage places, as in the file."""
     fields = MessageToDict(info, preserving_proto_field_name=True)
     return {key: value for key, value in fields.items() if key not in ("storages", "version")}

@@ -86,7 +86,7 @@ _PRINT_PERIOD = 1.0
 """Time between two prints if stdout is not a terminal, in seconds."""
 _CHECK_PERIOD = 0.02
 """Time between two checks whether `--once` can print, in seconds."""
-_QUIT_KEYS = ("q", "Q", "\x03", "\x04")
+_QUIT_KEYS = ("q", "Q", "\x03", "\x04")  # the last two are Ctrl-C and Ctrl-D
 _EPILOG = """\
 Without --ip, the data comes from the agent, over ROS. With --ip, it comes
 straight from the robot, and ROS is not needed.
@@ -105,6 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status: 0; with `--once`, 1 if the printed state is not up to date.
     """
+    # rclpy parses --ros-args and what follows
     given = list(sys.argv[1:] if arguments is None else arguments)
     ros_at = given.index("--ros-args") if "--ros-args" in given else len(given)
     parser = tool_parser("monitor", "Show the state of one robot.", _EPILOG)
@@ -120,8 +121,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="print the state once, after --timeout seconds at the latest, and exit",
     )
     options = parser.parse_args(given[:ros_at])
-    if not 0 < options.timeout < 1e6:
-        parser.error(f"--timeout must be above 0: {options.timeout}")
     # Silence the link's log: the screen shows the state of the link.
     logging.getLogger("woosh_robot_agent").addHandler(logging.NullHandler())
     return asyncio.run(_run(_make_source(parser, options, given[ros_at:]), options))

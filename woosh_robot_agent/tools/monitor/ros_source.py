@@ -274,6 +274,7 @@ class RosSource:
 
     def _set_agent(self, name: str) -> None:
         self._last_answer_at = self._first_answer_at = 0.0
+        self._address, self._doctor_command = "", "doctor"
         self._needs_robot_info = True
         client = self._node.create_client(GetParameters, f"{name}/get_parameters")
         request = GetParameters.Request(names=list(_PARAMETERS))
@@ -291,7 +292,14 @@ class RosSource:
         self._agent_name = ""
 
     def _on_parameters(self, response: Any) -> None:
-        transport, ip, port, encoding, robot_id = response.values
+        if response.values:  # empty if the node lacks one of them, as that of `ros2 bag play` does
+            self._set_address(response.values)
+        self._last_answer_at = time.monotonic()
+        self._first_answer_at = self._first_answer_at or self._last_answer_at
+
+    def _set_address(self, values: Sequence[Any]) -> None:
+        """Take over the values of `_PARAMETERS`."""
+        transport, ip, port, encoding, robot_id = values
         self._address = url_host(ip.string_value)
         if port.integer_value:
             self._address += f":{port.integer_value}"
@@ -303,10 +311,8 @@ class RosSource:
             "encoding": encoding.string_value,
             "robot_id": robot_id.integer_value,
         }
-        with contextlib.suppress(ValueError):  # the agent has no such parameter, or refuses it
+        with contextlib.suppress(ValueError):  # not the values of an agent
             self._doctor_command = f"doctor {link_arguments(LinkConfig(**config))}"
-        self._last_answer_at = time.monotonic()
-        self._first_answer_at = self._first_answer_at or self._last_answer_at
 
     def _on_robot_info(self, response: Any) -> None:
         self._update(converter(type(response.info), RobotInfo), response.info)

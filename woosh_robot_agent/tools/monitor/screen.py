@@ -36,6 +36,7 @@ from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 
 _END_OF_INPUT = "\x04"
+"""Key that stands for the loss of the terminal, as from Ctrl-D."""
 
 
 @contextmanager
@@ -239,12 +240,12 @@ def _problems(info: RobotInfo) -> Text:
 
 def _codes(view: RobotView) -> Text:
     text = Text()
-    for code in list(view.codes)[: -_MAX_CODES - 1 : -1]:
+    for code in list(reversed(view.codes))[:_MAX_CODES]:
         when = time.strftime("%m-%d %H:%M:%S", time.localtime(code.time / 1000))
         level = enum_name(StatusCode.Level, code.level)
         text.append(
             f"{when}  {level:<6}  {printable(explained(code.code, code.msg))}\n",
             _LEVEL_STYLES.get(code.level, ""),
         )
-    text.rstrip()
+    text.rstrip()  # the last line feed
     return text if view.codes else Text("none", _FAINT)

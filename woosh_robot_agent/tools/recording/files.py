@@ -88,7 +88,9 @@ class McapFile:
     def growth_by(self, channel: Channel, data: bytes) -> int:
         """Return the maximum size by which a message makes the file grow, in bytes."""
         size = len(data) + _MESSAGE_OVERHEAD
-        return size if channel in self._channels else size + 2 * _definition_size(channel)
+        if channel not in self._channels:
+            size += 2 * _definition_size(channel)  # in the chunk, and at the end of the file
+        return size
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
         """Write an attachment after the messages so far."""
@@ -215,7 +217,7 @@ class RecordingFiles:
         self._start: int | None = None
         """Log time of the first message that was passed to `add` for the current file, in ns."""
         self._begin_size = 0
-        """Maximum size that `on_new_file` has given the current file, in bytes."""
+        """Upper bound of the size of the current file right after `on_new_file`, in bytes."""
         self._split_after = limits.split_duration * _NANOSECONDS or math.inf
         """Duration after which the next file begins, in ns."""
         self._file: McapFile | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from google.protobuf import message_factory
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
@@ -17,9 +17,10 @@ class RecordingError(Exception):
 
 
 Side = Literal["client", "chassis", "recorder"]
+"""A side of a connection; `recorder` is the program that records it."""
 EventKind = Literal["open", "close", "refused", "unreadable"]
-SIDES: tuple[Side, ...] = ("client", "chassis", "recorder")
-EVENT_KINDS: tuple[EventKind, ...] = ("open", "close", "refused", "unreadable")
+SIDES: tuple[Side, ...] = get_args(Side)
+EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,6 +73,7 @@ class ReadPace:
 
 _LOG = logging.getLogger(__name__)
 _CHUNK_SIZE = 256 * 1024
+"""Maximum size of a read, in bytes."""
 _LINGER_TIMEOUT = 5.0
 """Time that one side gets to close the connection after the other side did, in seconds."""
 READ_PERIOD = 0.005

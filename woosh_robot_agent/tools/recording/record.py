@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
-import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -25,6 +24,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.options import (
+    above_zero,
     add_link_options,
     host_and_port,
     link_arguments,
@@ -109,13 +109,13 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--split-duration",
-        type=_above_zero,
+        type=above_zero,
         default=0.0,
         help="duration after which the next file begins, in seconds (default: one file)",
     )
     parser.add_argument(
         "--duration",
-        type=_above_zero,
+        type=above_zero,
         help="duration of the recording, in seconds (default: no limit)",
     )
     parser.add_argument(
@@ -134,16 +134,9 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _above_zero(text: str) -> float:
-    value = float(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"must be a finite number above 0: {text}")
-    return value
-
-
 def _mebibytes(text: str) -> int:
     """Parse a number of MiB; return the number of bytes."""
-    size = int(_above_zero(text) * MIB)
+    size = int(above_zero(text) * MIB)
     if not size:
         raise argparse.ArgumentTypeError(f"must be at least one byte, in MiB: {text}")
     return size
@@ -293,7 +286,7 @@ def _report_frames(
         )
     if writer.lost:
         print(f"error: frames that passed but are not recorded: {writer.lost}", file=sys.stderr)
-    elif options.listen and not (writer.connections or writer.refusal):
+    elif options.listen and not writer.connections and not writer.refusal:
         print(
             "error: nothing was recorded: no client connected to the address of --listen",
             file=sys.stderr,

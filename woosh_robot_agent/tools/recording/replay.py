@@ -11,7 +11,7 @@ from pathlib import Path
 
 from woosh_robot_agent.link.config import DEFAULT_PORTS, url_host
 from woosh_robot_agent.link.reports import log_to_stderr, printable
-from woosh_robot_agent.tools.options import stop_event, tool_parser, warn_if_not_local
+from woosh_robot_agent.tools.options import above_zero, stop_event, tool_parser, warn_if_not_local
 from woosh_robot_agent.tools.recording.layout import Recording, RecordingError
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
@@ -36,8 +36,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
-    if not 0 < options.speed < 1e6:
-        parser.error(f"--speed must be above 0 and below 1000000: {options.speed:g}")
     for port in (options.port, options.tcp_port):
         if not 0 <= port < 2**16:
             parser.error(f"port must be in 0..65535: {port}")
@@ -75,7 +73,7 @@ def make_parser() -> argparse.ArgumentParser:
         )
     parser.add_argument(
         "--speed",
-        type=float,
+        type=above_zero,
         default=1.0,
         help="speed of the playback as a factor (default: %(default)g)",
     )

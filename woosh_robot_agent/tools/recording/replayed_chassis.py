@@ -168,7 +168,8 @@ class ReplayedChassis:
             await self._wait_for_client(subscribed=False)
             for step in self._playback.steps:
                 if self._base is not None:
-                    due = self._base[0] + (step.t - self._base[1]) / self._speed
+                    resumed_at, recorded_at = self._base
+                    due = resumed_at + (step.t - recorded_at) / self._speed
                     await asyncio.sleep(max(0.0, due - loop.time()))
                 if step.kind is StepKind.COMMAND:
                     recorded[step.type] += 1
@@ -216,6 +217,7 @@ class ReplayedChassis:
         self._base = (asyncio.get_running_loop().time(), step.t)
 
     async def _wait_for_client(self, *, subscribed: bool) -> None:
+        """Wait until there is a client, or if `subscribed`, one with a subscription."""
         while not any(client.topics or not subscribed for client in self._clients):
             await self._wait_for_change()
 

@@ -90,8 +90,8 @@ class RosRecorder:
         namespace: namespace of the agent.
         path: path of the new file; it must not exist.
         limits: limits of size and duration.
-        on_early_end: called once, in the thread, with the reason if the recording ends before
-            `close`.
+        on_early_end: called once, in the recorder's thread, with the reason if the recording ends
+            before `close`.
 
     Attributes:
         lost: number of messages that the middleware reports as lost, by topic. Messages of a
@@ -144,7 +144,7 @@ class RosRecorder:
         self._files.close()
         self._thread.close()
 
-    # The methods below run in the thread.
+    # The methods below run in the recorder's thread.
 
     def _on_crash(self, error: Exception) -> None:
         _LOG.error("the recording of ROS topics failed", exc_info=error)

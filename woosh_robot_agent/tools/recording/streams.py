@@ -58,6 +58,7 @@ class WebSocketParser:
     def __init__(self, *, masked: bool, max_size: int) -> None:
         self._header: bytes | None = b""
         """Beginning of the HTTP header; None after its end."""
+        # the library plays the receiver: the server expects masked frames
         side = _protocol.Side.SERVER if masked else _protocol.Side.CLIENT
         self._protocol = _Protocol(side, state=_protocol.State.OPEN, max_size=max_size)
         self._fragments: list[bytes] = []

@@ -83,7 +83,7 @@ class MessageDecoder:
     """Decodes frames."""
 
     def __init__(self) -> None:
-        self._channels: dict[tuple[Side, str], tuple[Any, Channel] | None] = {}
+        self._channels: dict[tuple[Side, str], tuple[Any, Channel]] = {}
         """Class and channel by sender and type."""
 
     def decode(self, sender: Side, frame: str | bytes) -> DecodedFrame | None:
@@ -114,7 +114,7 @@ class MessageDecoder:
         name = envelope.type
         if name == SUBSCRIPTION_TYPE:
             name = full_name(Subscription)
-        elif sender == "chassis" and envelope.ok is not None:
+        elif sender == "chassis" and envelope.ok is not None:  # an answer
             name = _ANSWERS.get(name, name)
         key = sender, name
         if key not in self._channels:
