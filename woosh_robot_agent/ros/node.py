@@ -33,7 +33,7 @@ from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.logs import context_of, log_as, log_to_ros, set_closing
 from woosh_robot_agent.ros.rclpy_private import parameter_overrides
 from woosh_robot_agent.ros.releases import on_parameters_set
-from woosh_robot_agent.ros.second_agent import SecondAgent
+from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.services import create_services
 from woosh_robot_agent.ros.standard.layer import StandardLayer
 from woosh_robot_agent.ros.standard.part import PartContext
@@ -152,7 +152,7 @@ class Agent:
         link_thread = LinkThread(loop_thread, context_of(self.node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
-        # the first consumer of pushes: one that it cannot read reaches no other consumer
+        # created first: a push that the first consumer cannot read reaches no other consumer
         self._topics = Topics(self.node, link_thread, chassis)
         # functions, because `self.actions` is created only below
         gate = MotionGate(chassis, lambda: self.actions.running_goals)
@@ -170,8 +170,10 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
-        self._second_agent = SecondAgent(self.node)
-        context = PartContext(self.robot, watch, self._second_agent, lambda: self.settings.standard)
+        self._second_agent_detector = SecondAgentDetector(self.node)
+        context = PartContext(
+            self.robot, watch, self._second_agent_detector, lambda: self.settings.standard
+        )
         self._standard = StandardLayer(context)
         self._nav2 = self._create_nav2(context) if self.settings.nav2 else None
         self._lock = threading.Lock()
@@ -183,7 +185,7 @@ class Agent:
             chassis.permit_only(only_reads, self._observe_only_reason)
         link_thread.call(chassis.start)
         self._standard.start()
-        link_thread.spawn(self._second_agent.run)
+        link_thread.spawn(self._second_agent_detector.run)
         if self._nav2 is not None:
             self._nav2.start()
 
