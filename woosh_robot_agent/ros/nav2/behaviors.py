@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
-from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.robot.readiness import CONTROL_MODES, EMERGENCY_STOP
-from woosh_robot_agent.ros.entities import UrgentCallbackGroup
 from woosh_robot_agent.ros.nav2.goals import (
     GoalEnd,
     Nav2Action,
@@ -24,9 +21,7 @@ from woosh_robot_agent.ros.nav2.goals import (
     to_seconds,
 )
 from woosh_robot_agent.ros.nav2.pose import RobotPose
-from woosh_robot_agent.ros.qos import reliable
 from woosh_robot_agent.ros.standard.cmd_vel import stamp_objection
-from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 
 _TURN_SPEED = 0.8
 """Speed of a turn, in rad/s, unless `cmd_vel_max_angular` is less."""
@@ -200,20 +195,14 @@ class AssistedTeleop(Nav2Action):
         """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
         robot.gate.on_stop(self._stopped)
         stamped = part.settings().cmd_vel_stamped
-        type_name = "geometry_msgs/TwistStamped" if stamped else BY_NAME["cmd_vel_teleop"].type
-        robot.node.create_subscription(
-            class_of(type_name),
+        part.subscribe(
             "cmd_vel_teleop",
-            lambda message, info: robot.thread.call(self._drive, message, info, time.monotonic()),
-            reliable(1),
-            callback_group=UrgentCallbackGroup(),
+            self._drive,
+            "geometry_msgs/TwistStamped" if stamped else "",
+            with_info=True,
+            urgent=True,
         )
-        robot.node.create_subscription(
-            class_of(BY_NAME["preempt_teleop"].type),
-            "preempt_teleop",
-            lambda message: robot.thread.call(self._preempt, message),
-            reliable(1),
-        )
+        part.subscribe("preempt_teleop", self._preempt)
 
     async def run(self) -> None:
         """Send the velocities, until cancelled."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
@@ -24,14 +24,24 @@ from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
 _NEAR = 1.0
 """Maximum distance between `dock_pose`, or a docked robot, and its charger, in metres."""
+
+
+class _Phase(NamedTuple):
+    """A phase of docking."""
+
+    state: str
+    """Name of the state in the feedback."""
+    error: str
+    """Name of the error code if the goal fails in this phase."""
+
+
 _PHASES = {
-    action.kNav: ("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
-    action.kSecondposEnter: ("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
-    action.kStepCtrl: ("CONTROLLING", "FAILED_TO_CONTROL"),
-    action.kCharge: ("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
+    action.kNav: _Phase("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
+    action.kSecondposEnter: _Phase("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
+    action.kStepCtrl: _Phase("CONTROLLING", "FAILED_TO_CONTROL"),
+    action.kCharge: _Phase("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
 }
-"""Phases of docking, by the action of the charging task that the chassis executes. Each phase has
-the state in the feedback, and the error code if the goal fails meanwhile."""
+"""Phases of docking, by the action of the charging task that the chassis executes."""
 
 
 class _Docking(Nav2Action):
@@ -103,7 +113,7 @@ class DockRobot(_Docking):
                 # the task could stay paused for ever, or the robot could later drive on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback
-            state = getattr(feedback, _PHASES[phase][0])
+            state = getattr(feedback, _PHASES[phase].state)
             goal.feedback(state=state, docking_time=to_duration(goal.elapsed))
 
         try:
@@ -115,7 +125,7 @@ class DockRobot(_Docking):
             )
         except GoalEnd as end:
             if end.code == "UNKNOWN":
-                end.code = _PHASES[phase][1]
+                end.code = _PHASES[phase].error
             raise
 
     def _find_mark(self, request: Any, chargers: Mapping[str, tuple[float, float]]) -> str:

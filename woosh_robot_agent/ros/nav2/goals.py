@@ -152,23 +152,26 @@ class Nav2Goal:
     Attributes:
         request: the goal as the client gave it.
         objection: why it cannot be executed; otherwise empty.
+        navigates: True if the goal is a navigation of the chassis.
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
         started: loop time at which the goal was accepted.
     """
 
-    def __init__(self, goal: Goal, action_type: Any, context: Nav2Context) -> None:
+    def __init__(self, goal: Goal, nav2_action: Nav2Action) -> None:
         loop = asyncio.get_running_loop()
         self.request = goal.request
         self.objection = goal.objection
-        self.result = action_type.Result()
+        self.navigates = nav2_action.navigates
+        self.result = nav2_action.action_type.Result()
         self.ended: asyncio.Future[None] = loop.create_future()
         self.started = loop.time()
         self._goal = goal
-        self._feedback_class = action_type.Feedback
-        self._context = context
+        self._feedback_class = nav2_action.action_type.Feedback
+        self._context = nav2_action.context
         self._published: float | None = goal.published
-        """Loop time at which the client sent the goal; None once the first command was sent."""
+        """Loop time at which the client sent the goal; None once the first command was sent, as
+        further commands are the agent's own."""
         self._reason: asyncio.Future[GoalEnd] = loop.create_future()
         """Why the goal ends; done when something other than the chassis ends it."""
         self._chassis_goal: AgentGoal | None = None
@@ -359,10 +362,10 @@ class Slot:
     """Lets one goal run at a time: a new goal ends the goals before it."""
 
     def __init__(self) -> None:
-        self._goals: list[tuple[Nav2Goal, bool]] = []
-        """The goals that have not ended, each with True if it navigates; the oldest first."""
+        self._goals: list[Nav2Goal] = []
+        """The goals that have not ended, oldest first."""
 
-    async def take(self, goal: Nav2Goal, *, navigates: bool) -> None:
+    async def take(self, goal: Nav2Goal) -> None:
         """Let a goal run, and end the goals before it.
 
         A navigation replaces another one without a stop in between, because the chassis can do so.
@@ -371,19 +374,19 @@ class Slot:
         Raises:
             GoalEnd: the goal itself has ended meanwhile.
         """
-        older = [each for each in self._goals if not each[0].ended.done()]
-        self._goals = [*older, (goal, navigates)]
-        if older and navigates and all(each_navigates for _, each_navigates in older):
-            goal.replace(older[-1][0])
+        older = [each for each in self._goals if not each.ended.done()]
+        self._goals = [*older, goal]
+        if older and all(each.navigates for each in self._goals):
+            goal.replace(older[-1])
             return
-        for each, _ in older:
+        for each in older:
             each.stop(GoalEnd(_REPLACED))
-        for each, _ in older:
+        for each in older:
             await goal.wait_for(each.ended)
 
     def stop(self, reason: GoalEnd) -> bool:
         """End the goal that the chassis executes; return False if it executes none."""
-        running = [each for each, _ in self._goals if each.is_executing]
+        running = [each for each in self._goals if each.is_executing]
         for each in running:
             each.stop(reason)
         return bool(running)
@@ -486,7 +489,7 @@ class Nav2Action(ABC):
             _LOG.info("%s: %s has no effect: the robot plans by itself", self.name, field)
 
     def _start(self, accepted: Goal) -> None:
-        goal = Nav2Goal(accepted, self.action_type, self.context)
+        goal = Nav2Goal(accepted, self)
         accepted.on_cancel(lambda: goal.stop(GoalEnd(outcome=Outcome.CANCELED)))
         task = start_task(self._run(goal), name=f"nav2: {self.name}")
         if not task.done():
@@ -498,7 +501,7 @@ class Nav2Action(ABC):
         try:
             if goal.objection:  # `check` objects only to poses that it cannot transform
                 raise GoalEnd(goal.objection, "TF_ERROR")
-            await self._slot.take(goal, navigates=self.navigates)
+            await self._slot.take(goal)
             await self.execute(goal)
             reason = None
         except GoalEnd as end:

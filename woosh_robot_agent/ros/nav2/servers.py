@@ -111,7 +111,7 @@ class MapServer:
             response.map = await self._grid()
 
     async def _switch(self, name: str, response: Any) -> int:
-        """Let the robot use a map; return a result code of nav2_msgs/LoadMap.
+        """Switch the robot to a map; return a result code of nav2_msgs/LoadMap.
 
         Raises:
             LinkError: the chassis does not answer.
