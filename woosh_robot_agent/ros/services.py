@@ -263,7 +263,7 @@ class _CommandHandler:
 
 
 async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:
-    """Send a response; a large one is sent by `aside`, so that it does not hold up the link."""
+    """Send a response; a large one in the thread for large messages, so the link goes on."""
     if is_large:
         await aside(reply.send, response)
     else:
@@ -271,7 +271,7 @@ async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:
 
 
 async def _read(convert: Converter, body: Body) -> Any:
-    """Return a body as a ROS message; a large one is converted by `aside`.
+    """Return a body as a ROS message; convert a large one in the thread for large messages.
 
     Raises:
         FrameError: the body cannot be read.

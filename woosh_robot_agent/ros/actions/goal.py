@@ -301,7 +301,10 @@ class Order:
 
 
 class GoalKind(Protocol):
-    """A goal's messages: tasks, sets of tasks and CallAction differ in them. One for each goal."""
+    """The messages of one goal: its requests, and how the chassis reports on it.
+
+    Tasks, sets of tasks and CallAction differ in them.
+    """
 
     @property
     def name(self) -> str:
