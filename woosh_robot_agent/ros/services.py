@@ -88,10 +88,10 @@ class _QueryHandler:
         try:
             value = await self._request_value(request)
         except TooManyRequestsError as error:  # the link warns of it, once for all services
-            _LOG.debug("%s: %s", self._fallback, error)
+            _LOG.debug("%s: %s", self._fallback_text, error)
             value = await self._last_value()
         except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
-            self._log.warn(type(error).__name__, f"{self._fallback}: {error}")
+            self._log.warn(type(error).__name__, f"{self._fallback_text}: {error}")
             value = await self._last_value()
         else:
             self._log.clear()
@@ -113,7 +113,7 @@ class _QueryHandler:
         return _Value(value, answer.raw.is_large)
 
     @property
-    def _fallback(self) -> str:
+    def _fallback_text(self) -> str:
         """Log text that says what the service responds without a usable answer of the chassis."""
         name = self._endpoint.name
         if self._robot.last_known.get(self._endpoint.request) is None:

@@ -251,7 +251,7 @@ class Attribution:
             self._predecessors -= 1
         if phase.accepted and outcome is Outcome.CANCELED and cancel_requested:
             return True
-        if phase.accepted and phase.answered:
+        if phase is Phase.RUNNING:
             return outcome not in inherited
         # before the answer, take it for the end of an earlier goal, if there may be one; if it is
         # this goal's end, a poll finds it later

@@ -97,7 +97,7 @@ class Spin(_Behavior):
         if not goal.request.target_yaw:
             return  # the chassis takes 5 s to turn by nothing
         travelled = _Travelled(self.context.pose)
-        speed = min(_TURN_SPEED, self.context.part.settings().velocity_limits.max_angular)
+        speed = min(_TURN_SPEED, self.context.standard.settings().velocity_limits.max_angular)
         await self.step(
             goal,
             lambda: goal.feedback(angular_distance_traveled=travelled.turned()),
@@ -134,7 +134,7 @@ class DriveOnHeading(_Behavior):
                 "INVALID_INPUT",
             )
         travelled = _Travelled(self.context.pose)
-        limits = self.context.part.settings().velocity_limits
+        limits = self.context.standard.settings().velocity_limits
         speed = min(abs(goal.request.speed), limits.max_linear)
         await self.step(
             goal,
@@ -179,12 +179,12 @@ class AssistedTeleop(Nav2Action):
 
     def __init__(self, context: Nav2Context, result_timeout: float) -> None:
         super().__init__(context, result_timeout)
-        part, robot = context.part, context.part.robot
+        standard, robot = context.standard, context.standard.robot
         self._driver = VelocityDriver(
             robot.gate,
             robot.chassis,
             "cmd_vel_teleop",
-            lambda: part.settings().velocity_limits,
+            lambda: standard.settings().velocity_limits,
             log_refusals=False,  # `RefusalLog` logs the refusals of all commands
         )
         self._clock = SenderClock()
@@ -194,15 +194,15 @@ class AssistedTeleop(Nav2Action):
         self._preempted: asyncio.Future[None]
         """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
         robot.gate.on_stop(self._stopped)
-        stamped = part.settings().cmd_vel_stamped
-        part.subscribe(
+        stamped = standard.settings().cmd_vel_stamped
+        standard.subscribe(
             "cmd_vel_teleop",
             self._drive,
             "geometry_msgs/TwistStamped" if stamped else "",
             with_info=True,
             urgent=True,
         )
-        part.subscribe("preempt_teleop", self._preempt)
+        standard.subscribe("preempt_teleop", self._preempt)
 
     async def run(self) -> None:
         """Send the velocities, until cancelled."""
@@ -227,10 +227,10 @@ class AssistedTeleop(Nav2Action):
 
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
-        part, gate = self.context.part, self.context.part.robot.gate
-        if part.robot.chassis.state is not LinkState.READY:
+        standard, gate = self.context.standard, self.context.standard.robot.gate
+        if standard.robot.chassis.state is not LinkState.READY:
             return "there is no link to the robot"
-        if gate.owner and not part.settings().velocity_limits.override:
+        if gate.owner and not standard.settings().velocity_limits.override:
             return f"{gate.owner} drives the robot"
         preventing = (EMERGENCY_STOP, *CONTROL_MODES)
         return "; ".join(
@@ -247,7 +247,7 @@ class AssistedTeleop(Nav2Action):
         twist = message
         if hasattr(message, "header"):  # a TwistStamped, by the parameter cmd_vel_stamped
             twist = message.twist
-            if objection := stamp_objection(self.context.part, message.header.stamp):
+            if objection := stamp_objection(self.context.standard, message.header.stamp):
                 self._driver.log_refusal("age", objection)
                 return
         published = self._clock.of_message(info, taken)

@@ -396,8 +396,8 @@ class Slot:
 class Nav2Context:
     """The objects that Nav2's actions share."""
 
-    part: PartContext
-    """The node, the link thread, the settings and the names of the frames."""
+    standard: PartContext
+    """The context of the standard layer: the node, the link thread, settings and frames."""
     actions: Actions
     """Runs the goals of the chassis."""
     frames: Frames
@@ -412,7 +412,7 @@ class Nav2Context:
     @property
     def objections_except_busy(self) -> list[Objection]:
         """The reasons for which the robot rejects tasks now, except for its present task."""
-        info = self.part.robot.last_known.value(RobotInfo)
+        info = self.standard.robot.last_known.value(RobotInfo)
         return [] if info is None else objections_except_busy(info)
 
 
@@ -443,7 +443,7 @@ class Nav2Action(ABC):
         """The goals that have not ended, by the asyncio task that runs the goal."""
         self._logged_fields: set[str] = set()
         """Fields of which `log_unused` has logged that they have no effect."""
-        robot = context.part.robot
+        robot = context.standard.robot
         self.server = GoalServer(
             robot.node,
             robot.thread,

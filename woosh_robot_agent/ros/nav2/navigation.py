@@ -82,7 +82,7 @@ class Progress:
 
     def __init__(self, context: Nav2Context, stops: Sequence[PoseStamped]) -> None:
         self._robot_pose = context.pose
-        self._last_known = context.part.robot.last_known
+        self._last_known = context.standard.robot.last_known
         self._stops = [from_pose(each.pose) for each in stops]
         """The poses that are still to be passed, the goal last."""
         self._goal = self._stops[-1]
@@ -145,6 +145,7 @@ class Progress:
         if len(self._points) < 2:
             return None
         along, offset = self._projected(self._segment, here)
+        # go on to the next segment unless it is farther from the robot
         while self._segment < len(self._points) - 2:
             next_along, next_offset = self._projected(self._segment + 1, here)
             if next_offset > offset:

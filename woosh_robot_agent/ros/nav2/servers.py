@@ -101,7 +101,7 @@ class MapServer:
 
     async def _load(self, request: Any, response: Any) -> None:
         file = PurePosixPath(request.map_url)
-        name = file.stem if file.suffix in _SUFFIXES else file.name
+        name = file.stem if file.suffix in _SUFFIXES else file.name  # a name may have a dot
         response.result = response.RESULT_UNDEFINED_FAILURE
         try:
             response.result = await self._switch(name, response)

@@ -181,7 +181,7 @@ class Prediction:
         self._is_new = False
         interval, now, before = self._interval, self._velocity, self._before
         if not _MIN_REPORT_INTERVAL <= interval <= _MAX_INTERVAL:
-            interval, before = 1.0, now  # the acceleration is not known
+            interval, before = 1.0, now  # makes the acceleration 0: it is not known
         self._acceleration = Velocity(
             (now.forward - before.forward) / interval,
             (now.left - before.left) / interval,
