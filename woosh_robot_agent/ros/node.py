@@ -318,7 +318,7 @@ class Agent:
             # no task: it would begin only after commands that come right after this change
             self.robot.thread.call(self._set_observe_only, settings.observe_only)
         if settings.link != before.link:
-            self.robot.thread.spawn(partial(self._reconfigure, self._link_config()))
+            self.robot.thread.spawn(self._reconfigure)
 
     def _link_config(self) -> LinkConfig:
         return replace(self.settings.link, **self._link_fields)
@@ -334,13 +334,14 @@ class Agent:
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
         self.robot.thread.spawn(partial(self.robot.gate.stop_driving, reason, _ZERO_TIMEOUT))
 
-    async def _reconfigure(self, config: LinkConfig) -> None:
-        self.robot.requests.robot_id = config.robot_id
-        if not config.keeps_connection(self.robot.chassis.config):
+    async def _reconfigure(self) -> None:
+        self.robot.requests.robot_id = self.settings.link.robot_id
+        if not self._link_config().keeps_connection(self.robot.chassis.config):
             await self.robot.gate.stop_driving(
                 "the settings of the link have changed", _ZERO_TIMEOUT
             )
-        await self.robot.chassis.reconfigure(config)
+        # read again: the settings may have changed once more meanwhile
+        await self.robot.chassis.reconfigure(self._link_config())
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:

@@ -177,8 +177,8 @@ class AssistedTeleop(Nav2Action):
 
     name = "assisted_teleop"
 
-    def __init__(self, context: Nav2Context, result_timeout: float) -> None:
-        super().__init__(context, result_timeout)
+    def __init__(self, context: Nav2Context) -> None:
+        super().__init__(context)
         standard, robot = context.standard, context.standard.robot
         self._driver = VelocityDriver(
             robot.gate,

@@ -408,6 +408,8 @@ class Nav2Context:
     """Lets one goal at a time move the robot."""
     cancels: CancelLog
     """Tells what has cancelled a goal, besides its client."""
+    result_timeout: float
+    """Time for which the results of goals are kept, in seconds."""
 
     @property
     def objections_except_busy(self) -> list[Objection]:
@@ -418,9 +420,6 @@ class Nav2Context:
 
 class Nav2Action(ABC):
     """One of Nav2's actions. Its goals run in the link thread.
-
-    Args:
-        result_timeout: time for which results are kept, in seconds.
 
     Attributes:
         context: the objects that Nav2's actions share.
@@ -435,7 +434,7 @@ class Nav2Action(ABC):
     drives = True
     """False if its goals do not move the robot."""
 
-    def __init__(self, context: Nav2Context, result_timeout: float) -> None:
+    def __init__(self, context: Nav2Context) -> None:
         self.context = context
         self.action_type = class_of(BY_NAME[self.name].type, "action")
         self._slot = context.driving if self.drives else Slot()
@@ -450,7 +449,7 @@ class Nav2Action(ABC):
             self.action_type,
             self.name,
             self._start,
-            result_timeout,
+            context.result_timeout,
             self.check,
             rejects=not hasattr(self.action_type.Result, "error_msg"),
             services=RARE_QOS,

@@ -63,10 +63,9 @@ class Nav2Layer:
         pose = RobotPose(standard)
         frames = Frames(standard, lambda: pose.pose, map_to_odom)
         self._context = Nav2Context(
-            standard, actions, frames, pose, Slot(), CancelLog(standard.robot.gate)
+            standard, actions, frames, pose, Slot(), CancelLog(standard.robot.gate), result_timeout
         )
-        self._result_timeout = result_timeout
-        self._teleop = AssistedTeleop(self._context, result_timeout)
+        self._teleop = AssistedTeleop(self._context)
         self._actions: list[Nav2Action] = [self._teleop]
         SpeedLimit(standard, self._context.driving)
 
@@ -75,7 +74,7 @@ class Nav2Layer:
         standard = self._context.standard
         for action in _ACTIONS:
             if hasattr(nav2_actions, BY_NAME[action.name].type.partition("/")[2]):
-                self._actions.append(action(self._context, self._result_timeout))
+                self._actions.append(action(self._context))
         Lifecycle(standard)
         MapServer(standard)
         Costmaps(standard)
