@@ -109,7 +109,8 @@ class DockRobot(_Docking):
                     goal.clear_timeout()
 
         def tick() -> None:
-            if is_paused and (reasons := self.context.objections_except_busy):
+            reasons = self.context.objections_except_busy
+            if is_paused and reasons and not goal.is_ending:
                 # the task could stay paused for ever, or the robot could later drive on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback

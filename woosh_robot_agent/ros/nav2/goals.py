@@ -190,13 +190,18 @@ class Nav2Goal:
         """True while the chassis executes a command for the goal, as far as is known."""
         return self._chassis_goal is not None
 
+    @property
+    def is_ending(self) -> bool:
+        """True once something other than the chassis ends the goal."""
+        return self._reason.done()
+
     def feedback(self, **fields: Any) -> None:
         """Publish feedback with these fields."""
         self._goal.feedback(self._feedback_class(**fields))
 
     def stop(self, reason: GoalEnd) -> None:
         """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
-        if not self._reason.done():
+        if not self.is_ending:
             self._reason.set_result(reason)
         if self._chassis_goal is not None:
             self._chassis_goal.cancel()
@@ -216,7 +221,7 @@ class Nav2Goal:
     def replace(self, older: Nav2Goal) -> None:
         """Replace a navigation without a stop, once the chassis has accepted this goal."""
         self._older = older
-        if not older._reason.done():  # unlike `stop`, this lets the robot drive on for now
+        if not older.is_ending:  # unlike `stop`, this lets the robot drive on for now
             older._reason.set_result(GoalEnd(_REPLACED))
 
     def raise_if_ending(self) -> None:
@@ -225,7 +230,7 @@ class Nav2Goal:
         Raises:
             GoalEnd: the goal is ending.
         """
-        if self._reason.done():
+        if self.is_ending:
             raise self._reason.result()
 
     async def run_command(
@@ -276,7 +281,7 @@ class Nav2Goal:
         end = chassis_goal.ended.result()
         if end.outcome is Outcome.SUCCEEDED:
             return end.cause
-        if not self._reason.done():
+        if not self.is_ending:
             raise await self._failure(end, sent)
         reason = self._reason.result()
         if end.outcome is Outcome.CANCELED:
