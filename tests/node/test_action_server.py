@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Time
 from unique_identifier_msgs.msg import UUID
 
-from tests.harness import Client, Robot, wait_future
+from tests.harness import Client, Robot, RunningAgent, wait_future
 from tests.node.goals import ABORTED, CANCELED, SUCCEEDED, hurry, step, step_goal, stop_time
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_ros_msgs.action import StepControl
 
 NAME = "ros/StepControl"
@@ -62,6 +65,17 @@ def test_cancel_up_to_a_time_means_goals_accepted_until_then(robot: Robot) -> No
     assert result(robot, 1) in (CANCELED, ABORTED)
     assert cancel(robot, 2, former.stamp) == (CancelGoal.Response.ERROR_NONE, [2])
     assert result(robot, 2) == CANCELED
+
+
+def test_cancel_of_an_id_means_no_other_goal_although_simulated_time_is_0(
+    connect: Callable[..., RunningAgent], simulator: SimulatorThread, client: Client
+) -> None:
+    connect(use_sim_time=True)  # without a clock, so all goals are accepted at the time 0
+    stop_time(simulator)
+    assert send(client, 1).stamp == Time()
+    assert cancel(client, 2) == (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, [])
+    assert cancel(client, 1) == (CancelGoal.Response.ERROR_NONE, [1])
+    assert result(client, 1) == CANCELED
 
 
 def test_cancel_says_if_a_goal_is_unknown_or_has_ended(robot: Robot) -> None:

@@ -16,7 +16,7 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import Parameter
 
-from tests.harness import Client, Robot, RunningAgent, wait_until
+from tests.harness import Client, Logs, Robot, RunningAgent, wait_until
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.parameters import PARAMETERS, check_names
 from woosh_robot_agent.simulator import SimulatorThread
@@ -187,3 +187,16 @@ def test_several_changes_at_once_are_checked_one_by_one(robot: Robot) -> None:
     assert robot.agent.agent.settings.link.request_timeout == 2.0
     assert robot.agent.agent.settings.link.robot_id == 7
     assert robot.agent.agent.settings.link.encoding == "json"
+
+
+def test_a_change_that_is_taken_back_while_the_robot_is_stopped_has_no_effect(
+    robot: Robot, logs: Logs
+) -> None:
+    """The link changes only after the robot was stopped, or has not answered the stop."""
+    assert robot.command("robot/Twist", linear=0.3).ok
+    robot.chassis.mute("woosh.robot.Twist")
+    changes = messages({"port": 1}) + messages({"port": robot.chassis.port})
+    robot.call(SetParameters, "agent/set_parameters", parameters=changes)
+    logs.wait_text("the robot was not stopped")
+    assert robot.agent.agent.debug()["state"] == "ready"
+    assert robot.link.config.port == robot.chassis.port

@@ -127,7 +127,7 @@ class Watched:
             if self.kind is Kind.WAITABLE:
                 return rclpy_private.take_data(entity, executor)
             callback: Callable[[], Any] | None = entity.callback
-            return callback
+            return callback  # of a guard condition, which has nothing to take
         except InvalidHandle:  # destroyed
             return None
 

@@ -52,7 +52,8 @@ _MAX_TURN = 0.005
 _HAND_OVER = 0.0001
 """Time for which other threads run after an urgent callback, in seconds. One of them needs about
 half of it to wake up."""
-_NANOSECONDS = 1_000_000_000
+_SECOND = 1_000_000_000
+"""A second, in nanoseconds."""
 _FOREVER = -1
 """Timeout of a wait without a limit."""
 
@@ -217,10 +218,12 @@ class Executor:
         deadline = _deadline(timeout)
         waited = False
         with self._spinning:
-            while not (self._is_shutdown or is_done() or self._run_next()):
+            while not self._is_shutdown and not is_done():
+                if self._run_next():
+                    return
                 left = _FOREVER
                 if deadline is not None:
-                    left = int(max(deadline - time.monotonic(), 0.0) * _NANOSECONDS)
+                    left = int(max(deadline - time.monotonic(), 0.0) * _SECOND)
                     if waited and not left:  # also look once if the timeout is 0
                         return
                 self._begin_turn(left)
@@ -237,9 +240,9 @@ class Executor:
         if self._idle.reported:
             ready += self._use_reported()
         ready.sort(key=Watched.rank)
-        urgent = sum(each.is_urgent for each in ready)
+        urgent_count = sum(each.is_urgent for each in ready)
         tasks = [self._tasks.popleft() for _ in range(len(self._tasks))]
-        self._queue.extend((*ready[:urgent], *tasks, *ready[urgent:]))
+        self._queue.extend((*ready[:urgent_count], *tasks, *ready[urgent_count:]))
 
     def _check_context(self) -> None:
         if not self._context.ok():
@@ -303,7 +306,8 @@ class Executor:
         in_use.sort(key=lambda each: (each.is_urgent, each.last_turn), reverse=True)
         for place, each in enumerate(in_use):
             was_ready = each.last_turn > 0
-            each.is_idle = place >= _MAX_IN_USE // 2 or not (each.is_urgent or was_ready)
+            stays_in_use = place < _MAX_IN_USE // 2 and (each.is_urgent or was_ready)
+            each.is_idle = not stays_in_use
         return True
 
     def _watch_idle(self) -> None:

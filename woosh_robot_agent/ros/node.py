@@ -33,7 +33,7 @@ from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.logs import context_of, log_as, log_to_ros, set_closing
 from woosh_robot_agent.ros.rclpy_private import parameter_overrides
 from woosh_robot_agent.ros.releases import on_parameters_set
-from woosh_robot_agent.ros.second_agent import SecondAgent
+from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.services import create_services
 from woosh_robot_agent.ros.standard.layer import StandardLayer
 from woosh_robot_agent.ros.standard.part import PartContext
@@ -152,7 +152,7 @@ class Agent:
         link_thread = LinkThread(loop_thread, context_of(self.node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
-        # the first consumer of pushes: one that it cannot read reaches no other consumer
+        # created first: a push that the first consumer cannot read reaches no other consumer
         self._topics = Topics(self.node, link_thread, chassis)
         # functions, because `self.actions` is created only below
         gate = MotionGate(chassis, lambda: self.actions.running_goals)
@@ -170,8 +170,10 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
-        self._second_agent = SecondAgent(self.node)
-        context = PartContext(self.robot, watch, self._second_agent, lambda: self.settings.standard)
+        self._second_agent_detector = SecondAgentDetector(self.node)
+        context = PartContext(
+            self.robot, watch, self._second_agent_detector, lambda: self.settings.standard
+        )
         self._standard = StandardLayer(context)
         self._nav2 = self._create_nav2(context) if self.settings.nav2 else None
         self._lock = threading.Lock()
@@ -183,7 +185,7 @@ class Agent:
             chassis.permit_only(only_reads, self._observe_only_reason)
         link_thread.call(chassis.start)
         self._standard.start()
-        link_thread.spawn(self._second_agent.run)
+        link_thread.spawn(self._second_agent_detector.run)
         if self._nav2 is not None:
             self._nav2.start()
 
@@ -316,7 +318,7 @@ class Agent:
             # no task: it would begin only after commands that come right after this change
             self.robot.thread.call(self._set_observe_only, settings.observe_only)
         if settings.link != before.link:
-            self.robot.thread.spawn(partial(self._reconfigure, self._link_config()))
+            self.robot.thread.spawn(self._reconfigure)
 
     def _link_config(self) -> LinkConfig:
         return replace(self.settings.link, **self._link_fields)
@@ -332,13 +334,14 @@ class Agent:
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
         self.robot.thread.spawn(partial(self.robot.gate.stop_driving, reason, _ZERO_TIMEOUT))
 
-    async def _reconfigure(self, config: LinkConfig) -> None:
-        self.robot.requests.robot_id = config.robot_id
-        if not config.keeps_connection(self.robot.chassis.config):
+    async def _reconfigure(self) -> None:
+        self.robot.requests.robot_id = self.settings.link.robot_id
+        if not self._link_config().keeps_connection(self.robot.chassis.config):
             await self.robot.gate.stop_driving(
                 "the settings of the link have changed", _ZERO_TIMEOUT
             )
-        await self.robot.chassis.reconfigure(config)
+        # read again: the settings may have changed once more meanwhile
+        await self.robot.chassis.reconfigure(self._link_config())
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:

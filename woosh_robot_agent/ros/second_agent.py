@@ -30,8 +30,8 @@ The middleware notices it after 20 s.
 """
 
 
-class SecondAgent:
-    """Looks for other nodes that offer the same topics and services as this agent.
+class SecondAgentDetector:
+    """Detects other nodes that offer the same topics and services as this agent.
 
     Attributes:
         warning: description of the other agent, and what to do; empty if there is none.

@@ -88,10 +88,10 @@ class _QueryHandler:
         try:
             value = await self._request_value(request)
         except TooManyRequestsError as error:  # the link warns of it, once for all services
-            _LOG.debug("%s: %s", self._fallback, error)
+            _LOG.debug("%s: %s", self._fallback_text, error)
             value = await self._last_value()
         except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
-            self._log.warn(type(error).__name__, f"{self._fallback}: {error}")
+            self._log.warn(type(error).__name__, f"{self._fallback_text}: {error}")
             value = await self._last_value()
         else:
             self._log.clear()
@@ -113,7 +113,7 @@ class _QueryHandler:
         return _Value(value, answer.raw.is_large)
 
     @property
-    def _fallback(self) -> str:
+    def _fallback_text(self) -> str:
         """Log text that says what the service responds without a usable answer of the chassis."""
         name = self._endpoint.name
         if self._robot.last_known.get(self._endpoint.request) is None:
@@ -263,7 +263,7 @@ class _CommandHandler:
 
 
 async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:
-    """Send a response; a large one is sent by `aside`, so that it does not hold up the link."""
+    """Send a response; a large one in the thread for large messages, so the link goes on."""
     if is_large:
         await aside(reply.send, response)
     else:
@@ -271,7 +271,7 @@ async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:
 
 
 async def _read(convert: Converter, body: Body) -> Any:
-    """Return a body as a ROS message; a large one is converted by `aside`.
+    """Return a body as a ROS message; convert a large one in the thread for large messages.
 
     Raises:
         FrameError: the body cannot be read.

@@ -114,7 +114,6 @@ STANDARD = (
         Kind.INPUT,
         "cmd_vel",
         "velocity command; repeat it to keep driving",
-        1,
     ),
     StandardEndpoint(
         "initialpose",

@@ -46,6 +46,7 @@ class Topics:
         _AgentInfo(node, chassis)
 
     def _serialized_parts(self, info: RobotInfo) -> list[tuple[Any, bytes]]:
+        """Return the publisher and the first message of each topic whose value `info` has."""
         messages = []
         for part in parts_of(info):
             # StatusCodes has no topic: old codes would look like new ones on robot/StatusCode

@@ -16,6 +16,7 @@ from tests.node.nav2.goals import (
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
+from woosh_robot_agent.pb.util.task_pb2 import kPaused
 from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -100,6 +101,21 @@ def test_docking_ends_when_something_stops_the_robot(
     assert not goal.wait_aborted(prevention).success
     permit(simulator)
     wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active), "the task ends")
+
+
+def test_docking_that_something_stops_is_cancelled_once(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    """A cancel names no task, so a further one could end another task."""
+    slow_down(simulator)
+    goal = Nav2Client(client, "dock_robot")
+    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
+    # the end of the task is not reported
+    simulator.intercept(lambda out: [out] if getattr(out.body, "state", kPaused) == kPaused else [])
+    simulator.set_emergency_stop(True)
+    simulator.wait_received("woosh.robot.ActionOrder")
+    goal.feedback.wait_count(len(goal.feedback.messages) + 5)
+    assert simulator.counts["woosh.robot.ActionOrder"] == 1
 
 
 def test_a_robot_that_charges_is_docked(client: Client, simulator: SimulatorThread) -> None:

@@ -127,6 +127,23 @@ def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot: ScriptedRobot
     assert (status, ret.robot_task_id) == (CANCELED, SET * 100 + 2)
 
 
+@pytest.mark.parametrize("is_end_seen", [True, False])
+def test_a_cancel_is_repeated_for_a_next_task_that_only_a_poll_shows(
+    robot: ScriptedRobot, is_end_seen: bool
+) -> None:
+    orders = robot.chassis.count(ACTION_ORDER)
+    goal = started(robot)
+    goal.cancel()
+    robot.chassis.wait_request(ACTION_ORDER, orders + 1)
+    if is_end_seen:
+        robot.chassis.push(TASK_PROC, proc(1, TASK_CANCELED))
+    robot.chassis.keep(TASK_PROC, proc(2, EXECUTING))
+    robot.chassis.wait_request(ACTION_ORDER, orders + 2)
+    end_task(robot.chassis, 2, TASK_CANCELED)
+    status, ret = goal.result()
+    assert (status, ret.robot_task_id) == (CANCELED, SET * 100 + 2)
+
+
 @pytest.mark.parametrize(("last", "status"), [(COMPLETED, SUCCEEDED), (FAILED, ABORTED)])
 @pytest.mark.parametrize("seen", [EXECUTING, COMPLETED])
 def test_an_end_during_a_lost_link_is_found(

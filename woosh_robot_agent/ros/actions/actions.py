@@ -108,7 +108,7 @@ class _Action:
     """The objects from which the goals of one action are made."""
 
     make_kind: Callable[..., GoalKind]
-    """Makes the kind of a goal from its command."""
+    """Makes the `GoalKind` of a goal; called with its command and the context."""
     context: GoalContext
 
 
@@ -140,7 +140,7 @@ class Actions:
         self._is_link_ready = False
         self._is_stopping = False
         self._last_feedback: dict[str, Feedback] = {}
-        """The last feedback on each call action, by its protobuf full name."""
+        """The last feedback on each action of CallAction, by the full name of its command."""
         self.servers: list[GoalServer] = []
         self.timing = GoalTiming()
         self._actions: dict[str, _Action] = {}
@@ -233,7 +233,7 @@ class Actions:
 
     @property
     def open_goals(self) -> int:
-        """Number of goals that have not ended."""
+        """Number of goals of the action servers that have not ended."""
         return sum(server.open_goals for server in self.servers)
 
     @property

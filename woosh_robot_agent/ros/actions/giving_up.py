@@ -174,7 +174,11 @@ class GiveUp:
         )
 
     def part_begun(self) -> None:
-        """End the timeout of a cancel: the chassis has begun a part that needs another cancel."""
+        """End the timeout of a cancel.
+
+        The chassis has begun the next part of the goal, such as the next task of a set, which needs
+        another cancel.
+        """
         self._cancel_deadline = inf
 
     # Results of polls

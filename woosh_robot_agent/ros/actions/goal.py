@@ -251,7 +251,7 @@ class Attribution:
             self._predecessors -= 1
         if phase.accepted and outcome is Outcome.CANCELED and cancel_requested:
             return True
-        if phase.accepted and phase.answered:
+        if phase is Phase.RUNNING:
             return outcome not in inherited
         # before the answer, take it for the end of an earlier goal, if there may be one; if it is
         # this goal's end, a poll finds it later
@@ -301,7 +301,10 @@ class Order:
 
 
 class GoalKind(Protocol):
-    """A goal's messages: tasks, sets of tasks and CallAction differ in them. One for each goal."""
+    """The messages of one goal: its requests, and how the chassis reports on it.
+
+    Tasks, sets of tasks and CallAction differ in them.
+    """
 
     @property
     def name(self) -> str:

@@ -397,7 +397,7 @@ class GoalRun:
         for report in polled.result.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:
-                    # a task set: the push about its last task told only of that task
+                    # of a task set: the push said only that its last task had ended
                     return End(report.outcome, report.message, Cause.REPORT)
                 self._note_report()
             elif self._attribution.admit_polled(report.message, report.outcome, self.phase):
@@ -427,9 +427,10 @@ class GoalRun:
     # Tasks
 
     async def _send_start(self, message: Message) -> None:
-        try:  # `tap` gets the answer in order with the reports
+        try:
             await self._context.gate.request(
                 message,
+                # gets the answer in order with the reports
                 tap=lambda answer: self.post(StartAnswered(answer)),
                 sender=self._sender,
             )

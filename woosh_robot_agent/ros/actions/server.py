@@ -77,7 +77,7 @@ class Goal:
         if self.status == GoalStatus.STATUS_CANCELING:
             callback()
 
-    def cancel_requested(self) -> None:
+    def note_cancel_request(self) -> None:
         """Note that a client asks to cancel the goal."""
         self.status = GoalStatus.STATUS_CANCELING
         if self._on_cancel is not None:
@@ -168,7 +168,11 @@ class GoalServer:
         """Goals that are active or whose results are kept, by the bytes of their ids."""
         self._clock = SenderClock()
         parts = action_type.Impl
-        self._services = [
+        for srv_type, verb, serve in (
+            (parts.SendGoalService, "send_goal", self._goal_sent),
+            (CancelGoal, "cancel_goal", self._cancel_requested),
+            (parts.GetResultService, "get_result", self._result_requested),
+        ):
             DeferredService(
                 node,
                 srv_type,
@@ -176,12 +180,6 @@ class GoalServer:
                 partial(_hand_over, thread, serve),
                 qos=services,
             )
-            for srv_type, verb, serve in (
-                (parts.SendGoalService, "send_goal", self._goal_sent),
-                (CancelGoal, "cancel_goal", self._cancel_requested),
-                (parts.GetResultService, "get_result", self._result_requested),
-            )
-        ]
         self._feedback = create_publisher(
             node, parts.FeedbackMessage, f"{name}/_action/feedback", feedback
         )
@@ -235,7 +233,7 @@ class GoalServer:
         response = CancelGoal.Response()
         for goal in self._selected(request.goal_info):
             if goal.is_active:
-                goal.cancel_requested()
+                goal.note_cancel_request()
                 response.goals_canceling.append(goal.info)
         if not response.goals_canceling and any(request.goal_info.goal_id.uuid):
             is_known = _key(request.goal_info) in self._goals
@@ -248,7 +246,7 @@ class GoalServer:
         self._publish_status()
 
     def _selected(self, info: GoalInfo) -> list[Goal]:
-        """Return the goals that a cancel request selects, by action_msgs/srv/CancelGoal."""
+        """Return the goals that a cancel selects by the rules of action_msgs/srv/CancelGoal."""
         goal_id = _key(info)
         accepted_until = _nanoseconds(info)
         if not any(goal_id) and not accepted_until:
@@ -256,7 +254,8 @@ class GoalServer:
         return [
             goal
             for key, goal in self._goals.items()
-            if key == goal_id or _nanoseconds(goal.info) <= accepted_until
+            # 0 means no time, though it is also the stamp of a goal before simulated time starts
+            if key == goal_id or (accepted_until and _nanoseconds(goal.info) <= accepted_until)
         ]
 
     async def _result_requested(self, request: Any, reply: Reply, _taken: float) -> None:

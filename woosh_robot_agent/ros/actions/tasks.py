@@ -34,15 +34,16 @@ from woosh_robot_agent.ros.actions.run import GoalContext
 async def poll_tasks(
     context: GoalContext,
     on_result: Callable[[PollResult], None],
-    read_current: Callable[[TaskProc], PollResult | None],
+    is_of_goal: Callable[[TaskProc], bool],
+    read_current: Callable[[TaskProc], PollResult],
     read_history: Callable[[Iterable[TaskProc], TaskProc], PollResult],
 ) -> None:
     """Request the current task, and also the ended tasks if the current one is not of the goal.
 
     Args:
         on_result: called once with the result, in order with the pushes.
-        read_current: reads the report on the current task; returns None if the task is not of the
-            goal. It may be called twice.
+        is_of_goal: returns True if the current task is of the goal. It may be called twice.
+        read_current: reads the report on the current task, which is of the goal.
         read_history: called with the last reports on ended tasks and the report on the current
             task.
 
@@ -54,13 +55,13 @@ async def poll_tasks(
         current = answer.body
         if not answer.ok or not isinstance(current, TaskProc):
             on_result(PollResult())
-        elif (result := read_current(current)) is not None:
-            on_result(result)
+        elif is_of_goal(current):
+            on_result(read_current(current))
 
     answer = await context.chassis.request(context.empty(TaskProc), tap=current_received)
     task = answer.body
-    # `current_received` may still be queued behind pushes, so the answer is read here, too
-    if not answer.ok or not isinstance(task, TaskProc) or read_current(task) is not None:
+    # `current_received` may still be queued behind pushes, so this is also decided here
+    if not answer.ok or not isinstance(task, TaskProc) or is_of_goal(task):
         return
 
     # `current` is a parameter for mypy, which knows that `task` is a TaskProc only out here
@@ -120,9 +121,10 @@ class TaskSetGoal:
             return []
         before, self._last = self._last, message
         self._polls_outside = 0
+        is_other_task = before.robot_task_id not in (0, message.robot_task_id)  # 0: no task before
+        is_next_task = before.state in OUTCOMES or is_other_task
         # whether the end of a task is the end of the set is known only after a poll
-        is_next_task = before.state in OUTCOMES and self._is_executing(message)
-        return [Report(message, None, begins_part=is_next_task)]
+        return [Report(message, None, begins_part=is_next_task and self._is_executing(message))]
 
     def is_displaced(self, message: Message) -> bool:
         if isinstance(message, RobotState):
@@ -130,17 +132,22 @@ class TaskSetGoal:
         return isinstance(message, TaskProc) and not self._is_executing(message)
 
     async def poll(self, on_result: Callable[[PollResult], None]) -> None:
-        await poll_tasks(self._context, on_result, self._read_current, self._read_history)
+        await poll_tasks(
+            self._context, on_result, self._is_in_set, self._read_current, self._read_history
+        )
 
-    def _read_current(self, current: TaskProc) -> PollResult | None:
-        """Return the report on the current task; None if the robot executes nothing of the set."""
+    def _is_in_set(self, current: TaskProc) -> bool:
+        """Return True if the robot executes a task of the set, or may be between two of them."""
+        if self._is_executing(current):
+            return True
+        state = self._last_known.value(RobotState)
+        return not is_unfinished(current) and state is not None and state.state in _WITH_TASK
+
+    def _read_current(self, current: TaskProc) -> PollResult:
+        """Return the report on the current task, or the last report between two tasks."""
         if self._is_executing(current):
             return PollResult(tuple(self.read(current)))
-        state = self._last_known.value(RobotState)
-        if not is_unfinished(current) and state is not None and state.state in _WITH_TASK:
-            # between two tasks of the set
-            return PollResult([Report(self._last, None)] if self.attribution.has_report else ())
-        return None
+        return PollResult([Report(self._last, None)] if self.attribution.has_report else ())
 
     def _read_history(self, ended: Iterable[TaskProc], _current: TaskProc) -> PollResult:
         """Return the end of the set, if the chassis has left it for good."""
@@ -253,16 +260,20 @@ class TaskGoal:
         return isinstance(message, TaskProc) and message.robot_task_id != self._id
 
     async def poll(self, on_result: Callable[[PollResult], None]) -> None:
-        await poll_tasks(self._context, on_result, self._read_current, self._read_history)
+        await poll_tasks(
+            self._context, on_result, self._is_own, self._read_current, self._read_history
+        )
 
-    def _read_current(self, current: TaskProc) -> PollResult | None:
-        """Return the report on the current task; None if that is another task.
+    def _is_own(self, current: TaskProc) -> bool:
+        """Return True if the current task is this task.
 
         A report that has not changed since before this goal is on an earlier task of the same id.
         """
-        if current.robot_task_id == self._id and current != self._previous:
-            return PollResult([_report(current)])
-        return None
+        return current.robot_task_id == self._id and current != self._previous
+
+    @staticmethod
+    def _read_current(current: TaskProc) -> PollResult:
+        return PollResult([_report(current)])
 
     def _read_history(self, ended: Iterable[TaskProc], current: TaskProc) -> PollResult:
         """Return the end of this task in the history of the chassis."""

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
-from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.robot.readiness import CONTROL_MODES, EMERGENCY_STOP
-from woosh_robot_agent.ros.entities import UrgentCallbackGroup
 from woosh_robot_agent.ros.nav2.goals import (
     GoalEnd,
     Nav2Action,
@@ -24,9 +21,7 @@ from woosh_robot_agent.ros.nav2.goals import (
     to_seconds,
 )
 from woosh_robot_agent.ros.nav2.pose import RobotPose
-from woosh_robot_agent.ros.qos import reliable
 from woosh_robot_agent.ros.standard.cmd_vel import stamp_objection
-from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 
 _TURN_SPEED = 0.8
 """Speed of a turn, in rad/s, unless `cmd_vel_max_angular` is less."""
@@ -102,7 +97,7 @@ class Spin(_Behavior):
         if not goal.request.target_yaw:
             return  # the chassis takes 5 s to turn by nothing
         travelled = _Travelled(self.context.pose)
-        speed = min(_TURN_SPEED, self.context.part.settings().velocity_limits.max_angular)
+        speed = min(_TURN_SPEED, self.context.standard.settings().velocity_limits.max_angular)
         await self.step(
             goal,
             lambda: goal.feedback(angular_distance_traveled=travelled.turned()),
@@ -139,7 +134,7 @@ class DriveOnHeading(_Behavior):
                 "INVALID_INPUT",
             )
         travelled = _Travelled(self.context.pose)
-        limits = self.context.part.settings().velocity_limits
+        limits = self.context.standard.settings().velocity_limits
         speed = min(abs(goal.request.speed), limits.max_linear)
         await self.step(
             goal,
@@ -182,14 +177,14 @@ class AssistedTeleop(Nav2Action):
 
     name = "assisted_teleop"
 
-    def __init__(self, context: Nav2Context, result_timeout: float) -> None:
-        super().__init__(context, result_timeout)
-        part, robot = context.part, context.part.robot
+    def __init__(self, context: Nav2Context) -> None:
+        super().__init__(context)
+        standard, robot = context.standard, context.standard.robot
         self._driver = VelocityDriver(
             robot.gate,
             robot.chassis,
             "cmd_vel_teleop",
-            lambda: part.settings().velocity_limits,
+            lambda: standard.settings().velocity_limits,
             log_refusals=False,  # `RefusalLog` logs the refusals of all commands
         )
         self._clock = SenderClock()
@@ -199,21 +194,15 @@ class AssistedTeleop(Nav2Action):
         self._preempted: asyncio.Future[None]
         """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
         robot.gate.on_stop(self._stopped)
-        stamped = part.settings().cmd_vel_stamped
-        type_name = "geometry_msgs/TwistStamped" if stamped else BY_NAME["cmd_vel_teleop"].type
-        robot.node.create_subscription(
-            class_of(type_name),
+        stamped = standard.settings().cmd_vel_stamped
+        standard.subscribe(
             "cmd_vel_teleop",
-            lambda message, info: robot.thread.call(self._drive, message, info, time.monotonic()),
-            reliable(1),
-            callback_group=UrgentCallbackGroup(),
+            self._drive,
+            "geometry_msgs/TwistStamped" if stamped else "",
+            with_info=True,
+            urgent=True,
         )
-        robot.node.create_subscription(
-            class_of(BY_NAME["preempt_teleop"].type),
-            "preempt_teleop",
-            lambda message: robot.thread.call(self._preempt, message),
-            reliable(1),
-        )
+        standard.subscribe("preempt_teleop", self._preempt)
 
     async def run(self) -> None:
         """Send the velocities, until cancelled."""
@@ -238,10 +227,10 @@ class AssistedTeleop(Nav2Action):
 
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
-        part, gate = self.context.part, self.context.part.robot.gate
-        if part.robot.chassis.state is not LinkState.READY:
+        standard, gate = self.context.standard, self.context.standard.robot.gate
+        if standard.robot.chassis.state is not LinkState.READY:
             return "there is no link to the robot"
-        if gate.owner and not part.settings().velocity_limits.override:
+        if gate.owner and not standard.settings().velocity_limits.override:
             return f"{gate.owner} drives the robot"
         preventing = (EMERGENCY_STOP, *CONTROL_MODES)
         return "; ".join(
@@ -258,7 +247,7 @@ class AssistedTeleop(Nav2Action):
         twist = message
         if hasattr(message, "header"):  # a TwistStamped, by the parameter cmd_vel_stamped
             twist = message.twist
-            if objection := stamp_objection(self.context.part, message.header.stamp):
+            if objection := stamp_objection(self.context.standard, message.header.stamp):
                 self._driver.log_refusal("age", objection)
                 return
         published = self._clock.of_message(info, taken)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
@@ -24,14 +24,24 @@ from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
 _NEAR = 1.0
 """Maximum distance between `dock_pose`, or a docked robot, and its charger, in metres."""
+
+
+class _Phase(NamedTuple):
+    """A phase of docking."""
+
+    state: str
+    """Name of the state in the feedback."""
+    error: str
+    """Name of the error code if the goal fails in this phase."""
+
+
 _PHASES = {
-    action.kNav: ("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
-    action.kSecondposEnter: ("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
-    action.kStepCtrl: ("CONTROLLING", "FAILED_TO_CONTROL"),
-    action.kCharge: ("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
+    action.kNav: _Phase("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
+    action.kSecondposEnter: _Phase("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
+    action.kStepCtrl: _Phase("CONTROLLING", "FAILED_TO_CONTROL"),
+    action.kCharge: _Phase("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
 }
-"""Phases of docking, by the action of the charging task that the chassis executes. Each phase has
-the state in the feedback, and the error code if the goal fails meanwhile."""
+"""Phases of docking, by the action of the charging task that the chassis executes."""
 
 
 class _Docking(Nav2Action):
@@ -40,7 +50,7 @@ class _Docking(Nav2Action):
     @property
     def is_charging(self) -> bool:
         """True if the robot reports that it is charging."""
-        battery = self.context.part.robot.last_known.value(Battery)
+        battery = self.context.standard.robot.last_known.value(Battery)
         return battery is not None and is_charging(battery)
 
     async def chargers(self) -> dict[str, tuple[float, float]]:
@@ -49,7 +59,7 @@ class _Docking(Nav2Action):
         Raises:
             GoalEnd: the chassis does not answer.
         """
-        robot = self.context.part.robot
+        robot = self.context.standard.robot
         try:
             answer = await robot.chassis.request(
                 robot.requests.address(storage_edit_pb2.Storages())
@@ -99,11 +109,12 @@ class DockRobot(_Docking):
                     goal.clear_timeout()
 
         def tick() -> None:
-            if is_paused and (reasons := self.context.objections_except_busy):
+            reasons = self.context.objections_except_busy
+            if is_paused and reasons and not goal.is_ending:
                 # the task could stay paused for ever, or the robot could later drive on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback
-            state = getattr(feedback, _PHASES[phase][0])
+            state = getattr(feedback, _PHASES[phase].state)
             goal.feedback(state=state, docking_time=to_duration(goal.elapsed))
 
         try:
@@ -115,7 +126,7 @@ class DockRobot(_Docking):
             )
         except GoalEnd as end:
             if end.code == "UNKNOWN":
-                end.code = _PHASES[phase][1]
+                end.code = _PHASES[phase].error
             raise
 
     def _find_mark(self, request: Any, chargers: Mapping[str, tuple[float, float]]) -> str:
@@ -201,7 +212,7 @@ class UndockRobot(_Docking):
         Raises:
             GoalEnd: the chassis does not cancel the task, or the goal has ended before.
         """
-        robot = self.context.part.robot
+        robot = self.context.standard.robot
         if not self._has_charging_task():
             return
         try:
@@ -214,5 +225,5 @@ class UndockRobot(_Docking):
 
     def _has_charging_task(self) -> bool:
         """Return True while the chassis executes a charging task."""
-        report = self.context.part.robot.last_known.value(TaskProc)
+        report = self.context.standard.robot.last_known.value(TaskProc)
         return report is not None and report.type == task.kCharge and is_unfinished(report)

@@ -250,8 +250,8 @@ class Frames:
             ("/tf", reliable(_DEPTH), False),
             ("/tf_static", latched(_DEPTH), True),
         ):
-            received = partial(robot.thread.call, partial(self._received, is_static=is_static))
-            robot.node.create_subscription(TFMessage, topic, received, profile)
+            callback = partial(robot.thread.call, partial(self._received, is_static=is_static))
+            robot.node.create_subscription(TFMessage, topic, callback, profile)
 
     def _received(self, message: Any, *, is_static: bool) -> None:
         received = math.inf if is_static else time.monotonic()

@@ -152,23 +152,26 @@ class Nav2Goal:
     Attributes:
         request: the goal as the client gave it.
         objection: why it cannot be executed; otherwise empty.
+        navigates: True if the goal is a navigation of the chassis.
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
         started: loop time at which the goal was accepted.
     """
 
-    def __init__(self, goal: Goal, action_type: Any, context: Nav2Context) -> None:
+    def __init__(self, goal: Goal, nav2_action: Nav2Action) -> None:
         loop = asyncio.get_running_loop()
         self.request = goal.request
         self.objection = goal.objection
-        self.result = action_type.Result()
+        self.navigates = nav2_action.navigates
+        self.result = nav2_action.action_type.Result()
         self.ended: asyncio.Future[None] = loop.create_future()
         self.started = loop.time()
         self._goal = goal
-        self._feedback_class = action_type.Feedback
-        self._context = context
+        self._feedback_class = nav2_action.action_type.Feedback
+        self._context = nav2_action.context
         self._published: float | None = goal.published
-        """Loop time at which the client sent the goal; None once the first command was sent."""
+        """Loop time at which the client sent the goal; None once the first command was sent, as
+        further commands are the agent's own."""
         self._reason: asyncio.Future[GoalEnd] = loop.create_future()
         """Why the goal ends; done when something other than the chassis ends it."""
         self._chassis_goal: AgentGoal | None = None
@@ -187,13 +190,18 @@ class Nav2Goal:
         """True while the chassis executes a command for the goal, as far as is known."""
         return self._chassis_goal is not None
 
+    @property
+    def is_ending(self) -> bool:
+        """True once something other than the chassis ends the goal."""
+        return self._reason.done()
+
     def feedback(self, **fields: Any) -> None:
         """Publish feedback with these fields."""
         self._goal.feedback(self._feedback_class(**fields))
 
     def stop(self, reason: GoalEnd) -> None:
         """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
-        if not self._reason.done():
+        if not self.is_ending:
             self._reason.set_result(reason)
         if self._chassis_goal is not None:
             self._chassis_goal.cancel()
@@ -213,7 +221,7 @@ class Nav2Goal:
     def replace(self, older: Nav2Goal) -> None:
         """Replace a navigation without a stop, once the chassis has accepted this goal."""
         self._older = older
-        if not older._reason.done():  # unlike `stop`, this lets the robot drive on for now
+        if not older.is_ending:  # unlike `stop`, this lets the robot drive on for now
             older._reason.set_result(GoalEnd(_REPLACED))
 
     def raise_if_ending(self) -> None:
@@ -222,7 +230,7 @@ class Nav2Goal:
         Raises:
             GoalEnd: the goal is ending.
         """
-        if self._reason.done():
+        if self.is_ending:
             raise self._reason.result()
 
     async def run_command(
@@ -273,7 +281,7 @@ class Nav2Goal:
         end = chassis_goal.ended.result()
         if end.outcome is Outcome.SUCCEEDED:
             return end.cause
-        if not self._reason.done():
+        if not self.is_ending:
             raise await self._failure(end, sent)
         reason = self._reason.result()
         if end.outcome is Outcome.CANCELED:
@@ -359,10 +367,10 @@ class Slot:
     """Lets one goal run at a time: a new goal ends the goals before it."""
 
     def __init__(self) -> None:
-        self._goals: list[tuple[Nav2Goal, bool]] = []
-        """The goals that have not ended, each with True if it navigates; the oldest first."""
+        self._goals: list[Nav2Goal] = []
+        """The goals that have not ended, oldest first."""
 
-    async def take(self, goal: Nav2Goal, *, navigates: bool) -> None:
+    async def take(self, goal: Nav2Goal) -> None:
         """Let a goal run, and end the goals before it.
 
         A navigation replaces another one without a stop in between, because the chassis can do so.
@@ -371,19 +379,19 @@ class Slot:
         Raises:
             GoalEnd: the goal itself has ended meanwhile.
         """
-        older = [each for each in self._goals if not each[0].ended.done()]
-        self._goals = [*older, (goal, navigates)]
-        if older and navigates and all(each_navigates for _, each_navigates in older):
-            goal.replace(older[-1][0])
+        older = [each for each in self._goals if not each.ended.done()]
+        self._goals = [*older, goal]
+        if older and all(each.navigates for each in self._goals):
+            goal.replace(older[-1])
             return
-        for each, _ in older:
+        for each in older:
             each.stop(GoalEnd(_REPLACED))
-        for each, _ in older:
+        for each in older:
             await goal.wait_for(each.ended)
 
     def stop(self, reason: GoalEnd) -> bool:
         """End the goal that the chassis executes; return False if it executes none."""
-        running = [each for each, _ in self._goals if each.is_executing]
+        running = [each for each in self._goals if each.is_executing]
         for each in running:
             each.stop(reason)
         return bool(running)
@@ -393,8 +401,8 @@ class Slot:
 class Nav2Context:
     """The objects that Nav2's actions share."""
 
-    part: PartContext
-    """The node, the link thread, the settings and the names of the frames."""
+    standard: PartContext
+    """The context of the standard layer: the node, the link thread, settings and frames."""
     actions: Actions
     """Runs the goals of the chassis."""
     frames: Frames
@@ -405,19 +413,18 @@ class Nav2Context:
     """Lets one goal at a time move the robot."""
     cancels: CancelLog
     """Tells what has cancelled a goal, besides its client."""
+    result_timeout: float
+    """Time for which the results of goals are kept, in seconds."""
 
     @property
     def objections_except_busy(self) -> list[Objection]:
         """The reasons for which the robot rejects tasks now, except for its present task."""
-        info = self.part.robot.last_known.value(RobotInfo)
+        info = self.standard.robot.last_known.value(RobotInfo)
         return [] if info is None else objections_except_busy(info)
 
 
 class Nav2Action(ABC):
     """One of Nav2's actions. Its goals run in the link thread.
-
-    Args:
-        result_timeout: time for which results are kept, in seconds.
 
     Attributes:
         context: the objects that Nav2's actions share.
@@ -432,7 +439,7 @@ class Nav2Action(ABC):
     drives = True
     """False if its goals do not move the robot."""
 
-    def __init__(self, context: Nav2Context, result_timeout: float) -> None:
+    def __init__(self, context: Nav2Context) -> None:
         self.context = context
         self.action_type = class_of(BY_NAME[self.name].type, "action")
         self._slot = context.driving if self.drives else Slot()
@@ -440,14 +447,14 @@ class Nav2Action(ABC):
         """The goals that have not ended, by the asyncio task that runs the goal."""
         self._logged_fields: set[str] = set()
         """Fields of which `log_unused` has logged that they have no effect."""
-        robot = context.part.robot
+        robot = context.standard.robot
         self.server = GoalServer(
             robot.node,
             robot.thread,
             self.action_type,
             self.name,
             self._start,
-            result_timeout,
+            context.result_timeout,
             self.check,
             rejects=not hasattr(self.action_type.Result, "error_msg"),
             services=RARE_QOS,
@@ -486,7 +493,7 @@ class Nav2Action(ABC):
             _LOG.info("%s: %s has no effect: the robot plans by itself", self.name, field)
 
     def _start(self, accepted: Goal) -> None:
-        goal = Nav2Goal(accepted, self.action_type, self.context)
+        goal = Nav2Goal(accepted, self)
         accepted.on_cancel(lambda: goal.stop(GoalEnd(outcome=Outcome.CANCELED)))
         task = start_task(self._run(goal), name=f"nav2: {self.name}")
         if not task.done():
@@ -498,7 +505,7 @@ class Nav2Action(ABC):
         try:
             if goal.objection:  # `check` objects only to poses that it cannot transform
                 raise GoalEnd(goal.objection, "TF_ERROR")
-            await self._slot.take(goal, navigates=self.navigates)
+            await self._slot.take(goal)
             await self.execute(goal)
             reason = None
         except GoalEnd as end:

@@ -47,7 +47,7 @@ class Nav2Layer:
     after that, so that most servers are created while the link connects.
 
     Args:
-        part: the context of the standard layer.
+        standard: the context of the standard layer.
         actions: runs the goals of the chassis.
         map_to_odom: returns the pose of the odometry's frame in the map; None if it is unknown.
         result_timeout: time for which the results of goals are kept, in seconds.
@@ -55,29 +55,30 @@ class Nav2Layer:
 
     def __init__(
         self,
-        part: PartContext,
+        standard: PartContext,
         actions: Actions,
         map_to_odom: Callable[[], Pose2D | None],
         result_timeout: float,
     ) -> None:
-        pose = RobotPose(part)
-        frames = Frames(part, lambda: pose.pose, map_to_odom)
-        self._context = Nav2Context(part, actions, frames, pose, Slot(), CancelLog(part.robot.gate))
-        self._result_timeout = result_timeout
-        self._teleop = AssistedTeleop(self._context, result_timeout)
+        pose = RobotPose(standard)
+        frames = Frames(standard, lambda: pose.pose, map_to_odom)
+        self._context = Nav2Context(
+            standard, actions, frames, pose, Slot(), CancelLog(standard.robot.gate), result_timeout
+        )
+        self._teleop = AssistedTeleop(self._context)
         self._actions: list[Nav2Action] = [self._teleop]
-        SpeedLimit(part, self._context.driving)
+        SpeedLimit(standard, self._context.driving)
 
     def start(self) -> None:
         """Create the other actions and the services, and start AssistedTeleop."""
-        part = self._context.part
+        standard = self._context.standard
         for action in _ACTIONS:
             if hasattr(nav2_actions, BY_NAME[action.name].type.partition("/")[2]):
-                self._actions.append(action(self._context, self._result_timeout))
-        Lifecycle(part)
-        MapServer(part)
-        Costmaps(part)
-        part.robot.thread.spawn(self._teleop.run)
+                self._actions.append(action(self._context))
+        Lifecycle(standard)
+        MapServer(standard)
+        Costmaps(standard)
+        standard.robot.thread.spawn(self._teleop.run)
 
     @property
     def open_goals(self) -> int:

@@ -30,10 +30,8 @@ from woosh_robot_agent.ros.nav2.goals import (
     Slot,
     to_duration,
 )
-from woosh_robot_agent.ros.qos import reliable
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
-from woosh_robot_agent.ros.standard_endpoints import BY_NAME
 
 _LOG = logging.getLogger(__name__)
 _NEAR = 0.5
@@ -84,7 +82,7 @@ class Progress:
 
     def __init__(self, context: Nav2Context, stops: Sequence[PoseStamped]) -> None:
         self._robot_pose = context.pose
-        self._last_known = context.part.robot.last_known
+        self._last_known = context.standard.robot.last_known
         self._stops = [from_pose(each.pose) for each in stops]
         """The poses that are still to be passed, the goal last."""
         self._goal = self._stops[-1]
@@ -147,6 +145,7 @@ class Progress:
         if len(self._points) < 2:
             return None
         along, offset = self._projected(self._segment, here)
+        # go on to the next segment unless it is farther from the robot
         while self._segment < len(self._points) - 2:
             next_along, next_offset = self._projected(self._segment + 1, here)
             if next_offset > offset:
@@ -309,7 +308,7 @@ class FollowWaypoints(_Navigation):
     async def execute(self, goal: Nav2Goal) -> None:
         poses = goal.request.poses
         first = getattr(goal.request, "goal_index", 0)  # Humble lacks it, and number_of_loops
-        if not first < len(poses):
+        if first >= len(poses):
             raise GoalEnd(
                 f"there is no waypoint {first}: the goal has {len(poses)}", "NO_VALID_WAYPOINTS"
             )
@@ -317,7 +316,8 @@ class FollowWaypoints(_Navigation):
         for loop in range(getattr(goal.request, "number_of_loops", 0) + 1):
             for number in range(0 if loop else first, len(poses)):
                 if cause is Cause.LATE_REPORT:
-                    raise GoalEnd(_LATE_REPORT.format(number - 1 if number else len(poses) - 1))
+                    # the waypoint before, which may be the last one of the loop before
+                    raise GoalEnd(_LATE_REPORT.format((number - 1) % len(poses)))
                 cause = await self._visit(goal, number, poses[number])
 
     async def _visit(self, goal: Nav2Goal, number: int, pose: PoseStamped) -> Cause | None:
@@ -399,13 +399,7 @@ class SpeedLimit:
             lambda work: asyncio.get_running_loop().create_task(work, name="nav2: speed limit"),
             self._refused,
         )
-        endpoint = BY_NAME["speed_limit"]
-        robot.node.create_subscription(
-            class_of(endpoint.type),
-            endpoint.name,
-            lambda message: robot.thread.call(self._received, message),
-            reliable(1),
-        )
+        context.subscribe("speed_limit", self._received)
 
     def _received(self, message: Any) -> None:
         value = message.speed_limit

@@ -56,8 +56,8 @@ class _Planning(Nav2Action):
 
     async def _path(self, stops: Sequence[PoseStamped]) -> Path:
         path = Path()
-        path.header.stamp = self.context.part.now()
-        path.header.frame_id = self.context.part.frame("map")
+        path.header.stamp = self.context.standard.now()
+        path.header.frame_id = self.context.standard.frame("map")
         for start, end in pairwise(stops):
             segment = await self._segment(start, end)
             if path.poses:  # a further segment begins with the last pose of the one before
@@ -73,7 +73,7 @@ class _Planning(Nav2Action):
         Raises:
             GoalEnd: there is no path.
         """
-        robot = self.context.part.robot
+        robot = self.context.standard.robot
         request = PlanNavPath(start=chassis_pose(start), end=chassis_pose(end))
         try:
             answer = await robot.chassis.request(robot.requests.address(request))

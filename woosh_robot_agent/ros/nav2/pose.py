@@ -8,15 +8,11 @@ import math
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.link import LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
-from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, Velocity, check_finite, to_pose
-from woosh_robot_agent.ros.standard_endpoints import BY_NAME
-from woosh_robot_agent.ros.subscribers import create_publisher
 
 _LOG = logging.getLogger(__name__)
 _MIN_DISTANCE = 0.25
@@ -48,10 +44,7 @@ class RobotPose:
         self._context = context
         self._published: Pose2D | None = None
         """The pose that was published last; None to publish the next pose in any case."""
-        endpoint = BY_NAME["amcl_pose"]
-        self._publisher = create_publisher(
-            context.robot.node, class_of(endpoint.type), endpoint.name, latched(1)
-        )
+        self._publisher = context.publisher("amcl_pose")
         chassis = context.robot.chassis
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)

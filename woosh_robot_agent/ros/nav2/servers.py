@@ -101,7 +101,7 @@ class MapServer:
 
     async def _load(self, request: Any, response: Any) -> None:
         file = PurePosixPath(request.map_url)
-        name = file.stem if file.suffix in _SUFFIXES else file.name
+        name = file.stem if file.suffix in _SUFFIXES else file.name  # a name may have a dot
         response.result = response.RESULT_UNDEFINED_FAILURE
         try:
             response.result = await self._switch(name, response)
@@ -111,7 +111,7 @@ class MapServer:
             response.map = await self._grid()
 
     async def _switch(self, name: str, response: Any) -> int:
-        """Let the robot use a map; return a result code of nav2_msgs/LoadMap.
+        """Switch the robot to a map; return a result code of nav2_msgs/LoadMap.
 
         Raises:
             LinkError: the chassis does not answer.

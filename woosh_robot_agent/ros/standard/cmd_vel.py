@@ -19,8 +19,8 @@ from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 
 _LOG = logging.getLogger(__name__)
-_TIMEOUT = 2.0
-"""Time to wait for each of the chassis's answers, in seconds."""
+_STOP_TIMEOUT = 2.0
+"""Maximum wait for the answer to each request of a stop, in seconds."""
 
 
 class Stop(Part):
@@ -36,7 +36,7 @@ class Stop(Part):
         self._context.robot.thread.spawn(partial(self._stop, reply), reply.fail)
 
     async def _stop(self, reply: Reply) -> None:
-        report = await self._context.robot.gate.stop(_TIMEOUT)
+        report = await self._context.robot.gate.stop(_STOP_TIMEOUT)
         if not report.success:
             _LOG.error("stop: %s", report.message)
         reply.send(Trigger.Response(success=report.success, message=report.message))

@@ -25,7 +25,7 @@ from woosh_robot_agent.robot.readiness import (
 )
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.robot.watch import Watch
-from woosh_robot_agent.ros.second_agent import SecondAgent
+from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 
 OK, WARN, ERROR, STALE = (
@@ -76,11 +76,11 @@ class Status:
         )
 
 
-def agents_status(second_agent: SecondAgent) -> Status:
+def agents_status(detector: SecondAgentDetector) -> Status:
     """Return the status that warns of a second agent in the namespace."""
     status = Status("agents")
-    if second_agent.warning:
-        status.add(WARN, second_agent.warning)
+    if detector.warning:
+        status.add(WARN, detector.warning)
     return status
 
 
@@ -275,7 +275,7 @@ class Diagnostics(Part):
                     status.level = STALE
                     status.texts.insert(0, "no link; last known values")
             statuses += of_robot
-        statuses.append(agents_status(self._context.second_agent))
+        statuses.append(agents_status(self._context.second_agent_detector))
         prefix = context.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, hardware_id) for each in statuses])
         message.header.stamp = self._context.now()

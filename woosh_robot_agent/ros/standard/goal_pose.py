@@ -86,9 +86,9 @@ class GoalPose(Part):
         self._handle: Any = None
         """rclpy's handle of the newest goal; None unless the goal is active."""
         self._sending = False
-        """True from a goal_pose until the action server has accepted its goal."""
+        """True from a goal_pose until the action server has answered its goal."""
         self._waiting_cancels: list[Reply] = []
-        """Cancel requests that wait until the action server has accepted the newest goal."""
+        """Cancel requests that wait until the action server has answered the newest goal."""
         self._clock = SenderClock()
         """Estimates when a goal_pose was published, because late ones are refused."""
         context.subscribe("goal_pose", self._received, in_executor=True, with_info=True)

@@ -181,7 +181,7 @@ class Prediction:
         self._is_new = False
         interval, now, before = self._interval, self._velocity, self._before
         if not _MIN_REPORT_INTERVAL <= interval <= _MAX_INTERVAL:
-            interval, before = 1.0, now  # the acceleration is not known
+            interval, before = 1.0, now  # makes the acceleration 0: it is not known
         self._acceleration = Velocity(
             (now.forward - before.forward) / interval,
             (now.left - before.left) / interval,
@@ -419,7 +419,7 @@ class Odometry:
         arc: Arc,
         after: Velocity,
         interval: float,
-        time: float,
+        received: float,
     ) -> bool:
         """Return True if the movement since the last report cannot have been driven."""
         before = self.velocity
@@ -429,7 +429,7 @@ class Odometry:
         speed, distance = (turn, arc.turn) if turns_mostly else (forward, arc.forward)
         duration = max(0.0, min(distance / speed if speed else 0.0, interval + _MAX_DELAY))
         error = moved.seen_from(Pose2D.from_arc(forward * duration, 0.0, turn * duration))
-        if time <= self._pose_set_until:
+        if received <= self._pose_set_until:
             limit = _POSE_SET_TOLERANCE
             if not (before.moving or after.moving):
                 limit = _POSE_SET_TOLERANCE_AT_REST

@@ -18,7 +18,7 @@ from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.entities import UrgentCallbackGroup
 from woosh_robot_agent.ros.logs import log_as
 from woosh_robot_agent.ros.qos import latched, reliable
-from woosh_robot_agent.ros.second_agent import SecondAgent
+from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME, Kind
 from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
 
@@ -43,13 +43,13 @@ class PartContext:
     Attributes:
         robot: the objects shared with the services and actions. The parts run in its link thread.
         watch: observers of what the robot does and who drives it.
-        second_agent: warns of a second agent in the same namespace.
+        second_agent_detector: warns of a second agent in the same namespace.
         settings: returns the current parameter values.
     """
 
     robot: RobotContext
     watch: Watch
-    second_agent: SecondAgent
+    second_agent_detector: SecondAgentDetector
     settings: Callable[[], StandardSettings]
 
     def frame(self, which: str) -> str:
@@ -71,7 +71,7 @@ class PartContext:
         return time.time_ns()
 
     def publisher(self, name: str, subscribers: Subscribers | None = None) -> Any:
-        """Return a publisher for a topic in `standard_endpoints.STANDARD`, for the link thread.
+        """Return a publisher for a topic in `standard_endpoints.BY_NAME`, for the link thread.
 
         Args:
             subscribers: creates the publisher, and counts its subscribers too, so that work can
@@ -97,7 +97,7 @@ class PartContext:
         with_info: bool = False,
         urgent: bool = False,
     ) -> None:
-        """Subscribe to a topic in `standard_endpoints.STANDARD`.
+        """Subscribe to a topic in `standard_endpoints.BY_NAME`.
 
         Args:
             callback: called with each message in the link thread; must not block.
@@ -120,7 +120,7 @@ class PartContext:
     def service(
         self, name: str, handle: Callable[[Any, Reply], None], *, urgent: bool = False
     ) -> None:
-        """Create a service in `standard_endpoints.STANDARD`.
+        """Create a service in `standard_endpoints.BY_NAME`.
 
         Args:
             handle: called with each request and its `Reply` in the executor thread; must not block.
