@@ -150,7 +150,7 @@ class Execution:
         """True while the vehicle is paused, by a startPause or by people at the robot."""
         if self.pause_wanted:
             is_drive_paused = not self.order.driving or self.drive.stays_paused
-            return is_drive_paused and self.calls.all_paused and self.tasks.stays_paused
+            return is_drive_paused and self.calls.all_paused and self.tasks.all_paused
         # a drive that waits for an instant action is held, too, but the vehicle is not paused
         return self.drive.paused and not self.order.held
 
