@@ -66,6 +66,7 @@ async def start_charging(run: Run) -> None:
         return
     run.require_not_driving_order()
     mark = run.given.get(_STATION) or await _nearest_charger(run)
+    await run.wait_until_resumed()  # a startPause may have come before the answer
     run.require_near(mark)
     request = ExecTask(type=task.kCharge, mark_no=mark)
     await run.execution.tasks.perform(request, run.report, lambda: robot.is_charging)

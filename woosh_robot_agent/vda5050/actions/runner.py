@@ -134,9 +134,12 @@ class ActionRunner:
 
         definition = ACTIONS[action.type]
         run = Run(action, report, self._execution, self._reports, self._log_folder)
-        # an action that moves something is RUNNING once the robot has accepted it
-        report(ActionStatus.INITIALIZING if definition.type.pausable else ActionStatus.RUNNING)
         try:
+            if definition.type.pausable:
+                await run.wait_until_resumed()
+                report(ActionStatus.INITIALIZING)  # RUNNING once the robot has accepted it
+            else:
+                report(ActionStatus.RUNNING)
             result = await definition.perform(run)
         except asyncio.CancelledError:
             self._ended(action, ActionStatus.FAILED, _ENDED)
