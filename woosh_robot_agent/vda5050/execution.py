@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import SpeedLimiter
@@ -15,6 +16,7 @@ from woosh_robot_agent.vda5050.messages.state import (
     ActionStatus,
     ErrorType,
     OperatingMode,
+    RobotStatus,
     VehicleError,
     warning,
 )
@@ -127,7 +129,15 @@ class Execution:
         # people may have moved the robot before the link was there
         link.chassis.on_snapshot(lambda info: self.order.require_place_check())
 
-    # Motion, pause and errors
+    # State of the robot: motion, pause and errors
+
+    @property
+    def robot_status(self) -> RobotStatus | None:
+        """State of the robot, with its maps; None before its first report."""
+        status, info = self.robot.status, self.robot.info
+        if status is None or info is None:
+            return None
+        return replace(status, maps=self.maps.listed(info))
 
     @property
     def has_own_motion(self) -> bool:

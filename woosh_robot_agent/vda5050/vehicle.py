@@ -66,7 +66,7 @@ class Vehicle:
         self._is_updating = False
         """True while `_update` or `_restore` works; then `_update` and `_save` do nothing."""
         self._is_update_due = False
-        """True if the event loop calls `_update` next."""
+        """True if `_changed` has scheduled `_update`."""
         self._link.chassis.on_snapshot(self._identified)
 
     # Start and end
@@ -200,7 +200,7 @@ class Vehicle:
         self._reports.moved()
 
     def _changed(self) -> None:
-        """Update the vehicle next, once for all events that the event loop handles before."""
+        """Schedule `_update`, once for all events that are handled before it is called."""
         if not (self._is_update_due or self._is_updating):
             self._is_update_due = True
             asyncio.get_running_loop().call_soon(self._update)
@@ -238,14 +238,12 @@ class Vehicle:
         return factsheet(info, self._config.limits, tuple(self._execution.types.values()))
 
     def _state(self) -> VehicleState | None:
-        robot, execution = self._reported.status, self._execution
+        robot, execution = self._execution.robot_status, self._execution
         if robot is None:
             return None
         order = execution.order.status
         actions = order.actions + execution.instant.states
         order = replace(order, actions=actions, paused=execution.paused)
-        if self._reported.info is not None:
-            robot = replace(robot, maps=self._execution.maps.listed(self._reported.info))
         if not self._link.ready:
             robot = replace(robot, velocity=None)  # the last one may not hold any more
         errors = (
