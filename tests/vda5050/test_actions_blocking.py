@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
 from tests.tools.waiting import aio
 from tests.vda5050.chassis_events import commands, statuses, together
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, edge, node, result_of, status_of
+from woosh_robot_agent.vda5050 import store
+from woosh_robot_agent.vda5050.messages.order import BlockingType
+from woosh_robot_agent.vda5050.store import replace_file
 
 
 def lift(name: str, blocking: str, height: float = 0.1) -> Message:
@@ -121,3 +128,36 @@ async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
         await master.reached("c")
     assert commands(site.chassis).count("lift_control3 cancel") == 1
     assert site.chassis.state.column < 0.2
+
+
+@aio
+async def test_the_work_for_many_actions_grows_with_their_number(
+    site: Site, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Otherwise the event loop, and so a stop, waits for seconds."""
+    comparisons: list[BlockingType] = []
+    writes: list[Path] = []
+
+    def excludes_actions(blocking: BlockingType) -> bool:
+        comparisons.append(blocking)
+        return blocking in (BlockingType.SINGLE, BlockingType.HARD)
+
+    def write(path: Path, content: bytes) -> None:
+        writes.append(path)
+        replace_file(path, content)
+
+    monkeypatch.setattr(BlockingType, "excludes_actions", property(excludes_actions))
+    monkeypatch.setattr(store, "replace_file", write)
+    words = [action("speak", f"{number}", blocking="NONE", text="hi") for number in range(200)]
+    async with site.online(state_folder=tmp_path / "state") as master:
+        master.order([node("a", 0, *START, actions=words)])
+        await master.wait_state(
+            lambda state: (
+                state["actionStates"]
+                and all(
+                    each["actionStatus"] in ("FINISHED", "FAILED") for each in state["actionStates"]
+                )
+            )
+        )
+    assert len(comparisons) <= 20 * len(words)
+    assert len(writes) <= len(words)

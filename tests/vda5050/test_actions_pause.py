@@ -97,6 +97,19 @@ async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
 
 
 @aio
+async def test_an_action_that_comes_together_with_a_pause_waits_for_its_end(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
+        lift = action("liftTo", "lift", blocking="NONE", height=0.1)
+        master.instant(action("startPause", "p"), lift)
+        paused = await master.status("p", "FINISHED")
+        assert paused["paused"]
+        assert commands(site.chassis) == []
+        master.instant(action("stopPause", "s"))
+        await master.status("lift", "FINISHED")
+    assert commands(site.chassis) == ["lift_control3 execute"]
+
+
+@aio
 async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
     async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,9 +14,12 @@ from tests.vda5050.chassis_events import commands, received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
 from tests.vda5050.test_orders_instant import SCOPES
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.map.storage_edit_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 
 
 @aio
@@ -39,6 +43,33 @@ async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> N
         assert ended["errors"] == []
     assert commands(site.chassis) == ["drive", "charge C1", "cancel", "drive"]
     assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
+
+
+@aio
+async def test_a_pause_while_the_robot_is_asked_for_its_chargers_holds_back_the_task(
+    site: Site,
+) -> None:
+    held: list[Release] = []
+
+    def hold_chargers(out: Outgoing) -> list[Outgoing]:
+        if out.request == full_name(Storages):
+            return [replace(out, hold=lambda client, release: held.append(release))]
+        return [out]
+
+    site.chassis.intercept(hold_chargers)
+    async with site.online(limits=AT_ONCE) as master:
+        charge = action("startCharging", "charge")
+        master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
+        await eventually(lambda: held)
+        master.instant(action("startPause", "p"))
+        await master.status("p", "FINISHED")
+        site.chassis.call(lambda simulator: held[0]())
+        master.instant(action("stateRequest", "r"))
+        await master.status("r", "FINISHED")
+        assert commands(site.chassis) == ["drive"]
+        master.instant(action("stopPause", "s"))
+        await master.status("charge", "FINISHED")
+    assert commands(site.chassis) == ["drive", "charge C1"]
 
 
 @aio

@@ -167,7 +167,7 @@ async def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect()
     reports, mqtt = reports_with(HeaderIds())
     will = reports.last_will()
     mqtt.connected = True
-    reports.connected()
+    reports.announce()
     for _ in range(100):
         reports.last_will()
     assert reports.is_own_connection(will.payload.encode())
@@ -181,7 +181,7 @@ async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart
     reports, mqtt = reports_with(ids)
     will = json.loads(reports.last_will().payload)
     mqtt.connected = True
-    reports.connected()
+    reports.announce()
     mqtt.connected = False
     await reports.close(0.0)
     ids.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,12 @@ from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import EXEC, Site, left_by_a_kill, task_to
-from tests.vda5050.master import START, Master, action, node, nodes_left
+from tests.vda5050.master import START, Master, action, edge, node, nodes_left
 from tests.vda5050.programs import running_connector
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ChangeNavMode
 from woosh_robot_agent.pb.util import action_pb2
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050 import store
 
 FILE = "uagv-Woosh-30001.json"
@@ -223,6 +226,33 @@ async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
                 folder, kills = left_by_a_kill(folder), kills + 1
     assert kills > 2
     assert site.chassis.counts[EXEC] == 2
+
+
+@aio
+async def test_a_speed_limit_is_saved_before_the_robot_gets_it(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise a kill in between would leave the limit at the robot for ever."""
+    folder = tmp_path / "state"
+    at_the_limit: list[bool] = []
+    replace_file = store.replace_file
+
+    def write_slowly(path: Path, content: bytes) -> None:
+        time.sleep(0.2)
+        replace_file(path, content)
+
+    def note(out: Outgoing) -> list[Outgoing]:
+        if out.request == full_name(ChangeNavMode):
+            at_the_limit.append(saved(folder)["speed_is_limited"])
+        return [out]
+
+    monkeypatch.setattr(store, "replace_file", write_slowly)
+    site.chassis.intercept(note)
+    async with site.online(state_folder=folder) as master:
+        a, b, c = node("a", 0, *START), node("b", 2, 7.0, -7.0), node("c", 4, 9.0, -7.0)
+        master.order([a, b, c], [edge(a, b), edge(b, c, maxSpeed=0.3)])
+        await master.reached("c")
+    assert at_the_limit[0]
 
 
 @aio

@@ -147,9 +147,9 @@ class SpeedLimiter:
         if self.refusal or not self._navigation:
             return
         was_limited, self._sent = self.is_limited, self._limit
-        self._start(self._send_limit(self._navigation, self._limit))
         if self.is_limited != was_limited:
             self._on_change()
+        self._start(self._send_limit(self._navigation, self._limit))
 
     async def _send_limit(self, navigation: int, limit: float) -> None:
         """Send a limit for the navigation that goes on now, which is `_navigation`.

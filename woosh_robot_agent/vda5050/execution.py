@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import SpeedLimiter
@@ -15,6 +16,7 @@ from woosh_robot_agent.vda5050.messages.state import (
     ActionStatus,
     ErrorType,
     OperatingMode,
+    RobotStatus,
     VehicleError,
     warning,
 )
@@ -127,7 +129,15 @@ class Execution:
         # people may have moved the robot before the link was there
         link.chassis.on_snapshot(lambda info: self.order.require_place_check())
 
-    # Motion, pause and errors
+    # State of the robot: motion, pause and errors
+
+    @property
+    def robot_status(self) -> RobotStatus | None:
+        """State of the robot, with its maps; None before its first report."""
+        status, info = self.robot.status, self.robot.info
+        if status is None or info is None:
+            return None
+        return replace(status, maps=self.maps.listed(info))
 
     @property
     def has_own_motion(self) -> bool:
@@ -150,7 +160,7 @@ class Execution:
         """True while the vehicle is paused, by a startPause or by people at the robot."""
         if self.pause_wanted:
             is_drive_paused = not self.order.driving or self.drive.stays_paused
-            return is_drive_paused and self.calls.all_paused and self.tasks.stays_paused
+            return is_drive_paused and self.calls.all_paused and self.tasks.all_paused
         # a drive that waits for an instant action is held, too, but the vehicle is not paused
         return self.drive.paused and not self.order.held
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.sentences import Sentence
@@ -69,8 +68,13 @@ class OrderCheck:
         Raises:
             RejectedError: the vehicle cannot perform the order.
         """
-        self._check_mode(status)
-        if status is not None and status.position is not None and not status.position.initialised:
+        if status is None or status.mode is not OperatingMode.AUTOMATIC:
+            raise self._error(
+                ErrorType.NOT_AVAILABLE,
+                _NOT_AUTOMATIC(),
+                "switch the robot to automatic control and task mode",
+            )
+        if status.position is not None and not status.position.initialised:
             raise self._error(
                 ErrorType.NOT_AVAILABLE, _NO_POSITION(), "place it on the map with initPosition"
             )
@@ -85,14 +89,6 @@ class OrderCheck:
             self._order.nodes, self._order.edges, self._order.nodes[1:], strict=False
         ):
             self._check_trajectory(start, edge, end)
-
-    def _check_mode(self, status: RobotStatus | None) -> None:
-        if status is None or status.mode is not OperatingMode.AUTOMATIC:
-            raise self._error(
-                ErrorType.NOT_AVAILABLE,
-                _NOT_AUTOMATIC(),
-                "switch the robot to automatic control and task mode",
-            )
 
     def _check_size(self) -> None:
         if (number := len(self._order.nodes)) > MAX_NODES:
@@ -125,7 +121,7 @@ class OrderCheck:
             )
         self._check_actions(edge.actions, Scope.EDGE, edgeId=edge.id)
 
-    def _check_node(self, node: Node, status: RobotStatus | None) -> None:
+    def _check_node(self, node: Node, status: RobotStatus) -> None:
         if node.position is None:
             raise self._error(
                 ErrorType.ORDER,
@@ -134,9 +130,9 @@ class OrderCheck:
                 nodeId=node.id,
                 parameter="nodePosition",
             )
-        place = status.position if status is not None else None
-        known = {place.map_id} if place is not None else set()
-        known |= {each.id for each in (status.maps or ())} if status is not None else set()
+        known = {each.id for each in status.maps or ()}
+        if status.position is not None:
+            known.add(status.position.map_id)
         if node.position.map_id not in known:
             raise self._error(
                 ErrorType.UNKNOWN_MAP,
@@ -286,7 +282,4 @@ class Intake:
         # in version 2.1, a new order removes the ended instant actions from the state
         keeps_ended = self._version.is_3 or order.id == self._execution.order.order_id
         check_instant_ids(order, self._execution.instant.ids_in_state(ended=keeps_ended))
-        status, info = self._execution.robot.status, self._execution.robot.info
-        if status is not None and info is not None:
-            status = replace(status, maps=self._execution.maps.listed(info))
-        OrderCheck(order, self._execution.types).check(status)
+        OrderCheck(order, self._execution.types).check(self._execution.robot_status)

@@ -237,8 +237,8 @@ class Reports:
         if interval := self._limits.driving_state_interval:
             self._state_schedule.call_within(interval)
 
-    def connected(self) -> None:
-        """Publish ONLINE, the factsheet and the state, because a connection to the broker began."""
+    def announce(self) -> None:
+        """Publish ONLINE, the factsheet and the state."""
         self._publish_connection(ConnectionState.ONLINE)
         self.publish_factsheet()
         self._state_schedule.changed()

@@ -121,6 +121,7 @@ def _robot(name: str, parameters: Mapping[str, Any], default: LinkConfig) -> Lis
 
 def _leads_to_same_robot(one: LinkConfig, other: LinkConfig) -> bool:
     """Return True if two links lead to the same robot, over any transport."""
+    # ports 0 are equal here, although they stand for a different port with each transport
     same_port = one.port == other.port or one.effective_port == other.effective_port
     return same_port and (one.ip, one.robot_id) == (other.ip, other.robot_id)
 

@@ -317,8 +317,8 @@ class Session:
 
     def _connected(self) -> None:
         self._detector.connected()
-        self._reports.connected()
+        self._reports.announce()
 
     def _other_changed(self) -> None:
-        self._reports.connected()  # the other connector may have replaced the retained messages
+        self._reports.announce()  # the other connector may have replaced the retained messages
         self._on_changed()

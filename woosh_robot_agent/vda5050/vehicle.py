@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import replace
@@ -43,7 +44,7 @@ class Vehicle:
     def __init__(self, config: VehicleConfig, broker: BrokerConfig) -> None:
         self._config = config
         self._broker = broker
-        self._link = RobotLink(config.link, config.timing, self._update, self._moved)
+        self._link = RobotLink(config.link, config.timing, self._changed, self._moved)
         types = action_types(config.version, can_log=config.log_folder is not None)
         self._execution = Execution(self._link, config.version, types)
         self._reported = self._execution.robot
@@ -64,6 +65,8 @@ class Vehicle:
         """True if the robot drove at its last report of a pose."""
         self._is_updating = False
         """True while `_update` or `_restore` works; then `_update` and `_save` do nothing."""
+        self._is_update_due = False
+        """True if `_changed` has scheduled `_update`."""
         self._link.chassis.on_snapshot(self._identified)
 
     # Start and end
@@ -196,11 +199,18 @@ class Vehicle:
         self._link.conditions.check()
         self._reports.moved()
 
+    def _changed(self) -> None:
+        """Schedule `_update`, once for all events that are handled before it is called."""
+        if not (self._is_update_due or self._is_updating):
+            self._is_update_due = True
+            asyncio.get_running_loop().call_soon(self._update)
+
     def _update(self) -> None:
         """Execute the commands that follow from the events so far, and publish the state soon.
 
         Called after each event; for a pose only if something else has changed by it.
         """
+        self._is_update_due = False
         session, execution = self._session, self._execution
         if session is None or not session.is_open:
             return
@@ -228,14 +238,12 @@ class Vehicle:
         return factsheet(info, self._config.limits, tuple(self._execution.types.values()))
 
     def _state(self) -> VehicleState | None:
-        robot, execution = self._reported.status, self._execution
+        robot, execution = self._execution.robot_status, self._execution
         if robot is None:
             return None
         order = execution.order.status
         actions = order.actions + execution.instant.states
         order = replace(order, actions=actions, paused=execution.paused)
-        if self._reported.info is not None:
-            robot = replace(robot, maps=self._execution.maps.listed(self._reported.info))
         if not self._link.ready:
             robot = replace(robot, velocity=None)  # the last one may not hold any more
         errors = (

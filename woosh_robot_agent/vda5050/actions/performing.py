@@ -30,8 +30,8 @@ _DRIVES = Sentence(
     "the vehicle drives along an order: wait until it stands on a node, or cancel it",
 )
 REACH = 3.0
-"""Maximum distance of a mark at which an action docks, in metres. The master control has not
-released the way to a farther mark."""
+"""Maximum distance from the robot to a mark at which an action docks, in metres. On the way to a
+farther mark, the robot would leave the route that the master control has released."""
 ANYWHERE = frozenset(Scope)
 INSTANT = frozenset({Scope.INSTANT})
 NOT_ON_EDGES = frozenset({Scope.INSTANT, Scope.NODE})
@@ -90,6 +90,12 @@ class Run:
         """
         if not await self.link.conditions.wait(condition, timeout):
             raise ActionFailedError(failure)
+
+    async def wait_until_resumed(self) -> None:
+        """Wait while the vehicle is paused: a startPause may come after the action began."""
+        execution = self.execution
+        while execution.pause_wanted:  # the next pause may come before this coroutine goes on
+            await self.link.conditions.wait(lambda: not execution.pause_wanted)
 
     def require_near(self, mark: str) -> None:
         """Check that the robot stands at a mark, or so near that it only has to dock.

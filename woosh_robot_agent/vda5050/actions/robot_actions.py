@@ -66,6 +66,7 @@ async def start_charging(run: Run) -> None:
         return
     run.require_not_driving_order()
     mark = run.given.get(_STATION) or await _nearest_charger(run)
+    await run.wait_until_resumed()  # a startPause may have come before the answer
     run.require_near(mark)
     request = ExecTask(type=task.kCharge, mark_no=mark)
     await run.execution.tasks.perform(request, run.report, lambda: robot.is_charging)
@@ -79,14 +80,15 @@ async def _nearest_charger(run: Run) -> str:
     """
     here = run.execution.robot.position
     answer = await run.request(storage_edit_pb2.Storages())
-    distances = []
-    for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
-        pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
-        if here is not None:
-            distances.append((math.dist((pose.x, pose.y), here.point), charger.identity.no))
-    if not distances or min(distances)[0] > REACH:
+    distances: dict[str, float] = {}
+    if here is not None and isinstance(answer.body, Storages):
+        for charger in answer.body.chargers:
+            pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
+            distances[charger.identity.no] = math.dist((pose.x, pose.y), here.point)
+    nearest = min(distances, key=distances.__getitem__, default=None)
+    if nearest is None or distances[nearest] > REACH:
         raise ActionFailedError(_NO_CHARGER(most=f"{REACH:g}", key=_STATION))
-    return min(distances)[1]
+    return nearest
 
 
 @vehicle_action(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Mapping
-from itertools import takewhile
+from collections.abc import Iterable, Mapping
+from itertools import islice, takewhile
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkError
@@ -80,8 +80,8 @@ class ActionRunner:
         self._execution = execution
         self._reports = reports
         self._log_folder = log_folder
-        self._waiting: list[Action] = []
-        """Actions that have not started, in the order in which they must start."""
+        self._waiting: dict[str, Action] = {}
+        """Actions that have not started, by id, in the order in which they must start."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Tasks of the actions that run, by id."""
 
@@ -95,26 +95,26 @@ class ActionRunner:
             if command.at_once:
                 self._start(action)
             else:
-                self._waiting.append(action)
+                self._waiting[action.id] = action
                 self._execution.action_changed(action.id, ActionStatus.WAITING)
-                self.poll()
-        elif action in self._waiting:
-            self._waiting.remove(action)
+                self.poll()  # now: the next command may be the drive away from its node
+        elif self._waiting.pop(action.id, None) is not None:
             self._execution.action_changed(action.id, ActionStatus.FAILED, _ENDED)
         elif action.id in self._tasks:
             self._tasks[action.id].cancel()
 
     def poll(self) -> None:
         """Start the actions that may start now."""
-        execution, waiting = self._execution, self._waiting
+        execution = self._execution
+        waiting: Iterable[Action] = self._waiting.values()
         if execution.link.is_closing or not execution.may_act:
             return
         if execution.pause_wanted:  # an action that moves something waits, with all behind it
-            waiting = list(takewhile(lambda each: not ACTIONS[each.type].type.pausable, waiting))
+            waiting = takewhile(lambda each: not ACTIONS[each.type].type.pausable, waiting)
         active = execution.active
         count = count_startable(waiting, active.values(), driving=execution.is_driving)
-        started, self._waiting = self._waiting[:count], self._waiting[count:]
-        for action in started:
+        for action in list(islice(self._waiting.values(), count)):
+            del self._waiting[action.id]
             active[action.id] = action
             self._start(action)
 
@@ -134,9 +134,12 @@ class ActionRunner:
 
         definition = ACTIONS[action.type]
         run = Run(action, report, self._execution, self._reports, self._log_folder)
-        # an action that moves something is RUNNING once the robot has accepted it
-        report(ActionStatus.INITIALIZING if definition.type.pausable else ActionStatus.RUNNING)
         try:
+            if definition.type.pausable:
+                await run.wait_until_resumed()
+                report(ActionStatus.INITIALIZING)  # RUNNING once the robot has accepted it
+            else:
+                report(ActionStatus.RUNNING)
             result = await definition.perform(run)
         except asyncio.CancelledError:
             self._ended(action, ActionStatus.FAILED, _ENDED)

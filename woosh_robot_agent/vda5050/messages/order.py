@@ -84,8 +84,8 @@ class NodePosition:
         deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
             for the normal tolerance of the robot.
         deviation_theta: permitted deviation from `theta`, in radians; 0 for the normal tolerance.
-        ellipse: permitted deviation, if it is no circle, and `deviation_xy` is its smaller
-            semi-axis; None for a circle.
+        ellipse: permitted deviation, if it is an ellipse; `deviation_xy` is then its smaller
+            semi-axis. None for a circle.
     """
 
     x: float

@@ -78,7 +78,7 @@ _UNREADABLE = Sentence("vda.unreadable", "cannot be read: {error}")
 _MALFORMED = Sentence("vda.malformed", "is malformed at {place}: {reason}")
 _TOP_LEVEL = Sentence("vda.topLevel", "its top level")
 _VERSION = Sentence("vda.version", "has version {version}; the vehicle speaks {own}")
-_OTHER = Sentence("vda.otherVehicle", "is for {key} {value}; this vehicle has {own}")
+_OTHER_VEHICLE = Sentence("vda.otherVehicle", "is for {key} {value}; this vehicle has {own}")
 _LONG_TEXT = Sentence("vda.longText", "a text has {count} characters, more than {most}")
 _LARGE_NUMBER = Sentence("vda.largeNumber", "a number is not between -{most} and {most}")
 _DEEP = Sentence("vda.deep", "it is nested more than {most} levels deep")
@@ -260,7 +260,7 @@ def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -
         ("serialNumber", identity.serial_number),
     ):
         if message[key] != own:
-            reason = _OTHER(key=key, value=message[key], own=own)
+            reason = _OTHER_VEHICLE(key=key, value=message[key], own=own)
             raise _rejection(topic, message, reason)
     return message  # type: ignore[no-any-return]
 

@@ -10,23 +10,23 @@ from woosh_robot_agent.vda5050.messages.state import ActionState, ActionStatus
 from woosh_robot_agent.vda5050.orders.legs import Command, EndAction, Perform, need_standstill
 
 
-def count_startable(waiting: Sequence[Action], running: Iterable[Action], *, driving: bool) -> int:
+def count_startable(waiting: Iterable[Action], running: Iterable[Action], *, driving: bool) -> int:
     """Return the number of waiting actions that may start now; they start in their order.
 
     Args:
         waiting: triggered actions, in the order in which they must start.
-        running: actions that run.
+        running: actions that run, all of them started by this rule.
         driving: True if the vehicle drives.
     """
-    active = [each.blocking for each in running]
-    is_active, is_excluded = bool(active), any(each.excludes_actions for each in active)
+    # one of them stands for all: an action that excludes others runs alone
+    other = next(iter(running), None)
     count = 0
     for action in waiting:
-        if is_excluded or (driving and action.blocking.forbids_driving):
+        if driving and action.blocking.forbids_driving:
             break
-        if is_active and action.blocking.excludes_actions:
+        if other and (other.blocking.excludes_actions or action.blocking.excludes_actions):
             break
-        is_active, is_excluded = True, action.blocking.excludes_actions
+        other = action
         count += 1
     return count
 
@@ -136,9 +136,11 @@ class OrderActions:
 
     def leave_edge(self) -> None:
         """End the actions of the edge that the vehicle leaves."""
+        ids = {action.id for action in self._edge_actions}
+        waiting = {action.id for action in self.triggered}
+        self.triggered = [action for action in self.triggered if action.id not in ids]
         for action in self._edge_actions:
-            if action in self.triggered:
-                self.triggered.remove(action)
+            if action.id in waiting:
                 self.changed(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
             elif action.id in self.running:
                 self.commands.append(EndAction(action))
@@ -179,4 +181,4 @@ class OrderActions:
             if action_id not in self.running and not state.status.ended:
                 self._states[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)
         self.triggered.clear()
-        self.commands[:] = [EndAction(action) for action in self.running.values()]
+        self.commands = [EndAction(action) for action in self.running.values()]

@@ -77,7 +77,7 @@ class Route:
         self._reached_at: Position | NodePosition | None = None
         """Position of the vehicle when it reached the last node; None if unknown."""
         self._estimated_way = 0.0
-        """Estimate of `driven` that allows for detours without a link; known after a restart."""
+        """Estimate of `driven` that allows for detours without a link; never unknown."""
         self._is_unconfirmed = False
         """True from a loss of the link on a leg until the robot confirms that it drives the leg."""
         self._position_at_loss: Position | NodePosition | None = None

@@ -61,7 +61,7 @@ _CONTROLS = {
 }
 
 
-class _Run:
+class _Call:
     """One execution of an action of the robot, from its start to its end.
 
     Args:
@@ -80,7 +80,7 @@ class _Run:
     """
 
     controller: Controller
-    """Set by `RobotCalls._new_run`, because it needs the run."""
+    """Set by `RobotCalls._new_call`, because it needs the call."""
 
     def __init__(self, command: Message, report: Callable[[ActionStatus], None]) -> None:
         self.command = command
@@ -99,14 +99,14 @@ class _Run:
 
     def request(self, action: action_pb2.ControlAction) -> CallAction:
         """Return the request that starts, pauses, resumes or cancels the action."""
-        call = CallAction()
-        part: Any = getattr(call, _FIELDS[full_name(self.command)])
+        message = CallAction()
+        part: Any = getattr(message, _FIELDS[full_name(self.command)])
         part.CopyFrom(self.command)
         part.action = action
-        return call
+        return message
 
     def end(self, reason: str) -> None:
-        """End the run, with the reason of the failure; empty after a success."""
+        """End the call, with the reason of the failure; empty after a success."""
         if not self.ended.done():
             self.ended.set_result(reason)
             self.controller.end()
@@ -120,7 +120,7 @@ class RobotCalls:
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
-        self._runs: dict[str, _Run] = {}
+        self._calls: dict[str, _Call] = {}
         """Current actions, by the full name of their command."""
         link.chassis.subscribe(Feedbacks, self._reported)
         link.chassis.on_snapshot(self._snapshot)
@@ -129,23 +129,25 @@ class RobotCalls:
     @property
     def busy(self) -> bool:
         """True while the robot executes an action."""
-        return bool(self._runs)
+        return bool(self._calls)
 
     @property
     def moves_base(self) -> bool:
         """True while the robot executes an action that moves its base."""
-        return not self._runs.keys().isdisjoint(_MOVES_BASE)
+        return not self._calls.keys().isdisjoint(_MOVES_BASE)
 
     @property
     def all_paused(self) -> bool:
         """True if each running action is paused, or cannot be paused."""
-        return all(run.controller.stays_paused or run.cannot_pause for run in self._runs.values())
+        return all(
+            call.controller.stays_paused or call.cannot_pause for call in self._calls.values()
+        )
 
     def want(self, control: Control) -> None:
         """Pause or resume all actions, as `Controller.want` does."""
-        for run in self._runs.values():
-            run.cannot_pause = False  # the robot may be able to now
-            run.controller.want(control)
+        for call in self._calls.values():
+            call.cannot_pause = False  # the robot may be able to now
+            call.controller.want(control)
 
     async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
         """Execute an action, and return the text of its last report.
@@ -160,132 +162,132 @@ class RobotCalls:
             ActionFailedError: the action failed; of kind INTERRUPTED if its outcome is unknown.
         """
         name = full_name(command)
-        if name in self._runs:
+        if name in self._calls:
             raise ActionFailedError(_ANOTHER(name=command.DESCRIPTOR.name))
-        run = self._runs[name] = self._new_run(command, report)
+        call = self._calls[name] = self._new_call(command, report)
         try:
-            await self._start(run)
-            reason = await asyncio.shield(run.ended)
+            await self._start(call)
+            reason = await asyncio.shield(call.ended)
         except asyncio.CancelledError:
             if not self._link.is_closing:  # when the connector ends, the robot goes on
-                run.controller.want(Control.CANCEL)
-                await asyncio.wait({run.ended})
+                call.controller.want(Control.CANCEL)
+                await asyncio.wait({call.ended})
             raise
         finally:
-            run.end("")  # so that nothing more is asked or commanded
-            del self._runs[name]
+            call.end("")  # so that nothing more is asked or commanded
+            del self._calls[name]
         if reason:
             raise ActionFailedError(
-                reason, ErrorType.INTERRUPTED if run.outcome_unknown else ErrorType.ACTION
+                reason, ErrorType.INTERRUPTED if call.outcome_unknown else ErrorType.ACTION
             )
-        return run.result
+        return call.result
 
-    def _new_run(self, command: Message, report: Callable[[ActionStatus], None]) -> _Run:
-        run = _Run(command, report)
+    def _new_call(self, command: Message, report: Callable[[ActionStatus], None]) -> _Call:
+        call = _Call(command, report)
 
         async def send(control: Control) -> Answer:
-            return await self._link.command(run.request(_CONTROLS[control]))
+            return await self._link.command(call.request(_CONTROLS[control]))
 
         def answered(control: Control, answer: Answer | None) -> None:
             if answer is None:
                 return
             if control is Control.CANCEL:
-                self._ask_about(run)  # so that its end is known even if no report tells it
+                self._ask_about(call)  # so that its end is known even if no report tells it
             # a refusal before the action has begun does not mean that the action cannot be paused
-            elif control is Control.PAUSE and not answer.ok and (run.accepted or run.reported):
-                self._pause_failed(run)
+            elif control is Control.PAUSE and not answer.ok and (call.accepted or call.reported):
+                self._pause_failed(call)
 
-        run.controller = Controller(self._link, run.name, send, answered)
-        return run
+        call.controller = Controller(self._link, call.name, send, answered)
+        return call
 
-    async def _start(self, run: _Run) -> None:
+    async def _start(self, call: _Call) -> None:
         def answered(answer: Answer) -> None:
             """Take the answer in order with the reports, which may come before it."""
-            run.accepted = answer.ok
-            if answer.ok and not run.reported:
-                run.report(ActionStatus.RUNNING)
+            call.accepted = answer.ok
+            if answer.ok and not call.reported:
+                call.report(ActionStatus.RUNNING)
 
         try:
-            answer = await self._link.command(run.request(action_pb2.kExecute), tap=answered)
+            answer = await self._link.command(call.request(action_pb2.kExecute), tap=answered)
         except (ConnectionLostError, RequestTimeoutError) as error:
-            _LOG.warning("the start of %s was not answered: %s", run.name, error)
+            _LOG.warning("the start of %s was not answered: %s", call.name, error)
             if self._link.ready:
-                self._ask_about(run)
+                self._ask_about(call)
         except LinkError as error:
-            raise ActionFailedError(_NOT_SENT(name=run.name, reason=said_by(error))) from None
+            raise ActionFailedError(_NOT_SENT(name=call.name, reason=said_by(error))) from None
         else:
             if not answer.ok:
-                raise ActionFailedError(ROBOT_REFUSED(what=run.name, reason=answer.msg))
+                raise ActionFailedError(ROBOT_REFUSED(what=call.name, reason=answer.msg))
 
     def _reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
-            if run := self._runs.get(report.action):
-                self._handle_report(run, report)
+            if call := self._calls.get(report.action):
+                self._handle_report(call, report)
 
-    def _handle_report(self, run: _Run, report: Feedback) -> None:
+    def _handle_report(self, call: _Call, report: Feedback) -> None:
         """Update an action from a report."""
         if report.state == ros_pack_pb2.kRosExecuting:
-            if not (run.accepted or run.reported):
-                run.report(ActionStatus.RUNNING)
-            run.reported = True
-            self._update_paused(run, paused=False)
+            if not (call.accepted or call.reported):
+                call.report(ActionStatus.RUNNING)
+            call.reported = True
+            self._update_paused(call, paused=False)
         elif report.state == ros_pack_pb2.kRosPause:
-            run.reported = True
-            self._update_paused(run, paused=True)
+            call.reported = True
+            self._update_paused(call, paused=True)
         elif report.state == ros_pack_pb2.kRosPauseFailed:
-            self._pause_failed(run)
-        elif not (run.accepted or run.reported):
+            self._pause_failed(call)
+        elif not (call.accepted or call.reported):
             return  # the end of an earlier action of this kind
         elif report.state == ros_pack_pb2.kRosSuccess:
-            run.result = report.msg
-            run.end("")
+            call.result = report.msg
+            call.end("")
         elif report.state in _FAILURES:
             reason = _FAILURES[report.state]
-            run.end(WITH_TEXT(reason=reason, text=report.msg) if report.msg else reason)
+            call.end(WITH_TEXT(reason=reason, text=report.msg) if report.msg else reason)
 
-    def _update_paused(self, run: _Run, *, paused: bool) -> None:
-        was_paused = run.controller.paused
-        if run.controller.update(paused):
+    def _update_paused(self, call: _Call, *, paused: bool) -> None:
+        was_paused = call.controller.paused
+        if call.controller.update(paused):
             if paused != was_paused:
-                run.report(ActionStatus.PAUSED if paused else ActionStatus.RUNNING)
+                call.report(ActionStatus.PAUSED if paused else ActionStatus.RUNNING)
             self._link.changed()
 
-    def _pause_failed(self, run: _Run) -> None:
+    def _pause_failed(self, call: _Call) -> None:
         """Take note that the robot cannot pause an action, so that no pause is sent again."""
-        run.cannot_pause = True
-        run.controller.withdraw_pause()
+        call.cannot_pause = True
+        call.controller.withdraw_pause()
         self._link.changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
         """Ask for the states of the actions after a reconnect."""
-        for run in self._runs.values():
-            self._ask_about(run)
+        for call in self._calls.values():
+            self._ask_about(call)
 
     def _link_changed(self, state: LinkState) -> None:
-        for run in self._runs.values():
-            run.controller.link_changed()
+        for call in self._calls.values():
+            call.controller.link_changed()
 
-    def _ask_about(self, run: _Run) -> None:
+    def _ask_about(self, call: _Call) -> None:
         """Ask the robot about an action, until it answers or the link is lost."""
-        self._link.background.start_once(lambda: self._ask(run), run)
+        self._link.background.start_once(lambda: self._ask(call), call)
 
-    async def _ask(self, run: _Run) -> None:
+    async def _ask(self, call: _Call) -> None:
         def take_answer(answer: Answer) -> None:
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
-            mine = [each for each in reports if each.action == full_name(run.command)]
+            mine = [each for each in reports if each.action == full_name(call.command)]
             if mine:
-                self._handle_report(run, mine[-1])
-            # if nothing shows that this run has begun, the reported end is that of an earlier run
-            if not mine or not (run.accepted or run.reported):
-                run.outcome_unknown = True
-                run.end(_UNKNOWN())
+                self._handle_report(call, mine[-1])
+            # if nothing shows that this call has begun, the reported end is that of an earlier call
+            if not mine or not (call.accepted or call.reported):
+                call.outcome_unknown = True
+                call.end(_UNKNOWN())
 
-        while not run.ended.done():
+        while not call.ended.done():
             try:
                 await self._link.wait_ready()
                 await self._link.ask(Feedbacks(), tap=take_answer)
             except LinkError as error:
-                _LOG.debug("reports on %s: %s", run.name, error)
+                _LOG.debug("reports on %s: %s", call.name, error)
             else:
                 return
             if not self._link.ready:

@@ -48,7 +48,7 @@ class Controller:
     ) -> None:
         self._link = link
         self._name = name
-        self._request = send
+        self._send_command = send
         self._answered = answered
         self._may_send = may_send
         self.paused = False
@@ -137,7 +137,7 @@ class Controller:
         command = f"{control.value} of {self._name}"
         answer = None
         try:
-            answer = await self._request(control)
+            answer = await self._send_command(control)
         except LinkError as error:
             self._log.warn(command, f"the {command} was not sent or not answered: {error}")
             is_unsent = isinstance(error, NotConnectedError | TooManyRequestsError)

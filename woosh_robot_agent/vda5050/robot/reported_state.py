@@ -1,4 +1,4 @@
-"""The last reports of the robot, and the vehicle state computed from these reports."""
+"""The last reports of the robot, and the status computed from these reports."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from woosh_robot_agent.vda5050.robot import status
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
-_STATE_REPORTS: tuple[type[Message], ...] = (
+_STATUS_REPORTS: tuple[type[Message], ...] = (
     AbnormalCodes,
     Battery,
     DeviceState,
@@ -42,14 +42,13 @@ _STATE_REPORTS: tuple[type[Message], ...] = (
     Setting,
     TaskProc,
 )
-"""Reports from which the vehicle state is computed; its position comes from PoseSpeed."""
+"""Reports from which the status is computed; its position comes from PoseSpeed."""
 
 
 class ReportedState:
-    """The last reports of the robot, and the vehicle state. Used in the event loop of the link.
+    """The last reports of the robot, and its status. Used in the event loop of the link.
 
-    The vehicle state is computed on demand. After a new pose, only its position and velocity are
-    updated.
+    The status is computed on demand. After a new pose, only what depends on it is updated.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -67,7 +66,7 @@ class ReportedState:
         # the reports themselves are stored by `_values`
         link.chassis.on_snapshot(lambda info: self._changed())
         link.chassis.subscribe_raw(PoseSpeed, lambda body: self._moved())
-        for report in _STATE_REPORTS:
+        for report in _STATUS_REPORTS:
             link.chassis.subscribe_raw(report, lambda body: self._changed())
         link.chassis.subscribe_raw(NavPath, lambda body: self._path_changed())
 
@@ -78,7 +77,7 @@ class ReportedState:
 
     @property
     def status(self) -> RobotStatus | None:
-        """The vehicle state; None before the first RobotInfo."""
+        """Status of the robot, without its maps; None before the first RobotInfo."""
         info = self.info
         if info is None:
             return None

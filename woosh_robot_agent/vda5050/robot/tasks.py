@@ -364,8 +364,8 @@ class ActionTasks:
         return self._task.id
 
     @property
-    def stays_paused(self) -> bool:
-        """True if no action waits for a task, or the task is paused."""
+    def all_paused(self) -> bool:
+        """True if no action waits for a task, or this task stays paused."""
         return self._end is None or self._task.stays_paused
 
     def want(self, control: Control) -> None:
