@@ -195,8 +195,10 @@ def test_a_change_that_is_taken_back_while_the_robot_is_stopped_has_no_effect(
     """The link changes only after the robot was stopped, or has not answered the stop."""
     assert robot.command("robot/Twist", linear=0.3).ok
     robot.chassis.mute("woosh.robot.Twist")
-    changes = messages({"port": 1}) + messages({"port": robot.chassis.port})
-    robot.call(SetParameters, "agent/set_parameters", parameters=changes)
+    before = robot.chassis.counts["woosh.robot.Twist"]
+    for port in (1, robot.chassis.port):
+        robot.call(SetParameters, "agent/set_parameters", parameters=messages({"port": port}))
+        wait_until(lambda: robot.chassis.counts["woosh.robot.Twist"] > before, "the stop begins")
     logs.wait_text("the robot was not stopped")
-    assert robot.agent.agent.debug()["state"] == "ready"
+    wait_until(lambda: robot.agent.agent.debug()["state"] == "ready", "the link")
     assert robot.link.config.port == robot.chassis.port
