@@ -75,7 +75,7 @@ def open_standard_streams() -> None:
 
 
 def descriptor_problem(robots: int = 1) -> str:
-    """Return the message for a too low limit of file descriptors, with the remedy; else "".
+    """Return a message with the remedy if the limit of file descriptors is too low, otherwise "".
 
     Beyond the limit, libraries fail silently, or with errors that do not tell why.
 

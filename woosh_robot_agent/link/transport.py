@@ -98,9 +98,9 @@ class Transport(FrameConnection, Protocol):
     def take_at_once(self, take: Callable[[bytes], None]) -> None:
         """Pass frames to a function as they arrive, which saves a turn of the event loop.
 
-        Only small, unfragmented frames are passed on, while `recv` waits; of several frames that
-        arrive together, only the first one. `recv` returns all others, in order, and all frames if
-        the transport does not support this.
+        A frame is passed on if it is small and unfragmented, arrives while `recv` waits, and is the
+        first of the frames that arrive together. `recv` returns all other frames, in order. If the
+        transport does not support this, `recv` returns all frames.
 
         Args:
             take: called with a frame; must not raise.

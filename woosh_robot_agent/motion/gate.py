@@ -98,8 +98,8 @@ class StopReport:
         cancelled = [name for name, answer in self.cancels.items() if _is_ok(answer)]
         parts += [_CANCELLED(what=_name(each)) for each in cancelled]
         if not self.success:
-            if stopped:  # otherwise it would repeat why the zero has no answer
-                parts += self._unanswered_cancels[:1]
+            if stopped:  # otherwise the first part has a reason already
+                parts += self._unanswered_cancels[:1]  # one reason is enough
             parts.append(_ADVICE())
         return joined(THEN, parts)
 

@@ -38,8 +38,8 @@ def log(
 ) -> None:
     """Log a text with a given place in the source.
 
-    The public logger searches the call stack for that place: it would find the log handler, and
-    takes 60 ms for the first line of each caller.
+    The public logger searches the call stack for that place. It would find the log handler, and
+    take 60 ms for the first line of each caller.
 
     Replaceable by: a logger that takes the place as an argument.
     """

@@ -228,7 +228,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     for option in _OPTIONS:
         arguments = dict(option.metadata)
-        # An option without a default has its type, if it is not a text, in the metadata.
+        # Options whose default is None are texts, or have their type in the metadata.
         if option.default is not None:
             arguments["type"] = type(option.default)
         name = option.name.replace("_", "-")

@@ -56,11 +56,11 @@ class Robot(Timeline):
         jack: the lift of LiftControl, which carries goods.
         column: the lift of LiftControl2 and LiftControl3.
         wifi: the Wi-Fi.
-        readiness: modes and conditions.
+        readiness: modes and conditions that decide whether the robot may move by itself.
         occupied: True if a client has reserved the robot.
         scan_time: simulated time of the last scan of the laser, in seconds.
         scan_pose: pose of the robot at the last scan.
-        pushed_scan_time: simulated time of the last scan that is pushed, in seconds.
+        pushed_scan_time: simulated time of the last scan that was pushed, in seconds.
         footprint: the `woosh.robot.FootPrint` in use.
         footprints: outlines of the robot by `woosh.robot.FootPrint`.
         setting: settings, as reported to clients.

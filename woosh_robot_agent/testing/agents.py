@@ -232,6 +232,7 @@ class AgentInProcess:
         try:
             self._spinner.stop()
         finally:
+            # the results of goals must still reach their clients
             self.agent.close(lambda: self.executor.spin_once(timeout_sec=_CLOSING_SPIN_TIMEOUT))
             self.executor.shutdown()
             rclpy.try_shutdown(context=self.context)

@@ -337,13 +337,13 @@ def _encoder(cls: MessageClass, defaults: bool) -> Callable[[Message], dict[str,
         field.number: (field.json_name, _value_encoder(field, defaults))
         for field in cls.DESCRIPTOR.fields
     }
-    blank: dict[str, Any] = {}  # default values, in the order of the fields
+    blank: dict[str, Any] = {}  # default values, in the order of the fields; None for lists
     lists = []
     for field in cls.DESCRIPTOR.fields if defaults else ():
         if is_repeated(field):
-            blank[field.json_name] = None
+            blank[field.json_name] = None  # keeps the place
             lists.append(field.json_name)
-        elif field.message_type is None and field.containing_oneof is None:  # never absent
+        elif field.message_type is None and field.containing_oneof is None:  # has no presence
             blank[field.json_name] = _scalar_encoder(field)(field.default_value)
 
     def encode(message: Message) -> dict[str, Any]:

@@ -50,11 +50,12 @@ class AgentGoal:
             out, as far as that is known; None if the agent starts the goal by itself.
 
     Attributes:
+        published: as the argument.
         accepted: future; True once the chassis has accepted the goal, False if it never will.
         ended: future of the end.
     """
 
-    accepted: asyncio.Future[bool]
+    accepted: asyncio.Future[bool]  # set by `Actions.start`, because it belongs to the goal's run
 
     def __init__(self, on_report: Callable[[Message], None], published: float | None) -> None:
         self.published = published

@@ -25,11 +25,13 @@ from woosh_robot_agent.ros.standard.poses import LEVER, STANDSTILL, Arc, Pose2D,
 _MIN_SPEED = 0.1
 """Minimum mean speed from which the duration of a movement is derived, in m/s."""
 _TOLERANCE = 1.1
-"""Factor on the duration derived from a movement, because the reported speeds are inexact."""
+"""Factor by which a report may exceed the duration derived from its movement before it counts as
+delayed, because the reported speeds are inexact."""
 _MAX_REPORT_DELAY = 0.25
 """Maximum delay of a report that is corrected, in seconds."""
 _CORRECTION = 0.7
-"""Share of a delay that is corrected. It is below 1, so that a lasting delay is adopted."""
+"""Share of a delay that is corrected. It is below 1, so that the estimate follows a delay that
+lasts."""
 
 
 class ReportTime:

@@ -82,7 +82,7 @@ def _delete(chassis: Chassis, request: storage_edit_pb2.Delete) -> Result:
 
 
 def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = None) -> Mark:
-    """Return the mark that a client has described.
+    """Check the mark that a client has described, and return it.
 
     Args:
         chassis: the robot, on whose current map the mark is.

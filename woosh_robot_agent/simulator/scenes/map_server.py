@@ -1,7 +1,7 @@
 """Read maps of nav2's map_server: a picture (PNG, or plain or raw PGM) and a YAML file.
 
-The keys of the YAML file have the same meaning as for nav2's map_server. Robots leave out `negate`
-and the thresholds.
+The keys of the YAML file have the same meaning as for nav2's map_server. The files of robots lack
+`negate` and the thresholds.
 """
 
 from __future__ import annotations

@@ -382,6 +382,7 @@ def _task_set(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.Woo
         )
         custom = woosh_task_pb2.WooshTask.Custom(executable=True)
         tasks.append(woosh_task_pb2.WooshTask(base=base, custom=custom))
-    number = entry.id
-    base_of_set = task_pb2.TaskSetBase(id=number, name=entry.name, no=str(number), adapter="woosh")
+    base_of_set = task_pb2.TaskSetBase(
+        id=entry.id, name=entry.name, no=str(entry.id), adapter="woosh"
+    )
     return woosh_task_pb2.WooshTaskSet(base=base_of_set, tasks=tasks)

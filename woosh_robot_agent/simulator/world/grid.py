@@ -133,7 +133,8 @@ class Grid:
     def gap(self, hull: Hull, pose: Pose) -> float:
         """Return the gap in metres between the outline at `pose` and the nearest occupied cell.
 
-        Near a corner of the outline, the gap is slightly underestimated.
+        It is negative if they overlap, and infinite if no occupied cell is near. Near a corner of
+        the outline, it is slightly underestimated.
         """
         # Only cells in a square around the robot can be near.
         column, row = self._in_cells(pose.x, pose.y)
@@ -147,13 +148,14 @@ class Grid:
         # Centres of the occupied cells from the centre of the robot, in metres.
         x = (columns + (left + 0.5)) * self.resolution + (self.low[0] - pose.x)
         y = (rows + (bottom + 0.5)) * self.resolution + (self.low[1] - pose.y)
-        sides = np.array(hull.sides)
+        sides = np.array(hull.sides)  # for each: its unit normal (x, y), and its distance
         cos, sin = math.cos(pose.theta), math.sin(pose.theta)
         # Normals of the outline's sides in the map's frame.
         nx = sides[:, 0] * cos - sides[:, 1] * sin
         ny = sides[:, 0] * sin + sides[:, 1] * cos
         reach_of_cell = 0.5 * self.resolution * (abs(nx) + abs(ny))
         gaps = np.outer(x, nx) + np.outer(y, ny) - (sides[:, 2] + reach_of_cell)
+        # The gap to a cell is its greatest distance from a side; the nearest cell counts.
         return float(gaps.max(axis=1).min())
 
     def cast(

@@ -65,7 +65,14 @@ class Laser:
     def scan(
         self, base: Pose, walls: Sequence[Wall], rng: random.Random, grid: Grid | None = None
     ) -> list[float]:
-        """Return the ranges of a scan from a base at `base`, in metres, first ray first."""
+        """Return the ranges of a scan in metres, first ray first; infinite for a ray without echo.
+
+        Args:
+            base: pose of the base.
+            walls: walls, including the sides of obstacles.
+            rng: random number generator for the noise.
+            grid: occupancy grid that the rays also hit; None if there is none.
+        """
         origin = base.moved(self.forward, 0.0, 0.0)
         if grid:
             first = origin.theta + self.angle_min
@@ -74,15 +81,14 @@ class Laser:
             ranges = [math.inf] * self.rays
         for wall in walls:
             self._cast(origin, wall, ranges)
-        return [
-            max(
-                self.range_min,
-                range_ + max(-_MAX_ERROR, min(_MAX_ERROR, rng.gauss(0.0, self.noise))),
-            )
-            if range_ <= self.range_max
-            else math.inf
-            for range_ in ranges
-        ]
+        return [self._measure(distance, rng) for distance in ranges]
+
+    def _measure(self, distance: float, rng: random.Random) -> float:
+        """Return the range that is measured at a distance; infinite beyond `range_max`."""
+        if distance > self.range_max:
+            return math.inf
+        error = max(-_MAX_ERROR, min(_MAX_ERROR, rng.gauss(0.0, self.noise)))
+        return max(self.range_min, distance + error)
 
     def _cast(self, origin: Pose, wall: Wall, ranges: list[float]) -> None:
         """Shorten the ranges of the rays that hit `wall`."""

@@ -112,7 +112,8 @@ _MAX_FIRST_REPORT = 30.0
 _MAX_EFFECT = 5.0
 """Maximum time from an order to its effect, in seconds."""
 _MAX_EMPTY = 0.5
-"""Maximum time from the last report of a task to the following empty report, in seconds."""
+"""Maximum time from the last report of a task to the empty report that follows, which names no
+task, in seconds."""
 _FIRST_REPORTS = 8
 """Maximum number of values of `tasks.first_report`."""
 

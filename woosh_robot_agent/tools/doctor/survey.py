@@ -272,7 +272,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
 
     Args:
         config: address and timeouts of the robot.
-        folder: folder for the results, which must not exist or be empty.
+        folder: folder for the results; must be empty or not exist yet.
         minutes: duration, in minutes.
         with_names: True to keep what could identify the robot or its site.
 
@@ -280,7 +280,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
         A summary for the user.
 
     Raises:
-        SurveyError: the robot has not answered, or the folder cannot be written.
+        SurveyError: the robot has sent nothing, or the folder cannot be written.
     """
     stop = stop_event()
     running_survey = _Survey(config)

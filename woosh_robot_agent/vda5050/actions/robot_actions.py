@@ -158,7 +158,13 @@ async def drop(run: Run) -> str:
 
 
 async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
-    """Move the lift where the robot stands, or by a task with a direction at the given mark."""
+    """Move the lift where the robot stands; if a mark is given, by a carry task at the mark.
+
+    Args:
+        run: the action.
+        lift: request that moves the lift where the robot stands.
+        direction: direction of the carry task.
+    """
     mark = run.given.get(_STATION)
     if mark is None:
         return await run.call(lift)

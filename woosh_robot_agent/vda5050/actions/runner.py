@@ -72,8 +72,8 @@ _PROGRAM = Sentence("vda.program", "an error of the program; see its log")
 class ActionRunner:
     """Performs actions as far as their blocking types permit.
 
-    The order commands its actions once they may start beside each other. Here, they and the instant
-    actions also wait for each other.
+    `OrderMachine` commands the actions of an order once they may run together. This class also
+    makes them and the instant actions wait for each other.
     """
 
     def __init__(self, execution: Execution, reports: Reports, log_folder: Path | None) -> None:

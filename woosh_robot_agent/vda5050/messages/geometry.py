@@ -81,7 +81,7 @@ def curve_defect(trajectory: Trajectory) -> str:
 
 @functools.lru_cache(maxsize=256)
 def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
-    """Return points from start to end along a trajectory, for which `curve_defect` is empty."""
+    """Return points along a valid trajectory (see `curve_defect`), from its start to its end."""
     degree, knots = int(trajectory.degree), trajectory.knots
     spans = [
         span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]

@@ -57,8 +57,10 @@ class OrderMemory:
         on_edge: True if the vehicle is on the first of `edges`.
         leg_length: number of nodes of the current leg (part of the order without a stop) that are
             still to be reached; 0 without a leg.
-        canceling: True from the cancellation of the order until it has been emptied.
-        cancelled: True if the order was cancelled.
+        actions: state of the actions of the order.
+        canceling: True while the order is being cancelled, i.e. until its drive and actions have
+            ended, and its remaining nodes and edges are removed.
+        cancelled: True once the order was cancelled, also after that.
         holds: names of the holds, i.e. of the reasons for which the vehicle must not drive.
         error: why the order does not go on; None while it goes on.
     """
@@ -84,7 +86,7 @@ class OrderMachine:
 
     Attributes:
         error: why the order can only be cancelled; None while it can go on.
-        canceling: True from the cancellation of the order until it has been emptied.
+        canceling: True while the order is being cancelled, as in `OrderMemory`.
     """
 
     def __init__(self) -> None:
@@ -95,7 +97,7 @@ class OrderMachine:
         """The order or update that was taken last."""
         self.canceling = False
         self._is_cancelled = False
-        """True if the order was cancelled, also after it has been emptied."""
+        """True once the order was cancelled, as in `OrderMemory`."""
         self._holds: set[str] = set()
         """Names of the holds, i.e. of the reasons for which the vehicle must not drive."""
         self._is_drive_paused: bool | None = False
