@@ -383,6 +383,7 @@ async def test_a_press_does_not_take_the_control_again_that_was_given_back(
     async with controlled(chassis) as viewer:
         await hold(viewer, lambda: is_driving(chassis))
         await viewer.drive(0.3)  # a slow machine may have begun another press and not sent it
+        await viewer.until(lambda parts: parts["control"]["owner"])
         await viewer.send(do=how, robot=0)
         await viewer.until(lambda parts: parts["control"]["owner"] is None)
         await eventually(lambda: is_stopped_by_zero(chassis))

@@ -211,7 +211,7 @@ def test_a_whole_map_is_fitted_beside_what_lies_over_it_and_not_moved_by_notices
     eventually(lambda: is_beside(".panel"), "the map beside the sheet")
     before = window.script(_MAP_BOX)
     robot.set_emergency_stop(True)
-    robot.inject("lost_localisation")
+    lost = robot.inject("lost_localisation")
     eventually(lambda: window.script("store.robot.value.objections.length") == 2, "both")
     assert "1 more" not in window.text("#notice"), "one line"
     eventually(lambda: window.script("mapCanvas.covered.top > 0"), "its size")
@@ -222,8 +222,7 @@ def test_a_whole_map_is_fitted_beside_what_lies_over_it_and_not_moved_by_notices
     assert window.script(_MAP_BOX)["height"] > 100
     window.press(".panel [aria-label=Close]")
     eventually(lambda: is_beside("#notice"), "the map beside the banner")
-    robot.clear_faults()
-    robot.set_emergency_stop(True)
+    lost.clear()
     for width, height in ((390, 844), (1440, 900)) * 3:
         window.set_screen(width, height)
         window.driver.refresh()
