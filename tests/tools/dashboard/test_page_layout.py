@@ -257,6 +257,20 @@ def test_the_bar_stands_still_when_its_numbers_get_more_digits(
     assert places[0] == places[1] == places[2]
 
 
+def test_a_long_delay_of_the_link_fits_in_the_bar(serve: Serve, window: Browser) -> None:
+    show = """((delay) => {
+        store.link.value = {...store.link.value, delay};
+        return new Promise((resolve) => setTimeout(() => requestAnimationFrame(() => {
+          const {textContent, scrollWidth, clientWidth} = document.querySelector("#link .delay");
+          resolve([textContent, scrollWidth <= clientWidth]);
+        })));
+      })(%d)
+    """
+    open_observed(window, serve({}).url, 768, 1024)
+    shown = [window.script(show % delay) for delay in (999, 1000, 11345)]
+    assert shown == [["999 ms", True], ["1.0 s", True], ["11.3 s", True]]
+
+
 def test_an_unconfirmed_stop_and_a_lost_link_are_counted_as_alarms(
     serve: Serve, window: Browser
 ) -> None:

@@ -44,6 +44,8 @@ _NO_TOKEN = Sentence(
 _OTHER_PAGE = Sentence("http.otherPage", "only the page of this program may connect")
 _TOKEN_BYTES = 16
 """Length of a token, in random bytes."""
+_MIN_TOKEN_LENGTH = 16
+"""Minimum length of a token in a file, in characters."""
 _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[\w.-]+)(:\d{1,5})?", re.ASCII | re.IGNORECASE)
 """A host with an optional port, and without the user name that URLs may have."""
 
@@ -85,7 +87,9 @@ def kept_tokens(path: Path) -> dict[Role, str]:
         raise TokenFileError(f"cannot use {path}: {error.strerror or error}") from None
     except (ValueError, TypeError, KeyError):
         tokens = {}
-    if not tokens or not all(isinstance(each, str) and len(each) > 15 for each in tokens.values()):
+    if not tokens or not all(
+        isinstance(each, str) and len(each) >= _MIN_TOKEN_LENGTH for each in tokens.values()
+    ):
         raise TokenFileError(f"{path} has no tokens: delete it, and a new one is made")
     return tokens
 
@@ -163,10 +167,10 @@ class Access:
     def _cookie_name(self) -> str:
         return f"woosh_dashboard_{self.port}"  # browsers send cookies to all ports of a host
 
-    def _role_of(self, text: str) -> Role | None:
-        given = text.encode(errors="replace")
-        for role, token in self.tokens.items():
-            if hmac.compare_digest(given, token.encode()):
+    def _role_of(self, token: str) -> Role | None:
+        given = token.encode(errors="replace")
+        for role, valid in self.tokens.items():
+            if hmac.compare_digest(given, valid.encode()):
                 return role
         return None
 

@@ -128,7 +128,7 @@ class Control:
 
     Attributes:
         owner: the viewer that has the control; None if no viewer has it.
-        tasks: the tasks of the robot.
+        tasks: the log of the robot's tasks.
         alarm: the alarm of a stop that is not confirmed.
         speed_limit: speed limit that a viewer has set, in m/s; None without one.
     """
@@ -146,6 +146,7 @@ class Control:
             config.max_linear, config.max_angular, _STICK_RATE, config.stick_timeout
         )
         self.speed_limit: float | None = None
+        # robot.parts: the data about the robot that the page shows
         self._speed_limiter = SpeedLimiter(
             robot.chassis,
             self._gate,
@@ -160,7 +161,11 @@ class Control:
         self._standstill = Standstill(robot.chassis, self._gate, last_known)
         velocities = VelocitySources(robot.chassis, self._gate)
         self._who_drives = WhoDrives(
-            robot.chassis, self._gate, last_known, velocities, goals=lambda: ()
+            robot.chassis,
+            self._gate,
+            last_known,
+            velocities,
+            goals=lambda: (),  # the dashboard executes no ROS goals
         )
         self.tasks = TaskLog(robot, self._who_drives.now)
         self.alarm = StopAlarm(robot, on_card_changed)
@@ -171,7 +176,10 @@ class Control:
         self._stopped_at = -math.inf
         """Loop time of the last stop."""
         self._press = -1
-        """Number of the press that drives; -1 if no press drives."""
+        """Number of the owner's last press that was admitted; -1 without one.
+
+        The press has ended if `owner.ended_press` is at least as high.
+        """
         self._press_mode = 0
         """Control mode of the robot at the beginning of the press `_press`."""
         self._driven_at = -math.inf
@@ -409,6 +417,7 @@ class Control:
             self.owner.end_press(self._press, reason)
 
     def _data(self) -> dict[str, Any]:
+        """Take the control from an idle viewer, and return the data of the part `control`."""
         self._release_idle()
         limits, driver = self._stick_limits(), self._who_drives.now()
         return {

@@ -172,6 +172,7 @@ class MapSource:
                 self._on_change()
             return
         self._shown = wanted
+        # the next change of the map is shown at once; this one may have changed the list of scenes
         self._not_before = self._list_at = -math.inf
 
     def _map_grown(self, body: Body) -> None:

@@ -241,7 +241,10 @@ class Robot:
             await asyncio.sleep(SAMPLE_PERIOD)
 
     def _sample(self) -> list[Any]:
-        """Return Unix time in seconds, speed in m/s, battery in percent, and delay in ms."""
+        """Return Unix time in seconds, speed in m/s, battery in percent, and delay in ms.
+
+        The speed is the greatest one since the last sample; a sample with a speed resets it.
+        """
         info, stats = self.view.info, self.chassis.stats
         moment = part_data.now() // 1000
         if self.chassis.state is not LinkState.READY or not self.view.has_robot_info:

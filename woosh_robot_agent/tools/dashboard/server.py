@@ -307,6 +307,7 @@ class Dashboard:
         try:
             async for message in socket:
                 viewer.heard_at = asyncio.get_running_loop().time()
+                # the page sends only text: "" raises a ValueError, which disconnects the viewer
                 self._handle(viewer, _parse(message.data if message.type is WSMsgType.TEXT else ""))
             await viewer.dismissed()  # otherwise aiohttp tells the page another reason
         except ValueError as error:
@@ -448,7 +449,7 @@ class Dashboard:
 
     async def _run_more(self, name: str, args: Args) -> Outcome:
         outcome = self._more_commands[name](args)
-        self.robots[0].parts.changed()
+        self.robots[0].parts.changed()  # only a simulation has such commands, and only one robot
         return outcome
 
 

@@ -31,12 +31,15 @@ class StopAlarm:
         self._standing_since = -math.inf
         """Loop time since which the robot is seen to stand still."""
         self._received = 0
-        """Number of frames received until then; only a later frame shows the standstill."""
+        """Frames received at `_standing_since`; only a later frame shows the standstill."""
         robot.chassis.subscribe(PoseSpeed, lambda report: self._check_standstill())
 
     @property
     def reason(self) -> str:
-        """Why the stop was not confirmed; empty without an alarm."""
+        """Why the stop was not confirmed; empty without an alarm.
+
+        Reading it ends the alarm if the robot has been seen to stand still for long enough.
+        """
         self._check_standstill()
         return self._reason
 

@@ -102,10 +102,10 @@ class TaskLog:
 
     def answered(self, task_id: int, ok: bool) -> None:
         """Note that the robot has accepted or refused a task."""
-        if ok:
-            self._tasks[task_id].known = True
-        else:
+        if not ok:
             self._tasks.pop(task_id, None)
+        elif given := self._tasks.get(task_id):  # newer tasks may have removed it meanwhile
+            given.known = True
         self._robot.parts.changed()
 
     def _snapshot(self, info: RobotInfo) -> None:

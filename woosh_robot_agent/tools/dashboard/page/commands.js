@@ -159,7 +159,7 @@ export function release() {
  * @param {import("./store.js").Target} chosen
  */
 export async function setTarget(chosen) {
-  if (store.tool.value === "pose") forgetTarget();
+  if (store.tool.value === "pose") forgetTarget(); // a new target ends the setting of a pose
   const target = { ...chosen, from: store.pose.value };
   store.target.value = target;
   if (!target.pose || !store.mayControl.value) return;

@@ -42,18 +42,18 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @typedef {object} Task
  * @property {string} id
  * @property {string} type
- * @property {string} to
+ * @property {string} to number of the mark where the task goes, may be empty
  * @property {[number, number] | null} place where the robot goes, in metres, if that is known
  * @property {string} state
  * @property {boolean} running
- * @property {string} text
- * @property {Code | null} code
+ * @property {string} text from the robot
+ * @property {Code | null} code reason of a failure, if known
  * @property {string} scene empty if it is not known on which map the task is
  * @property {string} map
  * @property {number} begun Unix time in milliseconds; 0 if its start was not seen
- * @property {number} changed
- * @property {string} by
- * @property {{name?: string, args?: Record<string, any>}} command
+ * @property {number} changed Unix time in ms of the last change of state, 0 before the first report
+ * @property {string} by name of the viewer or of another source, empty if unknown
+ * @property {{name?: string, args?: Record<string, any>}} command that gave the task, empty if no page gave it
  */
 /**
  * @typedef {object} Area the map, as far as it is known

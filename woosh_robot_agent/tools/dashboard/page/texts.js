@@ -111,12 +111,13 @@ export function say(value) {
 }
 
 /**
- * Return the meaning of a status code; empty if unknown.
- * @param {{code: string, meaning: string}} code
+ * Return the meaning of a status code in the language of the page; empty if unknown.
+ * @param {{code: string, meaning: string}} code with the meaning in English
  */
 export function meaningOf({ code, meaning }) {
   const known = codes.value;
-  if (!meaning || code in known) return known[code] ?? meaning;
+  if (!meaning) return ""; // in no table, or ambiguous without the level: do not guess
+  if (code in known) return known[code];
   // robots report some codes with another level, which is the last digit
   const other = Object.keys(known).find((each) => each.slice(0, -1) === code.slice(0, -1));
   return other ? known[other] : meaning;

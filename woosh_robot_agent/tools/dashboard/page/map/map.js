@@ -172,7 +172,10 @@ export class MapCanvas {
     this.redraw();
   }
 
-  /** @param {{map: store.Area, image: HTMLImageElement}} area */
+  /**
+   * Return the corners of an area's picture, in world coordinates.
+   * @param {{map: store.Area, image: HTMLImageElement}} area
+   */
   corners({ map, image }) {
     const { x, y, theta } = /** @type {store.Pose} */ (map.origin);
     const size = /** @type {number} */ (map.resolution);

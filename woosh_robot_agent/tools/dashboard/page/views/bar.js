@@ -64,8 +64,13 @@ function LinkChip() {
   return html`<div class="chip ${good ? "" : "bad"}" id="link" role="status" title=${long}>
     <span class="dot ${good ? "ok" : "bad"}"></span>
     <span class=${good ? "wide" : ""}>${short}</span>
-    ${good && delay !== null && html`<small class="wide delay">${delay} ms</small>`}
+    ${good && delay !== null && html`<small class="wide delay">${delayText(delay ?? 0)}</small>`}
   </div>`;
+}
+
+/** Return a delay, short enough for the bar. @param {number} delay in milliseconds */
+function delayText(delay) {
+  return delay < 1000 ? `${delay} ms` : `${(delay / 1000).toFixed(1)} s`;
 }
 
 function BatteryChip() {

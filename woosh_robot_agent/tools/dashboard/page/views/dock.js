@@ -210,12 +210,18 @@ function Preview() {
   const may = store.mayControl.value;
   const [to, way] = targetTexts(target);
   const reason = may && refusal(command);
-  const known = store.map.value?.marks?.find(({ number }) => number === mark);
-  const about = known
-    ? [tOr(`mark.${known.type}`, known.type), known.text, placeText(known), degrees(known.theta)]
+  const markOnMap = store.map.value?.marks?.find(({ number }) => number === mark);
+  const about = markOnMap
+    ? [
+        tOr(`mark.${markOnMap.type}`, markOnMap.type),
+        markOnMap.text,
+        placeText(markOnMap),
+        degrees(markOnMap.theta),
+      ]
     : pose
       ? [degrees(pose.theta)]
       : [];
+  // the key of the options: another target or kind of task replaces what the viewer has selected
   return html`<div class="now" id="now">
       <b>${to}${way && html` <span class="way">${way}</span>`}</b>
       <p>${reason ? say(reason) : about.filter(Boolean).join(" · ")}</p>

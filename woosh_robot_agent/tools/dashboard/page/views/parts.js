@@ -6,7 +6,7 @@ import { t, tOr } from "../texts.js";
 
 const SETTLE = 1000; // milliseconds for which buttons that replace others are disabled
 
-/** @type {Record<string, string>} paths of icons of 24 x 24 pixels, as in SVG */
+/** @type {Record<string, string>} SVG paths of the icons, in 24 x 24 pixels, by name */
 const ICONS = {
   alarm: "M12 3 2 20h20zM12 10v4M12 17v.5",
   auto: "M12 3a9 9 0 1 0 0 18 9 9 0 1 0 0-18M8.500 16 12 7l3.500 9M9.700 13h4.600",
