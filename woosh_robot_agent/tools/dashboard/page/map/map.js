@@ -112,6 +112,11 @@ export class MapCanvas {
     this.redraw();
   }
 
+  /** Fit again unless the viewer has moved the map since. */
+  refit() {
+    if (this.stillFitted && !this.pointers.size) this.fit();
+  }
+
   /** Show the whole map beside the scale bar, as large as possible. @param {Point[]} corners */
   fitArea(corners) {
     for (let below = 0; below <= SCALE_ROOM; below += 2) {
@@ -157,8 +162,8 @@ export class MapCanvas {
     const { bottom, left } = this.view.inset;
     if (inset.bottom === bottom && inset.left === left) return;
     this.view.inset = inset;
-    if (this.stillFitted && !this.pointers.size) this.fit();
-    else this.redraw();
+    this.redraw();
+    this.refit();
   }
 
   followRobot() {

@@ -192,6 +192,11 @@ function Notices() {
     for (const each of elements) observer.observe(each);
     return () => observer.disconnect();
   }, []);
+  const known = store.robot.value?.known ?? false;
+  useEffect(() => {
+    updateCovered();
+    map?.refit(); // beside the notices of the first state, which may come after the map's picture
+  }, [known]);
   return html`<div class="notices" ref=${box}>
     ${
       alarms.length > 0 &&
