@@ -16,7 +16,11 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.robot.who_drives import Driver
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.parts import Parts
+from woosh_robot_agent.tools.dashboard.robot import Robot
+from woosh_robot_agent.tools.dashboard.tasks import TaskLog
 
 
 @pytest.fixture
@@ -129,3 +133,16 @@ async def test_where_a_task_to_a_place_goes(chassis: SimulatorThread, by: str) -
         assert (task_["to"], task_["place"]) == ("", pytest.approx([1.0, -6.0], abs=0.1))
         card = await viewer.until(lambda parts: parts["fleet"][0]["task"])
         assert card["place"] == task_["place"]
+
+
+@aio
+async def test_the_answer_to_a_task_that_the_log_has_already_removed_is_ignored() -> None:
+    def driver() -> Driver:
+        raise AssertionError("no task of another program is reported")
+
+    log = TaskLog(Robot(LinkConfig("127.0.0.1"), Parts(), control=True, scan_rate=1.0), driver)
+    for task_id in range(1, 52):
+        log.given(task_id, "1 (127.0.0.1)", "charge", {})
+    log.answered(1, True)
+    assert log.running() is None
+    log.answered(51, True)

@@ -32,12 +32,7 @@ from woosh_robot_agent.tools.doctor.checks import (
     request_robot_info,
 )
 from woosh_robot_agent.tools.doctor.ros_graph import check_subscribers
-from woosh_robot_agent.tools.options import (
-    above_zero,
-    add_link_options,
-    link_config,
-    tool_parser,
-)
+from woosh_robot_agent.tools.options import above_zero, add_link_options, link_config, tool_parser
 
 CHECKS = (
     "network",
