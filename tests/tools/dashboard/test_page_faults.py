@@ -145,8 +145,12 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
     window.press("#marks li:nth-child(2) button")
     eventually(lambda: "no path" in window.text("#now"), "the preview without a way")
     assert not window.is_enabled("#go")
+    chassis.inject("refuse")
     with program(chassis, options=options):
-        eventually(lambda: window.script("!store.outdated.value"), "the new dashboard")
+        eventually(lambda: window.script("store.problem.value === ''"), "the new dashboard")
+        eventually(lambda: window.script("store.link.value.state !== 'connected'"), "its link")
+        chassis.clear_faults()
+        eventually(lambda: window.script("!store.outdated.value"), "the robot")
         window.wait_for_map()
         eventually(lambda: window.text("#alarm") == "", "the end of the alarm")
         eventually(lambda: " m" in window.text("#now .way"), "the way, asked again")

@@ -1,7 +1,7 @@
 // Actions of the viewer: commands, STOP, the choice of a robot, of a target, of a pose.
 
 import { refusal } from "./allowed.js";
-import { batch, computed, effect } from "./vendor/preact.js";
+import { batch, effect, signal } from "./vendor/preact.js";
 import { Connection } from "./connection.js";
 import * as store from "./store.js";
 
@@ -159,18 +159,19 @@ export function release() {
  * @param {import("./store.js").Target} chosen
  */
 export async function setTarget(chosen) {
-  if (store.tool.value === "pose") forgetTarget(); // a new target ends the setting of a pose
-  const target = { ...chosen, from: store.pose.value };
+  if (store.tool.peek() === "pose") forgetTarget(); // a new target ends the setting of a pose
+  const target = { ...chosen, from: store.pose.peek() };
   store.target.value = target;
-  if (!target.pose || !store.mayControl.value) return;
+  if (!target.pose || !store.mayControl.peek()) return;
   const { ok, text, data } = await connection.command("plan", target.pose);
   if (store.target.value !== target) return; // the viewer has chosen another target meanwhile
   store.target.value = { ...target, plan: ok ? data : { error: text } };
 }
 
 effect(() => {
+  const ready = !store.outdated.value && store.mayControl.value;
   const target = store.target.peek();
-  if (!store.outdated.value && target?.plan && "error" in target.plan)
+  if (ready && target?.pose && !(target.plan && "path" in target.plan))
     setTarget({ ...target, plan: null }); // the answer may have been lost with the connection
 });
 
@@ -230,8 +231,10 @@ export async function confirmPose() {
 }
 
 /** Names of the maps that are shown and used; they change with each of them. */
-export const mapNames = computed(() => {
-  const { scene, map } = store.robot.value ?? {};
-  return JSON.stringify([store.shownMap.value, scene, map]);
+export const mapNames = signal("");
+effect(() => {
+  const { known, scene, map } = store.robot.value ?? {};
+  // after its restart, the dashboard does not know the robot at first
+  if (known !== false) mapNames.value = JSON.stringify([store.shownMap.value, scene, map]);
 });
 mapNames.subscribe(forgetPlaces); // places of one map mean nothing on another one
