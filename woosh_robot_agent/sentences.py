@@ -53,8 +53,8 @@ AND = Sentence("said.and", "{one}, {other}")
 """Two parts of a list."""
 THEN = Sentence("said.then", "{one}; {other}")
 """Two statements."""
-REFUSED = Sentence("refusal.refused", "refused")
-"""A refusal without a reason."""
+REFUSED = Sentence("refusal.refused", "refused without a reason")
+"""Stands for the reason of a refusal that has none."""
 NOT_SENT = Sentence("said.notSent", "not sent: {reason}")
 """Tells that something was not sent, and why."""
 

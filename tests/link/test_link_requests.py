@@ -91,6 +91,25 @@ async def test_answers_may_come_in_any_order(kind: str) -> None:
         ]
 
 
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        ({"ok": False, "msg": "State not allow"}, "State not allow"),
+        ({"ok": False}, "refused without a reason"),
+        ({"msg": "Request succeed"}, ""),
+        ({"msg": "Request succeed", "type": "no.Type"}, "the answer cannot be read: "),
+    ],
+)
+@aio
+async def test_a_refusal_and_an_unreadable_answer_have_a_reason(
+    answer: dict[str, Any], reason: str
+) -> None:
+    async with linked() as (_peer, client, wire):
+        got = await answered(client.request(Speak()), wire, **answer)
+        assert got.reason.startswith(reason)
+        assert bool(got.reason) == bool(reason)
+
+
 @aio
 async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
     caplog: pytest.LogCaptureFixture,

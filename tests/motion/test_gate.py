@@ -161,7 +161,7 @@ async def test_a_stop_that_the_chassis_refuses_without_a_reason_says_so() -> Non
 
     async with gated(refuse) as rig:
         report = await soon(rig.gate.stop(TIMEOUT))
-        assert report.message.startswith("NOT STOPPED: refused; ")
+        assert report.message.startswith("NOT STOPPED: refused without a reason; ")
 
 
 @aio

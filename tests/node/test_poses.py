@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger
 
 from tests.harness import Client, wait_until
+from tests.node.goals import replace_answers
 from woosh_robot_agent.simulator import SimulatorThread
 
 CALL_ACTION = "woosh.ros.CallAction"
@@ -61,6 +62,9 @@ class TestInitialpose:
     def test_a_refusal_is_logged(self, simulator, sender, logs):
         sender.initialpose(500.0, 0.0, 0.0)
         logs.wait_text("refused initialpose", level="ERROR")
+        replace_answers(simulator, SET_POSE, ok=False, msg="")
+        sender.initialpose(1.0, 1.5, 2.0)
+        logs.wait_text(": refused without a reason", level="ERROR")
 
     @pytest.mark.parametrize("size", [0.0, 1e18, -2.0])
     def test_an_orientation_that_is_no_rotation_is_logged(self, simulator, sender, logs, size):

@@ -9,6 +9,7 @@ from typing import Any, NoReturn, Protocol, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.sentences import REFUSED
 
 M = TypeVar("M", bound=Message)
 T = TypeVar("T")
@@ -229,6 +230,11 @@ class Answer:
             return self.raw.message()  # type: ignore[no-any-return]
         except FrameError:
             return None
+
+    @property
+    def reason(self) -> str:
+        """Why the chassis refused the request; of an accepted one, the `defect`."""
+        return self.defect if self.ok else self.msg or REFUSED()
 
     @property
     def defect(self) -> str:

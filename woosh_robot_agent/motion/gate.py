@@ -52,7 +52,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
-from woosh_robot_agent.sentences import NOT_SENT, REFUSED, THEN, Said, Sentence, joined, said_by
+from woosh_robot_agent.sentences import NOT_SENT, THEN, Said, Sentence, joined, said_by
 
 
 def cancel_orders() -> dict[str, Message]:
@@ -118,7 +118,7 @@ def _is_ok(answer: Answer | LinkError) -> bool:
 
 
 def _reason(answer: Answer | LinkError) -> str:
-    return (answer.msg or REFUSED()) if isinstance(answer, Answer) else said_by(answer)
+    return answer.reason if isinstance(answer, Answer) else said_by(answer)
 
 
 def _name(what: str) -> str:
@@ -422,7 +422,7 @@ class MotionGate:
         """
         answer = await self._send(Twist(), Sending(timeout, first=True, always=True))
         if not answer.ok:
-            raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.msg}")
+            raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.reason}")
         self._drives_until = -math.inf
 
     async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:

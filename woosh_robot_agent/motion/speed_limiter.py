@@ -19,7 +19,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosErr
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.sentences import REFUSED, Sentence
+from woosh_robot_agent.sentences import Sentence
 
 _LOG = logging.getLogger(__name__)
 _LIMIT_REFUSED = Sentence(
@@ -170,7 +170,7 @@ class SpeedLimiter:
         self._sent = _UNKNOWN
         if limit != self._limit:
             return
-        self.refusal = answer.msg or REFUSED()
+        self.refusal = answer.reason
         if math.isfinite(limit):  # otherwise the robot is at most slower than it may be
             self._on_refused(_LIMIT_REFUSED(limit=str(limit), reason=self.refusal))
 

@@ -304,7 +304,7 @@ class VelocityDriver:
             self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
         else:
             if not answer.ok and self._log_refusals:
-                self._log.warn("refused", f"the chassis refused {self._name}: {answer.msg}")
+                self._log.warn("refused", f"the chassis refused {self._name}: {answer.reason}")
 
     def _silence(self, reason: str) -> None:
         """Refuse velocities until their sender pauses or sends a zero."""

@@ -124,7 +124,7 @@ class RefusalLog:
         """Start to explain a refusal; forget earlier refusals after a success."""
         if command.answer.ok and not self._logs:  # the usual case needs no name
             return
-        name, msg = command_name(command), command.answer.msg
+        name, msg = command_name(command), command.answer.reason
         if command.answer.ok:
             self._logs.pop(name, None)
             return

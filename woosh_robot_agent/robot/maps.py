@@ -187,7 +187,7 @@ async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
     """
     answer = await chassis.request(SceneData(name=scene_name))
     if not answer.ok:
-        raise MapError(_REFUSED(scene=scene_name, reason=answer.msg))
+        raise MapError(_REFUSED(scene=scene_name, reason=answer.reason))
     if not isinstance(answer.body, SceneData):
         raise MapError(_NO_SCENE(reason=answer.defect or answer.type))
     return answer.body

@@ -102,7 +102,7 @@ class _QueryHandler:
         """Request the value from the chassis; raise an error without a usable answer."""
         answer = await self._robot.chassis.request(self._chassis_request(request))
         if not answer.ok:
-            raise _RefusedError(f"the chassis refused: {answer.msg}")
+            raise _RefusedError(f"the chassis refused: {answer.reason}")
         if answer.type != self._endpoint.request:
             raise _UnusableAnswerError(answer.defect or f"the chassis answered with {answer.type}")
         try:

@@ -39,14 +39,16 @@ async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -
         assert math.dist(found["path"][-1], (1.0, -6.0)) < 0.1
         assert found["length"] >= math.dist((here["x"], here["y"]), (1.0, -6.0)) - 0.1
         text = await viewer.refused("plan", x=500.0, y=0.0, theta=0.0)
-        assert re.fullmatch(r"the place may be .* outside of the map, or cut off \(.+\)", text)
+        assert re.fullmatch(
+            r"the place may be .* outside of the map, or cut off \(the robot: .+\)", text
+        )
         assert viewer.parts["control"]["owner"] is None  # looking takes no control
         assert chassis.counts[full_name(ExecTask)] == 0
         chassis.inject("lost_localisation")
         await viewer.until(lambda parts: parts["robot"]["objections"])
         chassis.refuse(full_name(PlanNavPath), "Request failed")
         reason = await viewer.refused("plan", x=1.0, y=-6.0, theta=0.0)
-        assert reason == "the robot has lost its localisation (Request failed)"
+        assert reason == "the robot has lost its localisation (the robot: Request failed)"
 
 
 @aio

@@ -76,7 +76,7 @@ class Cancellation:
                 _LOG.warning(
                     "the chassis refused to cancel %s, which is still running: %s",
                     self._name,
-                    answer.msg,
+                    answer.reason,
                 )
 
 

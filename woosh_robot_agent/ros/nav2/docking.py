@@ -220,7 +220,7 @@ class UndockRobot(_Docking):
         except LinkError as error:
             raise GoalEnd(str(error)) from None
         if not answer.ok and self._has_charging_task():
-            raise GoalEnd(f"the chassis refused to end the charging task: {answer.msg}")
+            raise GoalEnd(f"the chassis refused to end the charging task: {answer.reason}")
         await goal.wait_until(lambda: not self._has_charging_task())
 
     def _has_charging_task(self) -> bool:

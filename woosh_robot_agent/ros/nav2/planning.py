@@ -85,7 +85,7 @@ class _Planning(Nav2Action):
                 f"({each.pose.position.x:.2f}, {each.pose.position.y:.2f})" for each in (start, end)
             )
             text = f"no free path from {here} to {there}: choose a goal on free floor"
-            raise GoalEnd(f"{text} (the chassis: {answer.msg})", "NO_VALID_PATH")
+            raise GoalEnd(f"{text} (the chassis: {answer.reason})", "NO_VALID_PATH")
         # firmware answers with the type NavPath or PlanNavPath; the content is a NavPath
         body = answer.body
         if not isinstance(body, NavPath):

@@ -62,7 +62,7 @@ class InitialPose(Part):
         if answer.ok:
             _LOG.info("initialpose: set the robot's pose to %s", pose)
         else:
-            _LOG.error("the chassis refused initialpose %s: %s", pose, answer.msg)
+            _LOG.error("the chassis refused initialpose %s: %s", pose, answer.reason)
 
 
 (_MOVE_BASE,) = (action for action in ACTIONS if action.arg == full_name(MoveBase))

@@ -78,7 +78,7 @@ class Scan(Part):
             self._log.warn("link", f"no scan: {error}")
             return
         if not answer.ok or answer.type != _TYPE:
-            self._log.warn("refused", f"no scan: {answer.msg or answer.defect or answer.type}")
+            self._log.warn("refused", f"no scan: {answer.reason or answer.type}")
             return
         try:
             if self._tf_static is not None:

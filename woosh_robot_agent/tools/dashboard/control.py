@@ -27,7 +27,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Twist
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.standstill import Standstill
 from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
-from woosh_robot_agent.sentences import REFUSED, THEN, Said, Sentence, joined, said_by
+from woosh_robot_agent.sentences import THEN, Said, Sentence, joined, said_by
 from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandError, number
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.stop_alarm import StopAlarm
@@ -370,7 +370,7 @@ class Control:
         if answer.ok:
             task_id = str(request.task_id) if isinstance(request, ExecTask) else None
             return Outcome(True, Text("reply.accepted", command=_name(name)), task_id)
-        text = await self._explained(type_of(request), answer.msg or REFUSED())
+        text = await self._explained(type_of(request), answer.reason)
         return Outcome(False, Text("reply.refused", command=_name(name), text=text))
 
     async def _explained(self, request_type: str, text: str) -> str:

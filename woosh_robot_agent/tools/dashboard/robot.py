@@ -28,7 +28,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, objections
-from woosh_robot_agent.sentences import REFUSED, Said, Sentence, said_by
+from woosh_robot_agent.sentences import Said, Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import Args, CommandError, set_pose
 from woosh_robot_agent.tools.dashboard.map_source import MapSource
@@ -64,7 +64,7 @@ _BUSY = 0.3
 Such a delay does not count as silence of the robot.
 """
 _NO_PATH = Sentence("plan.noPath", "the robot answered with {type}, not with a path")
-_REFUSED_PATH = Sentence("plan.refused", "{reason} ({text})")
+_REFUSED_PATH = Sentence("plan.refused", "{reason} (the robot: {text})")
 _UNREACHABLE = Sentence(
     "plan.unreachable", "the place may be in or near a wall, outside of the map, or cut off"
 )
@@ -192,7 +192,7 @@ class Robot:
             without_pose = (NOT_INITIALISED, LOST)
             found = (each.said for each in objections(self.view.info) if each in without_pose)
             reason = next(found, _UNREACHABLE())
-            text = _REFUSED_PATH(reason=reason, text=answer.msg or REFUSED())
+            text = _REFUSED_PATH(reason=reason, text=answer.reason)
             raise CommandError(Text("reason.said", text=text))
         if not isinstance(answer.body, NavPath):
             raise CommandError(Text("reason.said", text=_NO_PATH(type=answer.type)))

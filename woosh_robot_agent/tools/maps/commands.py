@@ -105,8 +105,7 @@ class MapLibrary:
         except LinkError as error:
             raise MapsError(f"{full_name(request)}: {error}") from None
         if not answer.ok:
-            reason = answer.msg or "no reason given"
-            raise MapsError(f"the robot refused {full_name(request)}: {reason}")
+            raise MapsError(f"the robot refused {full_name(request)}: {answer.reason}")
         return answer
 
 

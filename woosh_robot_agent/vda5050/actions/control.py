@@ -166,7 +166,7 @@ async def _answer_or_reason(run: Run, query: Message) -> dict[str, Any] | str:
     except LinkError as error:
         return str(error)
     if not answer.ok or answer.body is None:
-        return f"the robot refused {full_name(query)}: {answer.msg or answer.defect}"
+        return f"the robot refused {full_name(query)}: {answer.reason}"
     return _as_dict(answer.body)
 
 

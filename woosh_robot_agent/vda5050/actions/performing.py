@@ -74,7 +74,7 @@ class Run:
         """
         answer = await self.link.ask(message)
         if not answer.ok:
-            raise ActionFailedError(ROBOT_REFUSED(what=full_name(message), reason=answer.msg))
+            raise ActionFailedError(ROBOT_REFUSED(what=full_name(message), reason=answer.reason))
         return answer
 
     async def call(self, command: Message) -> str:

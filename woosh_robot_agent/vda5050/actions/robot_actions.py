@@ -107,7 +107,7 @@ async def stop_charging(run: Run) -> None:
     if info.task_proc.type == task.kCharge and is_unfinished(info.task_proc):
         answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
         if not answer.ok:
-            raise ActionFailedError(_NOT_ENDED(reason=answer.msg))
+            raise ActionFailedError(_NOT_ENDED(reason=answer.reason))
     elif robot.is_charging:
         await run.call(ChargeControl(execute_mode=ChargeControl.kExit))
     await run.wait(

@@ -217,7 +217,7 @@ class RobotCalls:
             raise ActionFailedError(_NOT_SENT(name=call.name, reason=said_by(error))) from None
         else:
             if not answer.ok:
-                raise ActionFailedError(ROBOT_REFUSED(what=call.name, reason=answer.msg))
+                raise ActionFailedError(ROBOT_REFUSED(what=call.name, reason=answer.reason))
 
     def _reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:

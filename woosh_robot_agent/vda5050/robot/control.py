@@ -147,5 +147,5 @@ class Controller:
             if not answer.ok:
                 if control is Control.PAUSE:
                     self._is_pause_pending = False
-                self._log.warn(command, f"the robot refused the {command}: {answer.msg}")
+                self._log.warn(command, f"the robot refused the {command}: {answer.reason}")
         self._answered(control, answer)

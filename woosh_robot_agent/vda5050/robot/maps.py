@@ -96,8 +96,7 @@ class RobotMaps:
         """
         answer = await self._link.ask(SceneList())
         if not isinstance(answer.body, SceneList) or not answer.ok:
-            reason = answer.msg or answer.defect
-            self._log.warn("list", f"the robot did not send the list of its maps: {reason}")
+            self._log.warn("list", f"the robot did not send the list of its maps: {answer.reason}")
             return
         self._log.clear()
         maps: list[StoredMap] = []
@@ -141,7 +140,7 @@ class RobotMaps:
         answer = await self._link.ask(SceneData(name=scene))
         if not answer.ok or not isinstance(answer.body, SceneData):
             text = f"the marks of scene {scene} are unknown, because the robot sent none"
-            self._log.warn("marks", f"{text}: {answer.msg}")
+            self._log.warn("marks", f"{text}: {answer.reason}")
             return
         self._marks = {}
         for each in answer.body.maps:

@@ -228,7 +228,7 @@ class TaskRunner:
             self._end(task_id, said_by(error))
         else:
             if not answer.ok:
-                self._end(task_id, ROBOT_REFUSED(what=_THE_TASK(), reason=answer.msg))
+                self._end(task_id, ROBOT_REFUSED(what=_THE_TASK(), reason=answer.reason))
 
     # Reports
 
