@@ -37,8 +37,9 @@ def scenario(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("- {at: 1, do: drop", "not YAML"),
-        ("\0", "not YAML"),
+        ("- {at: 1, do: drop", "not readable as YAML"),
+        ("\0", "not readable as YAML"),
+        ("[" * 5000, "nested more than 20 levels"),
         ("drop", "not a list of {at: SECONDS, do: NAME}"),
         ("", "not a list"),
         ("- drop", "entry 1: 'drop' is not of the form {at: SECONDS, do: NAME}"),

@@ -71,7 +71,7 @@ def test_serial_numbers_may_be_given(tmp_path: Path) -> None:
     ("text", "reason"),
     [
         ("", "not a parameter file"),
-        ("a: [", "cannot use"),
+        ("a: [", "not readable as YAML"),
         ("/**: {ros__parameters: {ip: host}}", "list the names of the robots"),
         ("/**: {ros__parameters: {robots: [a]}}", "robot a: it needs an ip"),
         ("/**: {ros__parameters: {robots: [a], ip: host, port: x}}", "robot a: port cannot be 'x'"),

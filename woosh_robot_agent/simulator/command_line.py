@@ -198,11 +198,9 @@ def _dashboard(simulator: SimulatedChassis, port: int) -> AbstractAsyncContextMa
 
 
 def _port(text: str) -> int:
-    """Parse a port; argparse reports the ValueError."""
-    port = int(text)
-    if not 0 <= port < 2**16:
-        raise ValueError
-    return port
+    if not text.isdecimal() or int(text) >= 2**16:
+        raise argparse.ArgumentTypeError(f"{text!r} is no port, from 0 to 65535")
+    return int(text)
 
 
 async def _wait_for_another_signal(stopping: asyncio.Event) -> None:

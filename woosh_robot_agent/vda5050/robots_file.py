@@ -8,8 +8,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from woosh_robot_agent.data_files import DataFileError, load_yaml
 from woosh_robot_agent.link import LinkConfig
 
 _NODE = "agent"
@@ -48,12 +47,11 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
         ValueError: the file cannot be read, or a robot in it is invalid; the text names the file.
     """
     try:
-        content = yaml.safe_load(path.read_text("utf-8"))
-        return _robots(content, default)
+        return _robots(load_yaml(str(path), path.read_bytes()), default)
     except OSError as error:
         reason = error.strerror or str(error)
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
+    except DataFileError:
+        raise  # it names the file
     except ValueError as error:
         reason = str(error)
     raise ValueError(f"cannot use {path}: {reason}")

@@ -9,8 +9,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-import yaml
-
+from woosh_robot_agent.data_files import DataFileError, load_yaml
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.simulator.config import Scenario, Step
 from woosh_robot_agent.simulator.faults import (
@@ -122,9 +121,9 @@ def load_scenario(path: str | Path) -> Scenario:
         FaultError: the file is not such a list. The text names the invalid entry and the reason.
     """
     try:
-        entries = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise FaultError(f"{path}: not YAML: {error}") from None
+        entries = load_yaml(str(path), Path(path).read_bytes())
+    except DataFileError as error:
+        raise FaultError(str(error)) from None
     if not isinstance(entries, list):
         raise FaultError(f"{path}: not a list of {{at: SECONDS, do: NAME}}")
     steps = []
