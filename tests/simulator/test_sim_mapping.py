@@ -281,6 +281,7 @@ REFUSED: list[tuple[Callable[[JsonClient], object], str, Json, str]] = [
     (mapping, BUILD_MAP, of("wooshmap", "wooshmap", UPDATE), "mapping of hall is running"),
     (manual_mapping, BUILD_MAP, of("", "", SAVE), "not in deployment mode and automatic"),
     (mapping, SWITCH_MAP, {"sceneName": "scenex"}, "map hall is being made"),
+    (mapping, "woosh.map.Rename", {"newSceneName": "home"}, "map hall is being made"),
     (mapping, SWITCH_WORK_MODE, {"mode": TASK_MODE}, "map hall is being made"),
     (mapping, INIT_ROBOT, {"isRecord": True}, "map hall is being made"),
     (mapping, "woosh.robot.SetRobotPose", {"pose": {"x": 1, "y": 1}}, "map hall is being made"),

@@ -106,6 +106,7 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
 @command(map_pack_pb2.Rename)
 def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
     """Rename a scene, a map, or both."""
+    chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
     old = new = named_scene(chassis, request.old_scene_name)
     current_map = chassis.map.name
     if request.old_map_name:
