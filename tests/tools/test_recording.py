@@ -187,12 +187,14 @@ def test_files_of_ros_topics_are_left_out_and_alone_refused(tmp_path):
         read_recording(ros)
 
 
-def test_files_of_different_recordings_are_refused(tmp_path):
+def test_files_that_do_not_belong_together_are_refused(tmp_path):
     paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     for path in paths:
         writer(path)[0].close()
     with pytest.raises(RecordingError, match="different recordings"):
         read_recording(*paths)
+    with pytest.raises(RecordingError, match="the same file: leave out one"):
+        read_recording(paths[0], paths[0])
 
 
 FULL_DISK = """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import IO, Any
 
@@ -131,9 +132,11 @@ def read_recording(*paths: Path) -> Recording:
         )
     parts.sort(key=lambda part: int(part.metadata["part"]))
     started = parts[0].metadata["started"]
-    for part in parts[1:]:
+    for former, part in pairwise(parts):
         if part.metadata["started"] != started:
             raise RecordingError(f"{part.path} and {parts[0].path} are different recordings")
+        if part.metadata["part"] == former.metadata["part"]:
+            raise RecordingError(f"{former.path} and {part.path} are the same file: leave out one")
     records = tuple(
         _record((log_time - int(started)) / 1e9, message)
         for part in parts
