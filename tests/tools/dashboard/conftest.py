@@ -51,6 +51,14 @@ def browser(robot: SimulatedPage, window: Browser) -> Iterator[Browser]:
     window.check_console_and_requests(robot.url)
 
 
+@pytest.fixture
+def tabs(robot: SimulatedPage) -> Iterator[Browser]:
+    """A browser that shows the page in a tab, which another tab can hide."""
+    with chromium(with_tabs=True) as running, running.new_window():
+        running.open(robot.url)
+        yield running
+
+
 class Served(NamedTuple):
     """Simulated robots, and a program that serves their page."""
 

@@ -30,16 +30,15 @@ from woosh_robot_agent.simulator import SimulatorThread
 pytestmark = pytest.mark.timeout(300)
 
 
-def test_the_stick_drives_until_the_driver_goes_away(
-    robot: SimulatedPage, browser: Browser
-) -> None:
-    browser.drive(robot)
-    browser.driver.switch_to.new_window("tab")
+def test_the_stick_drives_until_the_driver_goes_away(robot: SimulatedPage, tabs: Browser) -> None:
+    tabs.drive(robot)
+    tabs.driver.switch_to.new_window("tab")
     eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
 
 
 def test_a_killed_browser_stops_the_robot(robot: SimulatedPage) -> None:
-    with contextlib.suppress(Exception), chromium() as browser:  # its end fails after the kill
+    # the end of the browser fails after the kill
+    with contextlib.suppress(Exception), chromium(with_tabs=True) as browser:
         browser.open(robot.url)
         browser.drive(robot)
         os.kill(browser.driver.capabilities["goog:processID"], signal.SIGKILL)

@@ -183,8 +183,9 @@ def test_another_robot_is_not_driven_by_the_keys_of_the_former(
 
 @pytest.mark.parametrize("end", ["mark", "pose", "hidden"])
 def test_keys_whose_switch_goes_out_of_sight_are_off(
-    robot: SimulatedPage, browser: Browser, end: str
+    robot: SimulatedPage, request: pytest.FixtureRequest, end: str
 ) -> None:
+    browser: Browser = request.getfixturevalue("tabs" if end == "hidden" else "browser")
     browser.show("go")
     browser.press("#keyboard")
     assert browser.script("store.keyboard.value")
