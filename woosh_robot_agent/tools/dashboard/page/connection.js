@@ -34,7 +34,7 @@ export class Connection {
     document.addEventListener("visibilitychange", () => this.reportVisibility());
     addEventListener("pagehide", () => this.socket.close());
     addEventListener("pageshow", (event) => {
-      if (event.persisted) this.connect();
+      if (event.persisted) this.reconnect(); // the browser has kept the page while another was shown
     });
     setInterval(() => this.checkSilence(), SILENCE / 4);
   }
@@ -77,6 +77,11 @@ export class Connection {
     else if (message.part) this.onPart(message.part, message.data);
   }
 
+  reconnect() {
+    this.lost(false);
+    this.connect();
+  }
+
   /** @param {boolean} dismissed true if the dashboard has too many viewers */
   lost(dismissed) {
     this.change(dismissed ? "link.dismissed" : "link.noDashboard");
@@ -92,8 +97,7 @@ export class Connection {
     const connecting = this.socket.readyState === WebSocket.CONNECTING;
     if (silence > (connecting ? CONNECT_TIMEOUT : GIVE_UP)) {
       const former = this.socket;
-      this.lost(false);
-      this.connect();
+      this.reconnect();
       former.close();
     } else if (silence > SILENCE && !this.problem) {
       this.change("link.noAnswer");
@@ -145,7 +149,7 @@ export class Connection {
       this.sendCommand(id, "stop", {});
     } else {
       this.unsentStop = id;
-      if (this.socket.readyState !== WebSocket.CONNECTING) this.connect();
+      if (this.socket.readyState !== WebSocket.CONNECTING) this.reconnect();
     }
     setTimeout(() => {
       if (this.unsentStop === id) this.unsentStop = 0;

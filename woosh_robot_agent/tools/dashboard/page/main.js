@@ -1,7 +1,7 @@
 // The page: all views, in the language of the viewer.
 
 import { effect, html, render } from "./vendor/preact.js";
-import { connection } from "./commands.js";
+import { chooseRobot, connection } from "./commands.js";
 import * as store from "./store.js";
 import { startLanguage, t } from "./texts.js";
 import { Bar } from "./views/bar.js";
@@ -31,6 +31,10 @@ render(html`<${App} />`, document.body);
 effect(() => {
   const robot = store.robot.value;
   document.title = robot?.known ? robotName(robot) : t("page.title");
+});
+// The dashboard may be restarted with fewer robots.
+store.robots.subscribe((robots) => {
+  if (robots.length && store.chosen.peek() >= robots.length) chooseRobot(0);
 });
 let hadControl = false; // true once the viewer may control, and has got the tool "go"
 effect(() => {

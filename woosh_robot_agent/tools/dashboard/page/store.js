@@ -302,13 +302,15 @@ const SHARED = { fleet, places, simulator };
 export function receive(name, data) {
   if (name === "hello") {
     batch(() => {
-      if (process && process !== data.process) endLimits();
+      if (process && process !== data.process) {
+        endLimits();
+        unanswered.value = alarms.value; // the new process may know nothing of them
+        map.value = null; // the new process may use the map's number for another map
+      }
       process = data.process;
       you.value = data.you;
       mayControl.value = data.control;
       robots.value = data.robots;
-      unanswered.value = alarms.value; // another process may know nothing of them
-      if (map.value) map.value = null; // another process may use the map's number for another map
     });
   } else if (name === "watching") {
     watching.value = data;

@@ -24,8 +24,8 @@ const codes = signal({}); // meaning of status codes; empty for English, which t
  * @param {string} wanted
  */
 export async function setLanguage(wanted) {
-  localStorage.setItem(KEY, wanted);
   await loadLanguage(wanted);
+  localStorage.setItem(KEY, wanted);
 }
 
 /** Show the page in the language that was chosen, or in the language of the browser. */

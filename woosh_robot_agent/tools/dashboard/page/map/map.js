@@ -35,7 +35,7 @@ export class MapCanvas {
     this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
     this.view = new View();
     this.fittedOnce = false; // true once this map has been fitted to the window
-    this.stillFitted = false; // true until the user pans or zooms; then a resize no longer refits
+    this.stillFitted = true; // true until the viewer pans or zooms; then a resize no longer refits
     /** @type {{map: store.Area, image: HTMLImageElement, drawn: CanvasImageSource} | null} */
     this.area = null;
     /** @type {HTMLImageElement | null} */
@@ -162,8 +162,8 @@ export class MapCanvas {
     const { bottom, left } = this.view.inset;
     if (inset.bottom === bottom && inset.left === left) return;
     this.view.inset = inset;
-    this.redraw();
     this.refit();
+    this.followRobot();
   }
 
   followRobot() {
@@ -262,11 +262,11 @@ export class MapCanvas {
     let direction = null;
     if (arrow) {
       const { from, to } = arrow;
-      direction = Math.atan2(from.y - to.y, to.x - from.x) - this.view.angle;
+      direction = normalized(Math.atan2(from.y - to.y, to.x - from.x) - this.view.angle);
     }
     if (tool === "measure") return; // the line was drawn during the press
     if (tool === "pose") {
-      if (direction !== null) store.draft.value = { ...place, theta: normalized(direction) };
+      if (direction !== null) store.draft.value = { ...place, theta: direction };
       else commands.tell(false, { key: "pose.drag", values: {} });
       return;
     }
@@ -280,7 +280,7 @@ export class MapCanvas {
     }
     const mark = store.layers.value.marks && this.hit(start, store.map.value?.marks ?? []);
     if (mark && direction === null) commands.setTargetMark(mark);
-    else if (tool === "go") commands.setTargetPlace(place, direction && normalized(direction));
+    else if (tool === "go") commands.setTargetPlace(place, direction);
     else commands.forgetTarget();
   }
 
@@ -311,6 +311,7 @@ export class MapCanvas {
 
   /** @param {KeyboardEvent} event */
   keyDown(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey) return; // a shortcut of the browser
     const step = event.shiftKey ? SMALL_KEY_STEP : KEY_STEP;
     const moves = /** @type {Record<string, Point>} */ ({
       ArrowLeft: { x: step, y: 0 },
@@ -411,6 +412,9 @@ export class MapCanvas {
     image.onload = () => {
       if (this.shown === wanted) onLoad(image);
     };
+    image.onerror = () => {
+      if (this.shown === wanted) this.shown = ""; // tries again when the map's data come again
+    };
     image.src = url;
   }
 
@@ -459,7 +463,8 @@ export class MapCanvas {
   resize() {
     this.view.width = this.canvas.clientWidth;
     this.view.height = this.canvas.clientHeight;
-    if (!this.fittedOnce || this.stillFitted) this.fit();
+    if (this.stillFitted) this.fit();
+    this.followRobot();
     this.draw();
   }
 

@@ -117,7 +117,9 @@ function Sound({ sound }) {
           value=${volume}
           ...${commandProps("sound")}
           onInput=${(/** @type {any} */ event) => setVolume(Number(event.currentTarget.value))}
-          onChange=${() => run("sound", { mute: sound.mute, volume })}
+          onChange=${async () => {
+            if (!(await run("sound", { mute: sound.mute, volume }))) setVolume(sound.volume);
+          }}
         />
         <output>${volume} %</output>
       </span>
