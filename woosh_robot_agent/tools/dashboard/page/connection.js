@@ -1,7 +1,10 @@
 // The WebSocket to the dashboard. It reconnects by itself; no message is sent twice.
 
 /** @typedef {import("./texts.js").Text} Text */
-/** @typedef {{ok: boolean, text: Text, data?: any, unanswered?: boolean}} Reply */
+/**
+ * @typedef {{ok: boolean, text: Text, data?: any, unanswered?: boolean}} Reply  unanswered: true if it is
+ *   no answer of the dashboard, but says why there is none
+ */
 
 const RETRY_DELAY = 1000; // milliseconds
 const SILENCE = 2000; // milliseconds without a message after which the shown data are outdated
@@ -28,7 +31,7 @@ export class Connection {
     this.replies = new Map();
     this.unsentStop = 0; // id of a stop that waits for the connection
     this.problem = "link.connecting";
-    this.heardAt = 0; // time of the last message
+    this.receivedAt = 0; // time of the last message, or of the connection attempt
     this.retry = 0; // timer of the next attempt
     this.socket = this.connect();
     document.addEventListener("visibilitychange", () => this.reportVisibility());
@@ -42,7 +45,7 @@ export class Connection {
   connect() {
     clearTimeout(this.retry);
     this.clock = 0;
-    this.heardAt = performance.now();
+    this.receivedAt = performance.now();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
@@ -65,8 +68,8 @@ export class Connection {
 
   /** @param {string | ArrayBuffer} data */
   received(data) {
-    this.heardAt = performance.now();
-    if (this.problem) this.change("");
+    this.receivedAt = performance.now();
+    if (this.problem) this.setProblem("");
     if (typeof data !== "string") {
       this.onScan(data);
       return;
@@ -84,28 +87,29 @@ export class Connection {
 
   /** @param {boolean} dismissed true if the dashboard has too many viewers */
   lost(dismissed) {
-    this.change(dismissed ? "link.dismissed" : "link.noDashboard");
+    this.setProblem(dismissed ? "link.dismissed" : "link.noDashboard");
     for (const id of [...this.replies.keys()]) {
       if (id !== this.unsentStop) this.settle(id, failure("reason.connectionLost"));
     }
+    // too many viewers would otherwise displace one another for ever
     if (!dismissed) this.retry = setTimeout(() => this.connect(), RETRY_DELAY);
   }
 
   checkSilence() {
     if (this.socket.readyState === WebSocket.CLOSED) return;
-    const silence = performance.now() - this.heardAt;
+    const silence = performance.now() - this.receivedAt;
     const connecting = this.socket.readyState === WebSocket.CONNECTING;
     if (silence > (connecting ? CONNECT_TIMEOUT : GIVE_UP)) {
       const former = this.socket;
       this.reconnect();
       former.close();
     } else if (silence > SILENCE && !this.problem) {
-      this.change("link.noAnswer");
+      this.setProblem("link.noAnswer");
     }
   }
 
-  /** @param {string} problem */
-  change(problem) {
+  /** @param {string} problem key of its text; empty if the connection is good */
+  setProblem(problem) {
     this.problem = problem;
     this.onChange(problem);
   }

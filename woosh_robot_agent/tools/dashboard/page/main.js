@@ -1,4 +1,4 @@
-// The page: all views, in the language of the viewer.
+// Starts the page: loads the texts, shows all views, and keeps the title, the tool and the focus right.
 
 import { effect, html, render } from "./vendor/preact.js";
 import { chooseRobot, connection } from "./commands.js";
@@ -13,7 +13,7 @@ import { Stage } from "./views/stage.js";
 import "./drive.js";
 
 if (new URLSearchParams(location.search).has("token")) {
-  history.replaceState(null, "", location.pathname); // the cookie has the token now
+  history.replaceState(null, "", location.pathname); // hides the token, which the cookie has now
 }
 
 function App() {

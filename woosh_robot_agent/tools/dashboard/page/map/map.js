@@ -36,11 +36,11 @@ export class MapCanvas {
     this.view = new View();
     this.fittedOnce = false; // true once this map has been fitted to the window
     this.stillFitted = true; // true until the viewer pans or zooms; then a resize no longer refits
-    /** @type {{map: store.Area, image: HTMLImageElement, drawn: CanvasImageSource} | null} */
+    /** @type {{map: store.Area, image: HTMLImageElement, drawn: CanvasImageSource} | null} drawn: in colours */
     this.area = null;
     /** @type {HTMLImageElement | null} */
     this.keepoutImage = null;
-    /** @type {CanvasImageSource | null} */
+    /** @type {CanvasImageSource | null} `keepoutImage` in colours */
     this.keepout = null;
     /** @type {number[][]} */
     this.trail = [];
@@ -48,12 +48,12 @@ export class MapCanvas {
     this.pointers = new Map();
     /** @type {{start: Point, acts: boolean, dragged: boolean}} acts: it uses the tool */
     this.press = { start: { x: 0, y: 0 }, acts: false, dragged: false };
-    /** @type {{from: Point, to: Point} | null} */
+    /** @type {{from: Point, to: Point} | null} direction that a drag gives, in pixels */
     this.arrow = null;
     /** @type {import("./view.js").Inset} margins that are covered now; `view.inset` may be older */
     this.covered = this.view.inset;
     this.pending = 0; // id of the requested animation frame; 0 without one
-    this.shown = ""; // address of the map's picture
+    this.shown = ""; // address of the map's picture, once it is requested
     this.colours = this.readColours();
     this.bind();
   }
@@ -112,7 +112,7 @@ export class MapCanvas {
     this.redraw();
   }
 
-  /** Fit again unless the viewer has moved the map since. */
+  /** Fit the map again, unless the viewer has moved it since. */
   refit() {
     if (this.stillFitted && !this.pointers.size) this.fit();
   }
@@ -125,7 +125,7 @@ export class MapCanvas {
     }
   }
 
-  /** @param {Point[]} corners */
+  /** Return true if the map's picture would lie under the scale bar. @param {Point[]} corners */
   coversScale(corners) {
     const { x, y, length } = scaleBar(this.view);
     const pixels = corners.map((each) => this.view.toScreen(each.x, each.y));
@@ -166,6 +166,7 @@ export class MapCanvas {
     this.followRobot();
   }
 
+  /** Keep the robot's front at the top, and the robot in the middle, if the viewer wants that. */
   followRobot() {
     const pose = store.pose.value;
     const turned = store.robotUp.value && pose ? Math.PI / 2 - pose.theta : 0;
@@ -211,7 +212,8 @@ export class MapCanvas {
   /** @param {PointerEvent} event */
   moved(event) {
     const now = { x: event.offsetX, y: event.offsetY };
-    store.pointed.value = this.view.toWorld(now.x, now.y);
+    const place = this.view.toWorld(now.x, now.y);
+    store.pointed.value = place;
     const before = this.pointers.get(event.pointerId);
     if (!before) return;
     const { press } = this;
@@ -221,13 +223,14 @@ export class MapCanvas {
       press.acts = false;
       this.arrow = null;
       const [other] = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, p]) => p);
-      this.pan(between(before, other), between(now, other));
+      this.pan(midpoint(before, other), midpoint(now, other));
       const spread = Math.max(1, distance(now, other)) / Math.max(1, distance(before, other));
-      this.zoom(spread, between(now, other));
+      this.zoom(spread, midpoint(now, other));
     } else if (!press.acts || store.tool.value === "move" || store.tool.value === "obstacle") {
       if (press.dragged) this.pan(before, now);
     } else if (store.tool.value === "measure") {
-      if (press.dragged) this.measureTo(now);
+      const begun = store.measured.value;
+      if (press.dragged && begun) store.measured.value = [begun[0], place];
     } else {
       this.arrow = length < DIRECTION ? null : { from: press.start, to: now };
     }
@@ -259,10 +262,11 @@ export class MapCanvas {
   act({ start, dragged }, arrow) {
     const place = this.view.toWorld(start.x, start.y);
     const tool = store.tool.value;
-    let direction = null;
+    let direction = null; // in radians; null if the press gives none
     if (arrow) {
       const { from, to } = arrow;
-      direction = normalized(Math.atan2(from.y - to.y, to.x - from.x) - this.view.angle);
+      const angle = Math.atan2(from.y - to.y, to.x - from.x) - this.view.angle;
+      direction = Math.atan2(Math.sin(angle), Math.cos(angle)); // within -π to π
     }
     if (tool === "measure") return; // the line was drawn during the press
     if (tool === "pose") {
@@ -285,6 +289,7 @@ export class MapCanvas {
   }
 
   /**
+   * Move the map, from one pixel to another.
    * @param {Point} from
    * @param {Point} to
    */
@@ -301,12 +306,6 @@ export class MapCanvas {
     // a press begins a line, the next press ends it
     const begins = !former || distance(former[0], former[1]) > 0;
     store.measured.value = begins ? [place, place] : [former[0], place];
-  }
-
-  /** @param {Point} pixel */
-  measureTo(pixel) {
-    const former = store.measured.value;
-    if (former) store.measured.value = [former[0], this.view.toWorld(pixel.x, pixel.y)];
   }
 
   /** @param {KeyboardEvent} event */
@@ -376,8 +375,9 @@ export class MapCanvas {
   // Images and the picture
 
   /**
+   * Show the picture of another map, once it is loaded.
    * @param {store.Area | null} map
-   * @param {number} robot
+   * @param {number} robot index
    */
   loadMap(map, robot) {
     const url = map?.resolution ? `${robot}/${map.number}.png` : "";
@@ -506,7 +506,7 @@ export class MapCanvas {
     const draft = store.draft.peek();
     const robot = store.robot.peek();
     const { area } = this;
-    const isChosen = (/** @type {store.Place} */ { index }) => index === store.chosen.peek();
+    const isChosen = (/** @type {store.PlacedRobot} */ { index }) => index === store.chosen.peek();
     const places = store.places.peek();
     const others = places.filter(
       (each) => !isChosen(each) && each.scene === robot?.scene && each.map === robot?.map,
@@ -561,16 +561,8 @@ function distance(one, other) {
  * @param {Point} other
  * @returns {Point}
  */
-function between(one, other) {
+function midpoint(one, other) {
   return { x: (one.x + other.x) / 2, y: (one.y + other.y) / 2 };
-}
-
-/**
- * Return an angle within -π to π.
- * @param {number} angle
- */
-function normalized(angle) {
-  return Math.atan2(Math.sin(angle), Math.cos(angle));
 }
 
 /**

@@ -18,8 +18,15 @@ export function startTheme() {
 export function Setup() {
   const may = store.mayControl.value;
   const robot = store.robot.value;
-  return html`${may && robot?.known && html`<${Modes} robot=${robot} /><${Device} robot=${robot} />`}
-    <${Page} />`;
+  return html`${
+      may &&
+      robot?.known &&
+      html`<${Modes} robot=${robot} />
+        <${Speed} />
+        ${robot.sound && html`<${Sound} sound=${robot.sound} />`}
+        <${Speech} />
+        ${robot.light && html`<${Light} />`}`
+    } <${Page} />`;
 }
 
 /** @param {{robot: store.Robot}} props */
@@ -66,21 +73,12 @@ function Choice({ name, command, value, choices }) {
   </div>`;
 }
 
-/** @param {{robot: store.Robot}} props */
-function Device({ robot }) {
-  return html`<section>
-      <h2>${t("setup.speed")}</h2>
-      <${Speed} />
-    </section>
-    ${robot.sound && html`<${Sound} sound=${robot.sound} />`}
-    <${Speech} />
-    ${robot.light && html`<${Light} />`}`;
-}
-
 function Speed() {
   const control = store.control.value;
   const limit = control?.speedLimit ?? null;
-  return html`<label class="field">
+  return html`<section>
+    <h2>${t("setup.speed")}</h2>
+    <label class="field">
       ${t("setup.limit")}
       <select
         id="speed-limit"
@@ -96,7 +94,8 @@ function Speed() {
       </select>
     </label>
     <p class="faint">${t("setup.limitHint", { maximum: control?.maximum ?? 0 })}</p>
-    ${control?.speedRefusal && html`<p class="bad">${t("setup.limitRefused", { reason: control.speedRefusal })}</p>`}`;
+    ${control?.speedRefusal && html`<p class="bad">${t("setup.limitRefused", { reason: control.speedRefusal })}</p>`}
+  </section>`;
 }
 
 /** @param {{sound: {mute: boolean, volume: number}}} props */
@@ -203,18 +202,16 @@ function Light() {
 }
 
 function Page() {
-  const [theme, setTheme] = useState(document.documentElement.dataset.theme ?? "system");
   return html`<section>
     <h2>${t("setup.page")}</h2>
     <label class="field">
       ${t("setup.theme")}
       <select
         id="theme"
-        value=${theme}
+        value=${document.documentElement.dataset.theme}
         onChange=${(/** @type {any} */ event) => {
           localStorage.setItem(THEME, event.currentTarget.value);
           startTheme();
-          setTheme(event.currentTarget.value);
           dispatchEvent(new Event("themechange"));
         }}
       >

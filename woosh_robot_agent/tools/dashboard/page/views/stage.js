@@ -12,9 +12,10 @@ import { alarmText, Icon, objectionText, ofRobot, placeText, tiny, toneOf } from
 import { outcomeText, TONES } from "./tasks.js";
 
 /** @typedef {[string, () => void]} Action  text of a button, and what it does */
-/** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice */
+/** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice  tone: a CSS class */
 
-/** @type {Record<string, string[]>} status codes that say the same as an objection, without the level */
+// Status codes that say the same as an objection, by its name, without their last digit: the level.
+/** @type {Record<string, string[]>} */
 const SAME_CODES = {
   emergency_stop: ["11020100001", "11020100002", "11020100003"],
   lost: ["13010300001"],
@@ -88,9 +89,7 @@ function Tools() {
       id="follow"
       icon="follow"
       pressed=${store.follow.value}
-      onClick=${() => {
-        store.follow.value = !store.follow.value;
-      }}
+      onClick=${() => (store.follow.value = !store.follow.value)}
     />
     <${Layers} />
   </div>`;
@@ -329,7 +328,7 @@ export function notices() {
   if (doubt && !store.dismissed.value.includes(doubtKey(doubt))) {
     const { reason, remedy } = objectionText(doubt);
     const dismiss = /** @type {Action} */ ([t("notice.dismiss"), () => dismissDoubt(doubt)]);
-    const action = doubt.name === "map_id_0" ? dismiss : undefined; // which some maps always have
+    const action = doubt.name === "map_id_0" ? dismiss : undefined; // some maps always have the id 0
     found.push({ tone: "warn", title: reason, text: remedy, action });
   }
   return found;
@@ -353,25 +352,26 @@ function doubtKey({ name }) {
   return [store.chosen.value, name, scene, map].join(" ");
 }
 
-/** Do not show a doubt again while the robot uses this map. @param {store.Objection} doubt */
+/** Do not warn of a pose again while the robot uses this map. @param {store.Objection} doubt */
 function dismissDoubt(doubt) {
   store.dismissed.value = [...store.dismissed.value, doubtKey(doubt)];
 }
 
+/** The line below the map: the last answer or the end of its task, and the place under the pointer. */
 function AnswerLine() {
   const answer = store.answer.value;
   const at = store.pointed.value;
   const other = answer && answer.robot !== store.chosen.value ? ofRobot(answer.robot) : "";
-  let said = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
+  let shown = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
   let tone = answer && !answer.ok ? "bad" : "";
   const task = answer?.task && store.tasks.value.find(({ id }) => id === answer.task);
   if (task && task.state in TONES) {
-    said = `${clock(task.changed)}  ${outcomeText(task)}`;
+    shown = `${clock(task.changed)}  ${outcomeText(task)}`;
     tone = TONES[task.state];
   }
   return html`<div class="line">
-    <p id="answer" role="status" class=${tone} title=${said} tabindex=${said ? 0 : undefined}>
-      ${said}
+    <p id="answer" role="status" class=${tone} title=${shown} tabindex=${shown ? 0 : undefined}>
+      ${shown}
     </p>
     <p id="pointed" aria-hidden="true">${at && placeText(at)}</p>
   </div>`;
