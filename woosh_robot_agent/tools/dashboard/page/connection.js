@@ -1,10 +1,7 @@
 // The WebSocket to the dashboard. It reconnects by itself; no message is sent twice.
 
 /** @typedef {import("./texts.js").Text} Text */
-/**
- * @typedef {{ok: boolean, text: Text, data?: any, unanswered?: boolean}} Reply  unanswered: true if it is
- *   no answer of the dashboard, but says why there is none
- */
+/** @typedef {{ok: boolean, text: Text, data?: any, unanswered?: boolean}} Reply */
 
 const RETRY_DELAY = 1000; // milliseconds
 const SILENCE = 2000; // milliseconds without a message after which the shown data are outdated
@@ -190,7 +187,8 @@ export class Connection {
 }
 
 /**
- * @param {string} key
+ * Return what takes the place of an answer that does not come.
+ * @param {string} key of the reason
  * @returns {Reply}
  */
 function failure(key) {

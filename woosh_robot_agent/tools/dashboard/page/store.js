@@ -83,8 +83,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  */
 /**
  * @typedef {{good: boolean, state: string, since: number, silence: number, error: import("./texts.js").Value,
- *   advice: string, delay: number | null}} Link  since: Unix time in ms; silence: s; delay: ms; advice:
- *   options for the program doctor
+ *   advice: string, delay: number | null}} Link  since, delay: ms; silence: s; advice: options of doctor
  */
 /**
  * @typedef {object} Card a robot in the list of all robots

@@ -67,17 +67,15 @@ export function draw(painter, picture) {
   if (picture.scan) drawScan(painter, picture.scan);
   drawMarks(painter, picture);
   for (const each of picture.others) {
-    drawRobot(painter, each, each.outline, colours.edge, colours["map-floor"]);
-    robotName(painter, each, each.name);
+    drawRobot(painter, each, each.outline, colours.edge, colours["map-floor"], each.name);
   }
   const { pose, draft, target, outline } = picture;
   if (pose && !draft) {
     const [colour, contrast] = picture.lost
       ? [colours["map-floor"], colours.warning]
       : [colours.accent, colours["on-accent"]];
-    drawRobot(painter, pose, outline, colour, contrast);
     const name = [picture.name, picture.lost && "?"].filter(Boolean).join(" ");
-    if (name) robotName(painter, pose, name);
+    drawRobot(painter, pose, outline, colour, contrast, name);
   }
   if (draft) drawRobot(painter, draft, outline, colours.warning, colours["map-floor"]);
   if (target) drawTarget(painter, target);
@@ -266,8 +264,10 @@ function drawObstacle({ context, view, colours }, { x = 0, y = 0, radius = 0 }) 
  * @param {number[][]} outline
  * @param {string} colour
  * @param {string} contrast colour of its border and nose
+ * @param {string} name beside it
  */
-function drawRobot({ context, view }, pose, outline, colour, contrast) {
+function drawRobot(painter, pose, outline, colour, contrast, name = "") {
+  const { context, view } = painter;
   const corners = outline.length > 2 ? outline : DEFAULT_OUTLINE;
   const at = view.toScreen(pose.x, pose.y);
   const radius = Math.max(...corners.map(([a, b]) => Math.hypot(a, b)));
@@ -288,16 +288,6 @@ function drawRobot({ context, view }, pose, outline, colour, contrast) {
   context.fillStyle = contrast;
   triangle(context, front * 0.8, front * 0.15, front * 0.42);
   context.restore();
-}
-
-/**
- * Write a name beside a robot.
- * @param {Painter} painter
- * @param {Pose} pose
- * @param {string} name
- */
-function robotName(painter, pose, name) {
-  const at = painter.view.toScreen(pose.x, pose.y);
   text(painter, name, at.x + 14, at.y - 12);
 }
 

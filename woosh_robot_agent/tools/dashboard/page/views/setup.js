@@ -26,7 +26,7 @@ export function Setup() {
         ${robot.sound && html`<${Sound} sound=${robot.sound} />`}
         <${Speech} />
         ${robot.light && html`<${Light} />`}`
-    } <${Page} />`;
+    }<${Page} />`;
 }
 
 /** @param {{robot: store.Robot}} props */
@@ -75,14 +75,13 @@ function Choice({ name, command, value, choices }) {
 
 function Speed() {
   const control = store.control.value;
-  const limit = control?.speedLimit ?? null;
   return html`<section>
     <h2>${t("setup.speed")}</h2>
     <label class="field">
       ${t("setup.limit")}
       <select
         id="speed-limit"
-        value=${String(limit ?? "")}
+        value=${String(control?.speedLimit ?? "")}
         ...${commandProps("speedLimit")}
         onChange=${(/** @type {any} */ event) => {
           const { value } = event.currentTarget;

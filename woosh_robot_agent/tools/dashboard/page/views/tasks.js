@@ -187,14 +187,11 @@ function Repeat({ task }) {
     title=${busy ? t("tasks.repeatOff") : label}
     aria-label=${label}
     disabled=${busy || !here}
-    onClick=${() => selectAgain(target)}
+    onClick=${() => {
+      forgetTarget(); // also ends what was begun on the map
+      setTarget(target);
+    }}
   >
     <${Icon} name="repeat" />
   </button>`;
-}
-
-/** Select a target instead of what was begun on the map. @param {store.Target} target */
-function selectAgain(target) {
-  forgetTarget();
-  setTarget(target);
 }
