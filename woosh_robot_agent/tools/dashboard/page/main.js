@@ -45,7 +45,7 @@ effect(() => {
 
 // If the focused control disappears, what contained it gets the focus.
 let focusPath = /** @type {EventTarget[]} */ ([]); // the focused control, and all that contains it
-addEventListener("pointerdown", () => (focusPath = []), { capture: true });
+addEventListener("pointerdown", () => (focusPath = []), { capture: true }); // may focus nothing
 addEventListener("focusin", (event) => (focusPath = event.composedPath()));
 new MutationObserver(() => {
   const [focused, ...containers] = /** @type {HTMLElement[]} */ (focusPath);

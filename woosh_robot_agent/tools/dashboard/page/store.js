@@ -150,6 +150,7 @@ export const KEY_DIRECTIONS = {
 };
 
 /**
+ * Return a signal whose type is that of the whole value, e.g. with null.
  * @template T
  * @param {T} value
  * @returns {import("@preact/signals").Signal<T>}

@@ -22,7 +22,7 @@ const KEY_STEP = 60; // pixels by which an arrow key moves the map
 const SMALL_KEY_STEP = 5; // pixels by which it does so with Shift
 const SCALE_TEXT = 22; // pixels from the scale bar to the top of its text
 const SCALE_ROOM = 36; // pixels from the bottom to the top of this text
-const ZOOM_STEP = 1.4;
+export const ZOOM_STEP = 1.4; // factor of a button or key
 const COLOURS = [
   ...["accent", "edge", "faint", "ink", "laser", "map-floor", "map-unknown", "map-wall"],
   ...["on-accent", "warning", "fault"],
@@ -135,6 +135,7 @@ export class MapCanvas {
   }
 
   /**
+   * Zoom around a pixel, or around the robot if the map follows it.
    * @param {number} factor
    * @param {Point} pixel
    */
@@ -142,14 +143,6 @@ export class MapCanvas {
     this.stillFitted = false;
     this.view.zoom(factor, store.follow.value ? this.view.middle : pixel);
     this.redraw();
-  }
-
-  zoomIn() {
-    this.zoom(ZOOM_STEP);
-  }
-
-  zoomOut() {
-    this.zoom(1 / ZOOM_STEP);
   }
 
   /**
@@ -320,8 +313,8 @@ export class MapCanvas {
     });
     if (event.key in moves) this.pan({ x: 0, y: 0 }, moves[event.key]);
     else if (event.key === "Enter" && !event.repeat) this.enter();
-    else if (event.key === "+") this.zoomIn();
-    else if (event.key === "-") this.zoomOut();
+    else if (event.key === "+") this.zoom(ZOOM_STEP);
+    else if (event.key === "-") this.zoom(1 / ZOOM_STEP);
     else if (event.key === "0") this.fit();
     else return;
     event.preventDefault();

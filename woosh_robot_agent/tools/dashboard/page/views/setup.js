@@ -127,7 +127,7 @@ function Sound({ sound }) {
       id="mute"
       aria-pressed=${sound.mute}
       ...${commandProps("sound")}
-      onClick=${() => run("sound", { mute: !sound.mute, volume: sound.volume })}
+      onClick=${() => run("sound", { mute: !sound.mute, volume })}
     >
       ${t("setup.mute")}
     </button>

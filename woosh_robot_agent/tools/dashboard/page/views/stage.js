@@ -3,7 +3,7 @@
 import { computed, html, useEffect, useRef, useState } from "../vendor/preact.js";
 import { refusal } from "../allowed.js";
 import * as commands from "../commands.js";
-import { MapCanvas } from "../map/map.js";
+import { MapCanvas, ZOOM_STEP } from "../map/map.js";
 import * as store from "../store.js";
 import { clock, meaningOf, moment, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
@@ -82,8 +82,8 @@ function Tools() {
         </button>`,
     )}
     <span class="space"></span>
-    <${ToolButton} id="zoom-out" icon="minus" onClick=${() => map?.zoomOut()} />
-    <${ToolButton} id="zoom-in" icon="plus" onClick=${() => map?.zoomIn()} />
+    <${ToolButton} id="zoom-out" icon="minus" onClick=${() => map?.zoom(1 / ZOOM_STEP)} />
+    <${ToolButton} id="zoom-in" icon="plus" onClick=${() => map?.zoom(ZOOM_STEP)} />
     <${ToolButton} id="fit" icon="fit" onClick=${() => map?.fit()} />
     <${ToolButton}
       id="follow"
@@ -293,16 +293,19 @@ export function notices() {
    */
   const action = (command, label, act) => (may && !refusal(command) ? [label, act] : undefined);
   const setPose = locating ? undefined : action("setPose", t("pose.set"), commands.startPose);
-  const setAuto = action("controlMode", t("control.setAuto"), () =>
-    commands.run("controlMode", { mode: "auto" }),
-  );
-  const setTask = action("workMode", t("work.setTask"), () =>
-    commands.run("workMode", { mode: "task" }),
-  );
+  const auto = () => commands.run("controlMode", { mode: "auto" });
+  const setAuto = action("controlMode", t("control.setAuto"), auto);
+  const task = () => commands.run("workMode", { mode: "task" });
+  const setTask = action("workMode", t("work.setTask"), task);
   /** @type {Record<string, Action | undefined>} */
   const actions = {
-    ...{ not_initialised: setPose, lost: setPose, no_work_mode: setTask, schedule: setTask },
-    ...{ manual: setAuto, no_control_mode: setAuto, maintenance: setAuto },
+    not_initialised: setPose,
+    lost: setPose,
+    no_work_mode: setTask,
+    schedule: setTask,
+    manual: setAuto,
+    no_control_mode: setAuto,
+    maintenance: setAuto,
   };
   // these need no notice, or, like a fault, have another one
   const ordinary = ["busy", "mapping", "not_taskable", "fault", "deployment"];
