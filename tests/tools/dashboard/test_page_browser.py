@@ -465,6 +465,29 @@ def test_the_view_follows_the_robot_until_it_is_dragged(
     assert from_middle() > 50.0
 
 
+def test_a_followed_robot_is_in_the_middle_of_what_the_panel_leaves_free(browser: Browser) -> None:
+    browser.set_screen(390, 844)
+    browser.press("#follow")
+    apart = """(({x, y}, middle) => Math.hypot(x - middle.x, y - middle.y))(
+      mapCanvas.view.toScreen(store.pose.value.x, store.pose.value.y), mapCanvas.view.middle)"""
+    whole = browser.script("mapCanvas.view.middle.y")
+    browser.show("state")
+    eventually(lambda: browser.script("mapCanvas.view.middle.y") < whole, "the panel")
+    eventually(lambda: browser.script(apart) < 1.0, "the robot in the middle")
+    browser.set_screen(600, 844)
+    eventually(lambda: browser.script("mapCanvas.view.width") == 600, "the other size")
+    assert browser.script(apart) < 1.0
+
+
+def test_shortcuts_of_the_browser_do_nothing_to_the_map(browser: Browser) -> None:
+    view = "[mapCanvas.view.scale, mapCanvas.view.centre]"
+    before = browser.script(view)
+    for key, held in (("+", "ctrlKey"), ("0", "metaKey"), ("ArrowLeft", "altKey")):
+        event = f"new KeyboardEvent('keydown', {{key: '{key}', {held}: true, cancelable: true}})"
+        assert browser.script(f"document.querySelector('#map').dispatchEvent({event})")
+    assert browser.script(view) == before
+
+
 def test_on_another_screen_everything_is_drawn_where_it_is_clicked(browser: Browser) -> None:
     for ratio in (1.5, 2):
         browser.set_screen(1280, 700, ratio)
@@ -537,6 +560,13 @@ def test_modes_speed_limit_and_volume(robot: SimulatedPage, browser: Browser) ->
     assert last(robot, Sound).volume == 55
     browser.press("#mute")
     eventually(lambda: last(robot, Sound).mute, "silence")
+    assert last(robot, Sound).volume == 55
+    eventually(lambda: browser.script("store.robot.value.sound.volume") == 55, "the report")
+    robot.refuse(full_name(Sound), "not now")
+    browser.element("#volume").send_keys(Keys.ARROW_RIGHT)
+    eventually(lambda: "not now" in browser.text("#answer"), "the refusal")
+    volume = "document.querySelector('#volume').value"
+    eventually(lambda: browser.script(volume) == "55", "the former volume")
     # the key switch overrides the mode, and the page says what to do
     robot.inject("key_switch")
     eventually(lambda: pressed("controlMode") == ["Manual"], "manual")
@@ -570,7 +600,7 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     browser.press("#save-map")
     eventually(lambda: "ground" in browser.text("#maps"), "the new map in the list")
     eventually(lambda: browser.is_enabled("#collect-mark"), "the next step")
-    assert "collect it" in browser.text("#mapping [aria-current=step]")
+    assert "Collect a mark" in browser.text("#mapping [aria-current=step]")
     assert browser.script("document.querySelector('#map-name').value") == ""
     row = next(each for each in browser.elements("#maps li") if each.text.startswith("ground"))
     if "in use" not in row.text:

@@ -279,3 +279,69 @@ def test_names_are_shown_as_text(window: Browser, tmp_path: Path) -> None:
         assert window.script("document.images.length") == 0
         assert window.script("globalThis.hacked === undefined")
         window.check_console_and_requests(robot.url)
+
+
+def test_a_new_connection_leaves_the_view_of_the_map_as_it_is(browser: Browser) -> None:
+    browser.press("#zoom-in")
+    browser.press("#follow")
+    view = "[mapCanvas.view.scale, store.follow.value, mapCanvas.area !== null]"
+    before = browser.script(view)
+    former = browser.script("store.you.value")
+    browser.script("connection.socket.close()")
+    eventually(lambda: browser.script("store.you.value") != former, "the new connection")
+    map_again = "store.link.value?.good && store.map.value?.resolution && mapCanvas.area !== null"
+    eventually(lambda: browser.script(map_again), "the map")
+    assert browser.script(view) == before
+
+
+def test_a_picture_of_the_map_that_was_lost_comes_with_the_next_connection(
+    robot: SimulatedPage, window: Browser
+) -> None:
+    window.send("Network.enable")
+    window.send("Network.setBlockedURLs", urls=["*/map/0/*"])
+    window.driver.get(robot.url)
+    eventually(lambda: window.script("globalThis.store?.map.value?.resolution"), "the map's data")
+    eventually(lambda: window.script("mapCanvas.shown === ''"), "the failure")
+    assert window.script("mapCanvas.area === null")
+    window.send("Network.setBlockedURLs", urls=[])
+    window.script("connection.socket.close()")
+    window.wait_for_map()
+
+
+def test_a_page_that_comes_back_knows_that_an_answer_was_lost(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    with robot.silent():
+        browser.script("void connection.command('history').then(({ok}) => (window.ok = ok))")
+        events = ["pagehide", "pageshow"]  # as the browser does when one goes to a page and back
+        for name in events:
+            browser.script(f"dispatchEvent(new PageTransitionEvent('{name}', {{persisted: true}}))")
+    eventually(lambda: browser.script("!store.outdated.value"), "the new connection")
+    assert browser.script("window.ok") is False
+
+
+def test_a_dashboard_that_is_restarted_with_fewer_robots_is_found_again(
+    chassis: SimulatorThread, other: SimulatorThread, window: Browser
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        options = ["--page-port", str(taken.getsockname()[1])]
+    with program(chassis, other, options=options) as (process, url):
+        window.open(url)
+        window.script("document.querySelector('#robots').selectedIndex = 1")
+        window.script("document.querySelector('#robots').dispatchEvent(new Event('change'))")
+        eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
+        process.kill()
+        process.wait()
+    with program(chassis, options=options):
+        known = "[store.outdated.value, store.chosen.value, store.robot.value?.known]"
+        eventually(lambda: window.script(known) == [False, 0, True], "the robot that is left")
+
+
+def test_a_language_that_cannot_be_loaded_is_told(serve: Serve, window: Browser) -> None:
+    served = serve({})
+    window.open(served.url)
+    served.process.kill()
+    eventually(lambda: "No connection" in window.text("#link"), "the loss")
+    window.press("#language")
+    eventually(lambda: "no connection" in window.text("#answer"), "the reason")
+    assert window.script("localStorage.getItem('woosh.language')") is None

@@ -36,7 +36,7 @@ export function refusal(name) {
   if (link.silence && !INTERRUPTS.includes(name))
     return text("link.noData", { seconds: link.silence });
   if (!robot?.known) return text("notice.unknown");
-  if (owner && !store.mine.value) return text("reason.controlled", { name: owner });
+  if (owner && !store.hasControl.value) return text("reason.controlled", { name: owner });
   if (store.isPending(name) && !REPEATABLE.includes(name)) return text("reason.pending");
   return robotRefusal(robot, name);
 }
@@ -47,6 +47,7 @@ export function refusal(name) {
  * @param {string} name
  */
 function robotRefusal({ task, objections }, name) {
+  // each constant is a reason to refuse, or null if it does not apply
   const busy = task?.running ? text("objection.busy.reason") : null;
   const paused = busy !== null && task?.state === "paused";
   const driving = paused ? null : busy; // a paused task does not drive
@@ -88,7 +89,7 @@ function robotRefusal({ task, objections }, name) {
   }
 }
 
-/** Return how the map that is being made ends; null if it does not end. */
+/** Return that the map which was made is being saved or discarded; null if it is not. */
 export function mappingEnd() {
   if (store.isPending("saveMap")) return text("mapping.saving");
   return store.isPending("discardMap") ? text("mapping.discarding") : null;

@@ -59,7 +59,7 @@ export async function run(name, args = {}) {
   const { robot } = connection;
   const now = performance.now();
   const pending = store.pendingKey(name);
-  const use = { args: store.MOVES.includes(name) ? "" : JSON.stringify(args), at: now };
+  const use = { args: store.TASK_COMMANDS.includes(name) ? "" : JSON.stringify(args), at: now };
   const last = used.get(pending);
   if (last?.args === use.args && now < last.at + DOUBLE_CLICK) return false;
   const values = { command: { key: `command.${name}`, values: {} } };

@@ -28,13 +28,13 @@ export class Connection {
     this.replies = new Map();
     this.unsentStop = 0; // id of a stop that waits for the connection
     this.problem = "link.connecting";
-    this.heardAt = 0; // time of the last message
+    this.receivedAt = 0; // time of the last message, or of the connection attempt
     this.retry = 0; // timer of the next attempt
     this.socket = this.connect();
     document.addEventListener("visibilitychange", () => this.reportVisibility());
     addEventListener("pagehide", () => this.socket.close());
     addEventListener("pageshow", (event) => {
-      if (event.persisted) this.connect();
+      if (event.persisted) this.reconnect(); // the browser has kept the page while another was shown
     });
     setInterval(() => this.checkSilence(), SILENCE / 4);
   }
@@ -42,7 +42,7 @@ export class Connection {
   connect() {
     clearTimeout(this.retry);
     this.clock = 0;
-    this.heardAt = performance.now();
+    this.receivedAt = performance.now();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
@@ -65,8 +65,8 @@ export class Connection {
 
   /** @param {string | ArrayBuffer} data */
   received(data) {
-    this.heardAt = performance.now();
-    if (this.problem) this.change("");
+    this.receivedAt = performance.now();
+    if (this.problem) this.setProblem("");
     if (typeof data !== "string") {
       this.onScan(data);
       return;
@@ -77,31 +77,36 @@ export class Connection {
     else if (message.part) this.onPart(message.part, message.data);
   }
 
+  reconnect() {
+    this.lost(false);
+    this.connect();
+  }
+
   /** @param {boolean} dismissed true if the dashboard has too many viewers */
   lost(dismissed) {
-    this.change(dismissed ? "link.dismissed" : "link.noDashboard");
+    this.setProblem(dismissed ? "link.dismissed" : "link.noDashboard");
     for (const id of [...this.replies.keys()]) {
       if (id !== this.unsentStop) this.settle(id, failure("reason.connectionLost"));
     }
+    // too many viewers would otherwise displace one another for ever
     if (!dismissed) this.retry = setTimeout(() => this.connect(), RETRY_DELAY);
   }
 
   checkSilence() {
     if (this.socket.readyState === WebSocket.CLOSED) return;
-    const silence = performance.now() - this.heardAt;
+    const silence = performance.now() - this.receivedAt;
     const connecting = this.socket.readyState === WebSocket.CONNECTING;
     if (silence > (connecting ? CONNECT_TIMEOUT : GIVE_UP)) {
       const former = this.socket;
-      this.lost(false);
-      this.connect();
+      this.reconnect();
       former.close();
     } else if (silence > SILENCE && !this.problem) {
-      this.change("link.noAnswer");
+      this.setProblem("link.noAnswer");
     }
   }
 
-  /** @param {string} problem */
-  change(problem) {
+  /** @param {string} problem key of its text; empty if the connection is good */
+  setProblem(problem) {
     this.problem = problem;
     this.onChange(problem);
   }
@@ -145,7 +150,7 @@ export class Connection {
       this.sendCommand(id, "stop", {});
     } else {
       this.unsentStop = id;
-      if (this.socket.readyState !== WebSocket.CONNECTING) this.connect();
+      if (this.socket.readyState !== WebSocket.CONNECTING) this.reconnect();
     }
     setTimeout(() => {
       if (this.unsentStop === id) this.unsentStop = 0;
@@ -182,7 +187,8 @@ export class Connection {
 }
 
 /**
- * @param {string} key
+ * Return what takes the place of an answer that does not come.
+ * @param {string} key of the reason
  * @returns {Reply}
  */
 function failure(key) {

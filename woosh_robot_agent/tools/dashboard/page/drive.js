@@ -33,7 +33,7 @@ function sendVelocity() {
   connection.send({ do: "drive", linear, angular, press, clock: connection.clock });
 }
 
-/** @param {EventTarget | null} target */
+/** Return true if an element uses the arrow keys itself. @param {EventTarget | null} target */
 function takesKeys(target) {
   return target instanceof HTMLElement && target.matches("input, select, textarea, [role=tab]");
 }
@@ -45,7 +45,7 @@ function keyDown(event) {
     if (!event.repeat) stop();
     return;
   }
-  if (!(event.code in store.KEYS)) {
+  if (!(event.code in store.KEY_DIRECTIONS)) {
     store.letGo(); // the key may open a menu or begin a shortcut, which takes the key-up
     return;
   }
@@ -53,13 +53,13 @@ function keyDown(event) {
   event.preventDefault();
   event.stopPropagation();
   if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || store.grip.value) return;
-  store.keys.value = new Set(store.keys.value).add(event.code);
+  store.heldKeys.value = new Set(store.heldKeys.value).add(event.code);
 }
 
 /** @param {KeyboardEvent} event */
 function keyUp(event) {
-  const keys = new Set(store.keys.value);
-  if (keys.delete(event.code)) store.keys.value = keys;
+  const keys = new Set(store.heldKeys.value);
+  if (keys.delete(event.code)) store.heldKeys.value = keys;
 }
 
 /** @param {PointerEvent} event */
@@ -67,7 +67,7 @@ function pointerDown({ target }) {
   if (!(target instanceof Element && target.closest("#stick"))) store.letGo();
 }
 
-/** Return where the stick is on the glass of the screen, for a comparison. @returns {string} */
+/** Return all that tells where the stick is on the screen, as a text to compare. @returns {string} */
 export function stickPlace() {
   const { left, top, width } = /** @type {HTMLElement} */ (
     document.getElementById("stick")
@@ -77,7 +77,7 @@ export function stickPlace() {
   return [left, top, width, ...view, screen.orientation?.angle].join(" ");
 }
 
-/** End a press of the stick that began at another place of the stick. */
+/** End the press of the stick if the stick has got another place on the screen since it began. */
 export function checkStickPlace() {
   const grip = store.grip.peek();
   if (!grip || grip.place === stickPlace()) return;
@@ -92,6 +92,7 @@ export function keysOff() {
   tell(true, { key: "keyboard.off", values: {} });
 }
 
+// Whatever may hide the end of a press from the page ends it.
 addEventListener("keydown", keyDown, { capture: true });
 addEventListener("keyup", keyUp, { capture: true });
 addEventListener("pointerdown", pointerDown, { capture: true });

@@ -1,7 +1,7 @@
-// The page: all views, in the language of the viewer.
+// Starts the page: loads the texts, shows all views, and keeps the title, the tool and the focus right.
 
 import { effect, html, render } from "./vendor/preact.js";
-import { connection } from "./commands.js";
+import { chooseRobot, connection } from "./commands.js";
 import * as store from "./store.js";
 import { startLanguage, t } from "./texts.js";
 import { Bar } from "./views/bar.js";
@@ -13,7 +13,7 @@ import { Stage } from "./views/stage.js";
 import "./drive.js";
 
 if (new URLSearchParams(location.search).has("token")) {
-  history.replaceState(null, "", location.pathname); // the cookie has the token now
+  history.replaceState(null, "", location.pathname); // hides the token, which the cookie has now
 }
 
 function App() {
@@ -32,6 +32,10 @@ effect(() => {
   const robot = store.robot.value;
   document.title = robot?.known ? robotName(robot) : t("page.title");
 });
+// The dashboard may be restarted with fewer robots.
+store.robots.subscribe((robots) => {
+  if (robots.length && store.chosen.peek() >= robots.length) chooseRobot(0);
+});
 let hadControl = false; // true once the viewer may control, and has got the tool "go"
 effect(() => {
   if (!store.mayControl.value || hadControl) return;
@@ -41,7 +45,7 @@ effect(() => {
 
 // If the focused control disappears, what contained it gets the focus.
 let focusPath = /** @type {EventTarget[]} */ ([]); // the focused control, and all that contains it
-addEventListener("pointerdown", () => (focusPath = []), { capture: true });
+addEventListener("pointerdown", () => (focusPath = []), { capture: true }); // may focus nothing
 addEventListener("focusin", (event) => (focusPath = event.composedPath()));
 new MutationObserver(() => {
   const [focused, ...containers] = /** @type {HTMLElement[]} */ (focusPath);

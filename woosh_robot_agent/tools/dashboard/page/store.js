@@ -4,11 +4,14 @@ import { batch, computed, signal } from "./vendor/preact.js";
 
 /** @typedef {{x: number, y: number}} Point  a place on the map, in metres */
 /** @typedef {{x: number, y: number, theta: number}} Pose  in metres and radians */
-/** @typedef {Pose & {linear: number, angular: number, doubt: Objection | null}} Motion */
-/** @typedef {{name: string, reason: string, remedy: string}} Objection */
-/** @typedef {{code: string, level: string, text: string, meaning: string}} Code */
-/** @typedef {Pose & {number: string, text: string, type: string}} Mark */
-/** @typedef {{kind: string, outline: number[][], speed: number}} Zone */
+/**
+ * @typedef {Pose & {linear: number, angular: number, doubt: Objection | null}} Motion  in m/s and rad/s;
+ *   doubt: why the pose may be wrong
+ */
+/** @typedef {{name: string, reason: string, remedy: string}} Objection  why a robot takes no task */
+/** @typedef {{code: string, level: string, text: string, meaning: string}} Code  a status code of a robot */
+/** @typedef {Pose & {number: string, text: string, type: string}} Mark  with the pose of a robot at it */
+/** @typedef {{kind: string, outline: number[][], speed: number}} Zone  in metres and m/s; 0 for no limit */
 /**
  * @typedef {object} Robot
  * @property {boolean} known true if the robot has reported its state
@@ -18,25 +21,24 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {string} scene
  * @property {string} map
  * @property {string} state
- * @property {string | null} control
- * @property {string | null} work
- * @property {boolean} emergencyStop
- * @property {boolean | null} taskable
- * @property {Objection[]} objections
+ * @property {string | null} control mode: `auto`, `manual` or `maintain`
+ * @property {string | null} work mode: `task`, `deploy` or `schedule`
+ * @property {boolean | null} taskable true if the robot says that it takes tasks; null if it says nothing
+ * @property {Objection[]} objections why it takes no task, the most important first
  * @property {Battery | null} battery
  * @property {RunningTask | null} task
  * @property {{name: string, state: string, text: import("./texts.js").Value}[]} actions
- * @property {Code[]} problems
+ * @property {Code[]} problems status codes that hold now
  * @property {{mute: boolean, volume: number} | null} sound
- * @property {boolean} light
+ * @property {boolean} light true if it has one
  */
 /**
  * @typedef {{power: number, charging: boolean, temperature: number, cycles: number,
- *   low: number}} Battery
+ *   low: number}} Battery  in percent and °C; low: power at which it counts as low, 0 if unknown
  */
 /**
  * @typedef {{id: string, type: string, to: string, state: string, running: boolean, text: string,
- *   action: string, actionState: string}} RunningTask
+ *   action: string, actionState: string}} RunningTask  running: true until its end, also while paused
  */
 /**
  * @typedef {object} Task
@@ -45,7 +47,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {string} to number of the mark where the task goes, may be empty
  * @property {[number, number] | null} place where the robot goes, in metres, if that is known
  * @property {string} state
- * @property {boolean} running
+ * @property {boolean} running true until its end, also while it is paused
  * @property {string} text from the robot
  * @property {Code | null} code reason of a failure, if known
  * @property {string} scene empty if it is not known on which map the task is
@@ -57,45 +59,45 @@ import { batch, computed, signal } from "./vendor/preact.js";
  */
 /**
  * @typedef {object} Area the map, as far as it is known
- * @property {number} number
- * @property {import("./texts.js").Value} error
+ * @property {number} number of the picture, another one for each picture
+ * @property {import("./texts.js").Value} error why there is no picture; empty with one
  * @property {string} [scene]
  * @property {string} [name]
- * @property {number} [resolution]
- * @property {Pose} [origin]
- * @property {boolean} [keepout]
+ * @property {number} [resolution] metres per pixel; absent without a picture
+ * @property {Pose} [origin] of the picture's lower left corner
+ * @property {boolean} [keepout] true if there is a picture of the keep-out areas
  * @property {Mark[]} [marks]
  * @property {Zone[]} [zones]
- * @property {number[][][]} [lanes]
+ * @property {number[][][]} [lanes] the points of each lane, in metres
  * @property {{type: string, number: number, name: string}[]} [taskTypes]
  */
 /**
  * @typedef {object} Control
- * @property {string | null} owner
- * @property {{linear: number, angular: number}} limits of the stick
- * @property {number} maximum of the stick without a speed limit
- * @property {number | null} speedLimit
- * @property {import("./texts.js").Value} speedRefusal
- * @property {{name: string, detail: import("./texts.js").Value}} driver
- * @property {import("./texts.js").Value} standstill
+ * @property {string | null} owner name of the viewer that has control
+ * @property {{linear: number, angular: number}} limits of the stick, in m/s and rad/s
+ * @property {number} maximum of the stick without a speed limit, in m/s
+ * @property {number | null} speedLimit in m/s
+ * @property {import("./texts.js").Value} speedRefusal why the robot has not taken the limit; may be empty
+ * @property {{name: string, detail: import("./texts.js").Value}} driver what drives the robot
+ * @property {import("./texts.js").Value} standstill why it stands despite a command; empty otherwise
  */
 /**
  * @typedef {{good: boolean, state: string, since: number, silence: number, error: import("./texts.js").Value,
- *   advice: string, delay: number | null}} Link
+ *   advice: string, delay: number | null}} Link  since, delay: ms; silence: s; advice: options of doctor
  */
 /**
- * @typedef {object} Card
+ * @typedef {object} Card a robot in the list of all robots
  * @property {string} address
  * @property {string} link as in `Link`, the state
- * @property {number} silence
+ * @property {number} silence seconds for which it has sent nothing
  * @property {boolean} known
  * @property {number} id
  * @property {string} name
  * @property {string} state
  * @property {Objection | null} objection why it takes no tasks
  * @property {boolean} moves
- * @property {number} problems
- * @property {string} level
+ * @property {number} problems how many status codes hold now
+ * @property {string} level of the worst of them
  * @property {Battery | null} battery
  * @property {Task | null} task the one that runs
  * @property {Order | null} order
@@ -104,13 +106,13 @@ import { batch, computed, signal } from "./vendor/preact.js";
  */
 /**
  * @typedef {{id: string, node: string, nodesLeft: number, paused: boolean, errors: {type: string,
- *   level: string, text: import("./texts.js").Value}[]}} Order
+ *   level: string, text: import("./texts.js").Value}[]}} Order  of a fleet manager, in VDA 5050
  */
-/** @typedef {Pose & {index: number, name: string, scene: string, map: string, outline: number[][]}} Place */
+/** @typedef {Pose & {index: number, name: string, scene: string, map: string, outline: number[][]}} PlacedRobot */
 /** @typedef {{id: string, name: string, text: string, x?: number, y?: number, radius?: number}} Fault */
 /**
  * @typedef {{known: {name: string, description: import("./texts.js").Value, arguments: string}[],
- *   faults: Fault[]}} Simulator
+ *   faults: Fault[]}} Simulator  known: all that can be begun; faults: those that hold now
  */
 /** @typedef {{pose: Pose, points: Float32Array}} Scan  x, y of each point in the frame of the robot */
 /**
@@ -119,7 +121,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {string} [mark]
  * @property {Pose} [pose]
  * @property {{path: number[][], length: number} | {error: import("./texts.js").Value} | null} plan null until the answer
- * @property {TaskKind} [kind] what shall be done there, as far as it is known
+ * @property {TaskKind} [kind] what the earlier task did there, if the viewer repeats one
  * @property {Point | null} [from] where the robot was when the path was requested
  */
 /** @typedef {{type: string, number: number, direction: string}} TaskKind */
@@ -137,10 +139,10 @@ import { batch, computed, signal } from "./vendor/preact.js";
  */
 
 /** Commands that give a task. */
-export const MOVES = ["go", "goMark", "charge"];
+export const TASK_COMMANDS = ["go", "goMark", "charge"];
 const DEAD_ZONE = 0.12; // fraction of the stick's radius within which it does not drive
-/** @type {Record<string, [number, number]>} directions, right and up, by the code of the key */
-export const KEYS = {
+/** @type {Record<string, [number, number]>} directions of the stick, right and up, by the code of the key */
+export const KEY_DIRECTIONS = {
   ArrowUp: [0, 1],
   ArrowDown: [0, -1],
   ArrowLeft: [-1, 0],
@@ -148,6 +150,7 @@ export const KEYS = {
 };
 
 /**
+ * Return a signal whose type is that of the whole value, e.g. with null.
  * @template T
  * @param {T} value
  * @returns {import("@preact/signals").Signal<T>}
@@ -156,18 +159,22 @@ const state = (value) => signal(value);
 
 // Of the dashboard
 
+/** Name of this viewer; empty until the dashboard has told it. */
 export const you = state("");
+/** True if this viewer may command the robots. */
 export const mayControl = state(false);
 /** Addresses of the robots. */
 export const robots = state(/** @type {string[]} */ ([]));
 export const fleet = state(/** @type {Card[]} */ ([]));
-export const places = state(/** @type {Place[]} */ ([]));
+/** All robots that know their place; empty if the page shows only one robot. */
+export const places = state(/** @type {PlacedRobot[]} */ ([]));
 export const simulator = state(/** @type {Simulator | null} */ (null));
 /** Why no data come from the dashboard; empty while data come. */
 export const problem = state("link.connecting");
 
 // Of the robot that is watched
 
+/** Parts about the robot, by name; null or empty until they have come. */
 const OF_ROBOT = {
   link: state(/** @type {Link | null} */ (null)),
   robot: state(/** @type {Robot | null} */ (null)),
@@ -207,9 +214,11 @@ export const entered = state(/** @type {Point | null} */ (null));
 export const measured = state(/** @type {[Point, Point] | null} */ (null));
 /** Place under the pointer. */
 export const pointed = state(/** @type {Point | null} */ (null));
+/** True to keep the robot in the middle of the map. */
 export const follow = state(false);
 /** True to show the map with the robot's front at the top; false for north. */
 export const robotUp = state(false);
+/** True for each layer of the map that is drawn. */
 export const layers = state({
   laser: true,
   path: true,
@@ -221,13 +230,13 @@ export const layers = state({
   others: true,
 });
 export const answer = state(/** @type {Answer | null} */ (null));
-/** Doubts about a pose that the viewer has dismissed, each with its robot and map. */
+/** Warnings about a pose that the viewer has dismissed, each with its robot and map. */
 export const dismissed = state(/** @type {string[]} */ ([]));
-/** Why a stop of this page has no answer of the dashboard, by the index of the robot. */
+/** Why the dashboard has not answered a stop of this page, by the index of the robot. */
 export const unanswered = state(
   /** @type {ReadonlyMap<number, import("./texts.js").Value>} */ (new Map()),
 );
-/** Why a stop was not confirmed, by the index of the robot. The dashboard knows of the others' stops, too. */
+/** Why a stop of this or another page was not confirmed, by the index of the robot. */
 export const alarms = computed(() => {
   const found = new Map(unanswered.value);
   fleet.value.forEach(({ alarm }, index) => alarm && found.set(index, alarm));
@@ -235,21 +244,21 @@ export const alarms = computed(() => {
 });
 /** Speed limits that ended with a restart of the dashboard, in m/s, by the address of the robot. */
 export const endedLimits = state(/** @type {ReadonlyMap<string, number>} */ (new Map()));
-/** The one of the robot that the viewer has chosen. */
+/** Ended speed limit of the chosen robot, in m/s; undefined without one. */
 export const endedLimit = computed(() => endedLimits.value.get(robots.value[chosen.value] ?? ""));
-/** Commands without an answer so far, as robot and name. */
+/** Commands that wait for their answer, each as its `pendingKey`. */
 export const pending = state(/** @type {ReadonlySet<string>} */ (new Set()));
 /** True if the arrow keys drive. */
 export const keyboard = state(false);
 /** The pointer that holds the stick; null without one. */
 export const grip = state(/** @type {Grip | null} */ (null));
 /** Codes of the arrow keys that are down and drive. */
-export const keys = state(/** @type {ReadonlySet<string>} */ (new Set()));
+export const heldKeys = state(/** @type {ReadonlySet<string>} */ (new Set()));
 /** Velocity that the stick or the keys ask for; null while nothing is held. */
 export const held = computed(() => {
   if (grip.value) return stickVelocity(grip.value.right, grip.value.up);
-  if (!keys.value.size) return null;
-  const pressed = [...keys.value].map((code) => KEYS[code]);
+  if (!heldKeys.value.size) return null;
+  const pressed = [...heldKeys.value].map((code) => KEY_DIRECTIONS[code]);
   const [right, up] = [0, 1].map((axis) => pressed.reduce((sum, each) => sum + each[axis], 0));
   return stickVelocity(right, up);
 });
@@ -264,27 +273,27 @@ export const shownMap = computed(() =>
 /** True if what is shown of the robot may be out of date. */
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
 /** True if this viewer has the control. */
-export const mine = computed(() => control.value !== null && control.value.owner === you.value);
+export const hasControl = computed(() => control.value?.owner === you.value);
 
 /**
  * Return the key of a command in `pending`; all tasks share one, so that two marks send one task.
  * @param {string} name
  */
-export const pendingKey = (name) => `${chosen.value} ${MOVES.includes(name) ? "go" : name}`;
+export const pendingKey = (name) => `${chosen.value} ${TASK_COMMANDS.includes(name) ? "go" : name}`;
 
 /** @param {string} name */
 export const isPending = (name) => pending.value.has(pendingKey(name));
 
-let process = ""; // that of the dashboard
+let process = ""; // id of the dashboard's process; empty before the first connection
 
-/** Note the speed limits of a former process of the dashboard, which only this page still knows. */
+/** Note that the speed limits of the dashboard's former process, which `fleet` still has, have ended. */
 function endLimits() {
   const ended = new Map(endedLimits.value);
   for (const { address, speedLimit } of fleet.value) if (speedLimit) ended.set(address, speedLimit);
   endedLimits.value = ended;
 }
 
-/** @param {string[]} addresses of robots whose viewer knows that a limit has ended, or has set another one */
+/** Forget ended limits that the viewer has dismissed or replaced. @param {string[]} addresses */
 export function forgetEndedLimits(addresses) {
   const ended = new Map(endedLimits.value);
   for (const each of addresses) ended.delete(each);
@@ -296,27 +305,31 @@ const SHARED = { fleet, places, simulator };
 
 /**
  * Store a part of the dashboard's data.
- * @param {string} name
+ * @param {string} name of the part; `hello` comes first after each connection
  * @param {any} data
  */
 export function receive(name, data) {
   if (name === "hello") {
     batch(() => {
-      if (process && process !== data.process) endLimits();
+      if (process && process !== data.process) {
+        endLimits();
+        unanswered.value = alarms.value; // the new process may know nothing of them
+        map.value = null; // the new process may use the map's number for another map
+      }
       process = data.process;
       you.value = data.you;
       mayControl.value = data.control;
       robots.value = data.robots;
-      unanswered.value = alarms.value; // another process may know nothing of them
-      if (map.value) map.value = null; // another process may use the map's number for another map
     });
   } else if (name === "watching") {
     watching.value = data;
   } else if (Object.hasOwn(SHARED, name)) {
     SHARED[/** @type {keyof typeof SHARED} */ (name)].value = data;
+    if (name !== "fleet") return;
     const limited = fleet.value.filter(({ speedLimit }) => speedLimit);
-    if (name === "fleet") forgetEndedLimits(limited.map(({ address }) => address));
+    forgetEndedLimits(limited.map(({ address }) => address));
   } else if (Object.hasOwn(OF_ROBOT, name) && watching.value === chosen.value) {
+    // parts of the former robot may still arrive after the viewer has chosen another one
     OF_ROBOT[/** @type {keyof typeof OF_ROBOT} */ (name)].value = data;
   }
 }
@@ -331,7 +344,7 @@ export function receiveScan(buffer) {
   const [x, y, theta, forward, left, first, step] = [0, 1, 2, 3, 4, 5, 6].map((index) =>
     view.getFloat32(4 + 4 * index, true),
   );
-  const points = new Float32Array(buffer.byteLength - 32);
+  const points = new Float32Array(buffer.byteLength - 32); // x and y of each range, which has 2 bytes
   let count = 0;
   for (let index = 0, at = 32; at + 1 < buffer.byteLength; index++, at += 2) {
     const range = view.getUint16(at, true) / 1000;
@@ -350,11 +363,11 @@ export function receiveScan(buffer) {
  */
 function stickVelocity(right, up) {
   const { linear, angular } = control.value?.limits ?? { linear: 0, angular: 0 };
-  const dead = (/** @type {number} */ value) => (Math.abs(value) < DEAD_ZONE ? 0 : value);
+  const live = (/** @type {number} */ value) => (Math.abs(value) < DEAD_ZONE ? 0 : value);
   return {
-    linear: dead(up) * linear,
+    linear: live(up) * linear,
     // backwards, the robot still moves to the side to which the stick points
-    angular: -dead(right) * angular * (up < -DEAD_ZONE ? -1 : 1),
+    angular: -live(right) * angular * (up < -DEAD_ZONE ? -1 : 1),
   };
 }
 
@@ -362,7 +375,7 @@ function stickVelocity(right, up) {
 export function letGo() {
   batch(() => {
     grip.value = null;
-    keys.value = new Set();
+    heldKeys.value = new Set();
   });
 }
 

@@ -9,13 +9,13 @@ import { batch, signal } from "./vendor/preact.js";
 /** @typedef {string | number | Text} Value  value that can be put into a text */
 
 export const LANGUAGES = { en: "English", zh: "中文" };
-const KEY = "woosh.language"; // in the storage of the browser
+const STORAGE_KEY = "woosh.language"; // in the storage of the browser
 
 export const language = signal("en");
 /** @type {import("@preact/signals").Signal<Record<string, string>>} */
 const texts = signal({});
 /** @type {import("@preact/signals").Signal<Record<string, string>>} */
-const said = signal({}); // sentences of the program; empty for English
+const sentences = signal({}); // sentences of the program; empty for English
 /** @type {import("@preact/signals").Signal<Record<string, string>>} */
 const codes = signal({}); // meaning of status codes; empty for English, which the dashboard has
 
@@ -24,14 +24,14 @@ const codes = signal({}); // meaning of status codes; empty for English, which t
  * @param {string} wanted
  */
 export async function setLanguage(wanted) {
-  localStorage.setItem(KEY, wanted);
   await loadLanguage(wanted);
+  localStorage.setItem(STORAGE_KEY, wanted);
 }
 
 /** Show the page in the language that was chosen, or in the language of the browser. */
 export async function startLanguage() {
   const known = Object.keys(LANGUAGES);
-  const chosen = localStorage.getItem(KEY) ?? "";
+  const chosen = localStorage.getItem(STORAGE_KEY) ?? "";
   const preferred = navigator.languages.map((each) => each.split("-")[0]);
   const wanted = [chosen, ...preferred].find((each) => known.includes(each));
   await loadLanguage(wanted ?? "en");
@@ -39,14 +39,14 @@ export async function startLanguage() {
 
 /** @param {string} wanted */
 async function loadLanguage(wanted) {
-  const [found, meanings, sentences] = await Promise.all([
+  const [ownTexts, meanings, saidTexts] = await Promise.all([
     load(`texts/${wanted}.json`),
     wanted === "en" ? {} : load(`texts/codes.${wanted}.json`),
     wanted === "en" ? {} : load(`texts/said.${wanted}.json`),
   ]);
   batch(() => {
-    texts.value = found;
-    said.value = sentences;
+    texts.value = ownTexts;
+    sentences.value = saidTexts;
     codes.value = meanings;
     language.value = wanted;
   });
@@ -105,7 +105,8 @@ export function say(value) {
   if (typeof value !== "object") return String(value);
   const { key, values, english } = value;
   if (english === undefined) return t(key, values);
-  const known = [said, texts, codes].find((each) => key in each.value);
+  // the sentence may also be the name of a command, or the meaning of a status code
+  const known = [sentences, texts, codes].find((each) => key in each.value);
   const pattern = language.value === "en" ? undefined : known?.value[key];
   return pattern ? filled(pattern, values) : english;
 }

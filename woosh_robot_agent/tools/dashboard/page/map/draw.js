@@ -17,18 +17,18 @@
  * @property {import("../store.js").Zone[]} zones
  * @property {number[][][]} lanes
  * @property {import("../store.js").Mark[]} marks
- * @property {string} [chosenMark] the mark that is selected, or else where the robot goes
- * @property {number[][]} trail
- * @property {number[][]} path
- * @property {number[][]} planned
+ * @property {string} [chosenMark] number of the mark that is selected, or else where the robot goes
+ * @property {number[][]} trail where the robot has been
+ * @property {number[][]} path that the robot follows
+ * @property {number[][]} planned path to the target
  * @property {Pose} [target]
  * @property {{pose: Pose, points: Float32Array}} [scan]
  * @property {import("../store.js").Fault[]} obstacles
- * @property {import("../store.js").Place[]} others
+ * @property {import("../store.js").PlacedRobot[]} others
  * @property {Pose} [pose]
- * @property {boolean} lost true if the robot may be elsewhere
+ * @property {boolean} lost true if the robot does not know its place
  * @property {string} [name] of the robot, if there are others
- * @property {Pose} [draft]
+ * @property {Pose} [draft] pose that is about to be sent to the robot, drawn instead of `pose`
  * @property {number[][]} outline
  * @property {[Point, Point]} [measured]
  * @property {{from: Point, to: Point}} [arrow] in pixels
@@ -67,17 +67,15 @@ export function draw(painter, picture) {
   if (picture.scan) drawScan(painter, picture.scan);
   drawMarks(painter, picture);
   for (const each of picture.others) {
-    drawRobot(painter, each, each.outline, colours.edge, colours["map-floor"]);
-    robotName(painter, each, each.name);
+    drawRobot(painter, each, each.outline, colours.edge, colours["map-floor"], each.name);
   }
   const { pose, draft, target, outline } = picture;
   if (pose && !draft) {
     const [colour, contrast] = picture.lost
       ? [colours["map-floor"], colours.warning]
       : [colours.accent, colours["on-accent"]];
-    drawRobot(painter, pose, outline, colour, contrast);
     const name = [picture.name, picture.lost && "?"].filter(Boolean).join(" ");
-    if (name) robotName(painter, pose, name);
+    drawRobot(painter, pose, outline, colour, contrast, name);
   }
   if (draft) drawRobot(painter, draft, outline, colours.warning, colours["map-floor"]);
   if (target) drawTarget(painter, target);
@@ -105,6 +103,7 @@ function drawImage({ context, view }, area, image) {
 }
 
 /**
+ * Make points of the map the current path of the canvas.
  * @param {Painter} painter
  * @param {number[][]} points
  */
@@ -117,11 +116,12 @@ function trace({ context, view }, points) {
 }
 
 /**
+ * Draw a line through points of the map.
  * @param {Painter} painter
  * @param {number[][]} points
  * @param {string} colour
- * @param {number} width
- * @param {number[]} dashes
+ * @param {number} width in pixels
+ * @param {number[]} dashes lengths of the dashes and gaps, in pixels
  */
 function line(painter, points, colour, width, dashes = []) {
   if (points.length < 2) return;
@@ -213,10 +213,11 @@ function drawMarks(painter, { marks, chosenMark }) {
 }
 
 /**
+ * Fill a triangle that points along the x axis.
  * @param {CanvasRenderingContext2D} context
- * @param {number} front
- * @param {number} back
- * @param {number} side
+ * @param {number} front x of its tip
+ * @param {number} back x of its other corners
+ * @param {number} side distance of these from the axis
  */
 function triangle(context, front, back, side) {
   context.beginPath();
@@ -263,8 +264,10 @@ function drawObstacle({ context, view, colours }, { x = 0, y = 0, radius = 0 }) 
  * @param {number[][]} outline
  * @param {string} colour
  * @param {string} contrast colour of its border and nose
+ * @param {string} name beside it
  */
-function drawRobot({ context, view }, pose, outline, colour, contrast) {
+function drawRobot(painter, pose, outline, colour, contrast, name = "") {
+  const { context, view } = painter;
   const corners = outline.length > 2 ? outline : DEFAULT_OUTLINE;
   const at = view.toScreen(pose.x, pose.y);
   const radius = Math.max(...corners.map(([a, b]) => Math.hypot(a, b)));
@@ -285,16 +288,6 @@ function drawRobot({ context, view }, pose, outline, colour, contrast) {
   context.fillStyle = contrast;
   triangle(context, front * 0.8, front * 0.15, front * 0.42);
   context.restore();
-}
-
-/**
- * Write a name beside a robot.
- * @param {Painter} painter
- * @param {Pose} pose
- * @param {string} name
- */
-function robotName(painter, pose, name) {
-  const at = painter.view.toScreen(pose.x, pose.y);
   text(painter, name, at.x + 14, at.y - 12);
 }
 
@@ -404,7 +397,7 @@ function drawScale(painter) {
 }
 
 /**
- * Give a grey picture the colours of the page.
+ * Return a grey picture in the colours of the page.
  * @param {HTMLImageElement} image
  * @param {(shade: number) => [number, number, number, number]} colourOf red, green, blue, opacity
  * @returns {OffscreenCanvas}

@@ -22,7 +22,7 @@ const KEY_STEP = 60; // pixels by which an arrow key moves the map
 const SMALL_KEY_STEP = 5; // pixels by which it does so with Shift
 const SCALE_TEXT = 22; // pixels from the scale bar to the top of its text
 const SCALE_ROOM = 36; // pixels from the bottom to the top of this text
-const ZOOM_STEP = 1.4;
+export const ZOOM_STEP = 1.4; // factor of a button or key
 const COLOURS = [
   ...["accent", "edge", "faint", "ink", "laser", "map-floor", "map-unknown", "map-wall"],
   ...["on-accent", "warning", "fault"],
@@ -35,12 +35,12 @@ export class MapCanvas {
     this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
     this.view = new View();
     this.fittedOnce = false; // true once this map has been fitted to the window
-    this.stillFitted = false; // true until the user pans or zooms; then a resize no longer refits
-    /** @type {{map: store.Area, image: HTMLImageElement, drawn: CanvasImageSource} | null} */
+    this.stillFitted = true; // true until the viewer pans or zooms; then a resize no longer refits
+    /** @type {{map: store.Area, image: HTMLImageElement, drawn: CanvasImageSource} | null} drawn: in colours */
     this.area = null;
     /** @type {HTMLImageElement | null} */
     this.keepoutImage = null;
-    /** @type {CanvasImageSource | null} */
+    /** @type {CanvasImageSource | null} `keepoutImage` in colours */
     this.keepout = null;
     /** @type {number[][]} */
     this.trail = [];
@@ -48,12 +48,12 @@ export class MapCanvas {
     this.pointers = new Map();
     /** @type {{start: Point, acts: boolean, dragged: boolean}} acts: it uses the tool */
     this.press = { start: { x: 0, y: 0 }, acts: false, dragged: false };
-    /** @type {{from: Point, to: Point} | null} */
+    /** @type {{from: Point, to: Point} | null} direction that a drag gives, in pixels */
     this.arrow = null;
     /** @type {import("./view.js").Inset} margins that are covered now; `view.inset` may be older */
     this.covered = this.view.inset;
     this.pending = 0; // id of the requested animation frame; 0 without one
-    this.shown = ""; // address of the map's picture
+    this.shown = ""; // address of the map's picture, once it is requested
     this.colours = this.readColours();
     this.bind();
   }
@@ -112,7 +112,7 @@ export class MapCanvas {
     this.redraw();
   }
 
-  /** Fit again unless the viewer has moved the map since. */
+  /** Fit the map again, unless the viewer has moved it since. */
   refit() {
     if (this.stillFitted && !this.pointers.size) this.fit();
   }
@@ -125,7 +125,7 @@ export class MapCanvas {
     }
   }
 
-  /** @param {Point[]} corners */
+  /** Return true if the map's picture would lie under the scale bar. @param {Point[]} corners */
   coversScale(corners) {
     const { x, y, length } = scaleBar(this.view);
     const pixels = corners.map((each) => this.view.toScreen(each.x, each.y));
@@ -135,6 +135,7 @@ export class MapCanvas {
   }
 
   /**
+   * Zoom around a pixel, or around the robot if the map follows it.
    * @param {number} factor
    * @param {Point} pixel
    */
@@ -142,14 +143,6 @@ export class MapCanvas {
     this.stillFitted = false;
     this.view.zoom(factor, store.follow.value ? this.view.middle : pixel);
     this.redraw();
-  }
-
-  zoomIn() {
-    this.zoom(ZOOM_STEP);
-  }
-
-  zoomOut() {
-    this.zoom(1 / ZOOM_STEP);
   }
 
   /**
@@ -162,10 +155,11 @@ export class MapCanvas {
     const { bottom, left } = this.view.inset;
     if (inset.bottom === bottom && inset.left === left) return;
     this.view.inset = inset;
-    this.redraw();
     this.refit();
+    this.followRobot();
   }
 
+  /** Keep the robot's front at the top, and the robot in the middle, if the viewer wants that. */
   followRobot() {
     const pose = store.pose.value;
     const turned = store.robotUp.value && pose ? Math.PI / 2 - pose.theta : 0;
@@ -211,7 +205,8 @@ export class MapCanvas {
   /** @param {PointerEvent} event */
   moved(event) {
     const now = { x: event.offsetX, y: event.offsetY };
-    store.pointed.value = this.view.toWorld(now.x, now.y);
+    const place = this.view.toWorld(now.x, now.y);
+    store.pointed.value = place;
     const before = this.pointers.get(event.pointerId);
     if (!before) return;
     const { press } = this;
@@ -221,13 +216,14 @@ export class MapCanvas {
       press.acts = false;
       this.arrow = null;
       const [other] = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, p]) => p);
-      this.pan(between(before, other), between(now, other));
+      this.pan(midpoint(before, other), midpoint(now, other));
       const spread = Math.max(1, distance(now, other)) / Math.max(1, distance(before, other));
-      this.zoom(spread, between(now, other));
+      this.zoom(spread, midpoint(now, other));
     } else if (!press.acts || store.tool.value === "move" || store.tool.value === "obstacle") {
       if (press.dragged) this.pan(before, now);
     } else if (store.tool.value === "measure") {
-      if (press.dragged) this.measureTo(now);
+      const begun = store.measured.value;
+      if (press.dragged && begun) store.measured.value = [begun[0], place];
     } else {
       this.arrow = length < DIRECTION ? null : { from: press.start, to: now };
     }
@@ -259,14 +255,15 @@ export class MapCanvas {
   act({ start, dragged }, arrow) {
     const place = this.view.toWorld(start.x, start.y);
     const tool = store.tool.value;
-    let direction = null;
+    let direction = null; // in radians; null if the press gives none
     if (arrow) {
       const { from, to } = arrow;
-      direction = Math.atan2(from.y - to.y, to.x - from.x) - this.view.angle;
+      const angle = Math.atan2(from.y - to.y, to.x - from.x) - this.view.angle;
+      direction = Math.atan2(Math.sin(angle), Math.cos(angle)); // within -π to π
     }
     if (tool === "measure") return; // the line was drawn during the press
     if (tool === "pose") {
-      if (direction !== null) store.draft.value = { ...place, theta: normalized(direction) };
+      if (direction !== null) store.draft.value = { ...place, theta: direction };
       else commands.tell(false, { key: "pose.drag", values: {} });
       return;
     }
@@ -280,11 +277,12 @@ export class MapCanvas {
     }
     const mark = store.layers.value.marks && this.hit(start, store.map.value?.marks ?? []);
     if (mark && direction === null) commands.setTargetMark(mark);
-    else if (tool === "go") commands.setTargetPlace(place, direction && normalized(direction));
+    else if (tool === "go") commands.setTargetPlace(place, direction);
     else commands.forgetTarget();
   }
 
   /**
+   * Move the map, from one pixel to another.
    * @param {Point} from
    * @param {Point} to
    */
@@ -303,14 +301,9 @@ export class MapCanvas {
     store.measured.value = begins ? [place, place] : [former[0], place];
   }
 
-  /** @param {Point} pixel */
-  measureTo(pixel) {
-    const former = store.measured.value;
-    if (former) store.measured.value = [former[0], this.view.toWorld(pixel.x, pixel.y)];
-  }
-
   /** @param {KeyboardEvent} event */
   keyDown(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey) return; // a shortcut of the browser
     const step = event.shiftKey ? SMALL_KEY_STEP : KEY_STEP;
     const moves = /** @type {Record<string, Point>} */ ({
       ArrowLeft: { x: step, y: 0 },
@@ -320,8 +313,8 @@ export class MapCanvas {
     });
     if (event.key in moves) this.pan({ x: 0, y: 0 }, moves[event.key]);
     else if (event.key === "Enter" && !event.repeat) this.enter();
-    else if (event.key === "+") this.zoomIn();
-    else if (event.key === "-") this.zoomOut();
+    else if (event.key === "+") this.zoom(ZOOM_STEP);
+    else if (event.key === "-") this.zoom(1 / ZOOM_STEP);
     else if (event.key === "0") this.fit();
     else return;
     event.preventDefault();
@@ -375,8 +368,9 @@ export class MapCanvas {
   // Images and the picture
 
   /**
+   * Show the picture of another map, once it is loaded.
    * @param {store.Area | null} map
-   * @param {number} robot
+   * @param {number} robot index
    */
   loadMap(map, robot) {
     const url = map?.resolution ? `${robot}/${map.number}.png` : "";
@@ -410,6 +404,9 @@ export class MapCanvas {
     const image = new Image();
     image.onload = () => {
       if (this.shown === wanted) onLoad(image);
+    };
+    image.onerror = () => {
+      if (this.shown === wanted) this.shown = ""; // tries again when the map's data come again
     };
     image.src = url;
   }
@@ -459,7 +456,8 @@ export class MapCanvas {
   resize() {
     this.view.width = this.canvas.clientWidth;
     this.view.height = this.canvas.clientHeight;
-    if (!this.fittedOnce || this.stillFitted) this.fit();
+    if (this.stillFitted) this.fit();
+    this.followRobot();
     this.draw();
   }
 
@@ -501,7 +499,7 @@ export class MapCanvas {
     const draft = store.draft.peek();
     const robot = store.robot.peek();
     const { area } = this;
-    const isChosen = (/** @type {store.Place} */ { index }) => index === store.chosen.peek();
+    const isChosen = (/** @type {store.PlacedRobot} */ { index }) => index === store.chosen.peek();
     const places = store.places.peek();
     const others = places.filter(
       (each) => !isChosen(each) && each.scene === robot?.scene && each.map === robot?.map,
@@ -556,16 +554,8 @@ function distance(one, other) {
  * @param {Point} other
  * @returns {Point}
  */
-function between(one, other) {
+function midpoint(one, other) {
   return { x: (one.x + other.x) / 2, y: (one.y + other.y) / 2 };
-}
-
-/**
- * Return an angle within -π to π.
- * @param {number} angle
- */
-function normalized(angle) {
-  return Math.atan2(Math.sin(angle), Math.cos(angle));
 }
 
 /**

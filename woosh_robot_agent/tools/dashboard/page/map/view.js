@@ -73,7 +73,7 @@ export class View {
 
   /**
    * Zoom around a pixel.
-   * @param {number} factor
+   * @param {number} factor by which the scale grows
    * @param {Point} pixel
    */
   zoom(factor, pixel) {
@@ -83,8 +83,8 @@ export class View {
   }
 
   /**
-   * Turn the map around the middle.
-   * @param {number} angle
+   * Turn the map around the middle, to an angle.
+   * @param {number} angle as in `this.angle`
    */
   turn(angle) {
     const place = this.toWorld(this.middle.x, this.middle.y);
@@ -95,7 +95,7 @@ export class View {
   /**
    * Show all of these places in the part of the canvas that nothing covers.
    * @param {Point[]} places
-   * @param {number} below pixels at the bottom that remain free
+   * @param {number} below height in pixels that remains free at the bottom
    */
   fit(places, below = 0) {
     const cos = Math.cos(this.angle);

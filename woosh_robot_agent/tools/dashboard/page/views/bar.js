@@ -1,7 +1,7 @@
 // The bar at the top: robot, link, battery, mode, alarms, and STOP, which never moves.
 
 import { html, useRef } from "../vendor/preact.js";
-import { chooseRobot, stop } from "../commands.js";
+import { chooseRobot, stop, tell } from "../commands.js";
 import * as store from "../store.js";
 import { alarmCount, LANGUAGES, language, say, setLanguage, t, tOr } from "../texts.js";
 import { openTab } from "./panel.js";
@@ -121,7 +121,7 @@ function Language() {
     class="quiet"
     id="language"
     lang=${other}
-    onClick=${() => setLanguage(other)}
+    onClick=${() => setLanguage(other).catch(() => tell(false, { key: "reason.noConnection", values: {} }))}
   >
     <${Icon} name="language" />
     <span class="wide">${name}</span>

@@ -6,7 +6,7 @@ import * as commands from "../commands.js";
 import { checkStickPlace, keysOff, stickPlace } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
-import { degrees, goalText, Icon, placeText, useSettling } from "./parts.js";
+import { degrees, goalText, Icon, placeText, speedText, useSettling } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
@@ -36,7 +36,7 @@ function ControlOwner() {
     };
   }, []);
   const owner = store.control.value?.owner ?? null;
-  const isMine = store.mine.value;
+  const isMine = store.hasControl.value;
   const text = !owner
     ? t("owner.nobody")
     : isMine
@@ -103,11 +103,6 @@ function Now({ title, text, more = "", button }) {
   </div>`;
 }
 
-/** @param {import("../store.js").Motion} pose */
-function speedText({ linear, angular }) {
-  return `${linear.toFixed(2)} m/s · ${degrees(angular)}/s`;
-}
-
 /** Return the speed, or why the robot takes no task, or else its state. */
 function stateText() {
   const { robot, pose, outdated } = store;
@@ -121,7 +116,7 @@ function stateText() {
 
 const hasFault = () => store.robot.value?.problems.some(({ level }) => level === "fault");
 
-let shownButtons = 0; // number of `Buttons` that are shown
+let shownButtons = 0; // number of `Buttons` on the page
 
 /**
  * Buttons below these texts. If they replace others, they are disabled for a moment.
@@ -151,22 +146,18 @@ function PoseDraft() {
       <p>${reason ? say(reason) : (question ?? t("pose.drag"))}</p>
     </div>
     <${Buttons}>
-      <button
-        type="button"
-        aria-label=${t("pose.left")}
-        disabled=${!draft}
-        onClick=${() => turn(TURN)}
-      >
-        <${Icon} name="left" />
-      </button>
-      <button
-        type="button"
-        aria-label=${t("pose.right")}
-        disabled=${!draft}
-        onClick=${() => turn(-TURN)}
-      >
-        <${Icon} name="right" />
-      </button>
+      ${Object.entries({ left: TURN, right: -TURN }).map(
+        ([side, angle]) =>
+          html`<button
+            type="button"
+            key=${side}
+            aria-label=${t(`pose.${side}`)}
+            disabled=${!draft}
+            onClick=${() => turn(angle)}
+          >
+            <${Icon} name=${side} />
+          </button>`,
+      )}
       <button
         type="button"
         class="primary"
@@ -208,7 +199,7 @@ function Preview() {
   const target = /** @type {import("../store.js").Target} */ (store.target.value);
   const { mark, pose, command } = target;
   const may = store.mayControl.value;
-  const [to, way] = targetTexts(target);
+  const [to, pathText] = targetTexts(target);
   const reason = may && refusal(command);
   const markOnMap = store.map.value?.marks?.find(({ number }) => number === mark);
   const about = markOnMap
@@ -223,7 +214,7 @@ function Preview() {
       : [];
   // the key of the options: another target or kind of task replaces what the viewer has selected
   return html`<div class="now" id="now">
-      <b>${to}${way && html` <span class="way">${way}</span>`}</b>
+      <b>${to}${pathText && html` <span class="way">${pathText}</span>`}</b>
       <p>${reason ? say(reason) : about.filter(Boolean).join(" · ")}</p>
     </div>
     <${Buttons}>
@@ -233,14 +224,14 @@ function Preview() {
 }
 
 function Running() {
-  const running = store.tasks.value.find((each) => each.running);
+  const entry = store.tasks.value.find((each) => each.running); // of the task, with its destination
   const task = store.robot.value?.task;
   const target = store.target.value;
   const reason =
     (task?.state === "paused" && refusal("continue")) || (target && refusal(target.command));
   if (!task) return null;
   return html`<${Now}
-      title=${running ? goalText(running) : stateText()}
+      title=${entry ? goalText(entry) : stateText()}
       text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
       more=${[limitText(), ...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
@@ -309,16 +300,11 @@ function Stick() {
 /** The dock of a viewer who may only look: the state, without the stick. */
 export function ReadOnly() {
   const task = store.robot.value?.task;
-  const running = store.tasks.value.find((each) => each.running);
+  const entry = store.tasks.value.find((each) => each.running); // of the task, with its destination
   const target = store.target.value;
-  if (target)
-    return html`<section class="dock looking">
-      <div class="doing"><${Preview} /></div>
-    </section>`;
+  const title = task?.running && entry ? goalText(entry) : stateText();
+  const text = task?.running ? taskState(task) : t("dock.looking");
   return html`<section class="dock looking" aria-label=${t("dock.name")}>
-    <${Now}
-      title=${task?.running && running ? goalText(running) : stateText()}
-      text=${task?.running ? taskState(task) : t("dock.looking")}
-    />
+    ${target ? html`<div class="doing"><${Preview} /></div>` : html`<${Now} title=${title} text=${text} />`}
   </section>`;
 }

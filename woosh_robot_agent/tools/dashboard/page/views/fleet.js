@@ -4,7 +4,7 @@ import { html } from "../vendor/preact.js";
 import { chooseRobot } from "../commands.js";
 import * as store from "../store.js";
 import { alarmCount, say, t, tOr } from "../texts.js";
-import { goalText, objectionText, robotLabel, toneOf } from "./parts.js";
+import { goalText, LEVEL_CLASSES, objectionText, robotLabel, toneOf } from "./parts.js";
 
 export function Fleet() {
   return html`<section>
@@ -40,6 +40,7 @@ function Card({ card, index }) {
 }
 
 /**
+ * Return the most important of what is known of a robot.
  * @param {store.Card} card
  * @returns {[string, string]} CSS class and text
  */
@@ -49,7 +50,7 @@ function stateOf({ link, silence, known, objection, level, state, task }) {
   if (!known) return ["", t("link.connecting")];
   if (objection) return [toneOf(objection), objectionText(objection).reason];
   const shown = task ? goalText(task) : tOr(`state.${state}`, state);
-  return [level === "fault" ? "bad" : level === "warn" ? "warn" : "ok", shown];
+  return [LEVEL_CLASSES[level] ?? "ok", shown];
 }
 
 /** @param {{order: store.Order}} props */

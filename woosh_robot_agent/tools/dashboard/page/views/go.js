@@ -12,9 +12,9 @@ const USUAL = { charger: "charge", parkspot: "parking" };
 const DIRECTIONS = ["unknown", "feeding", "cutting"];
 
 export function Go() {
-  const [wanted, setWanted] = useState("");
+  const [query, setQuery] = useState("");
   const marks = store.map.value?.marks ?? [];
-  const words = wanted.toLowerCase().split(/\s+/).filter(Boolean);
+  const words = query.toLowerCase().split(/\s+/).filter(Boolean);
   const found = marks.filter((mark) => {
     const about =
       `${mark.number} ${mark.text} ${tOr(`mark.${mark.type}`, mark.type)}`.toLowerCase();
@@ -22,25 +22,25 @@ export function Go() {
   });
   const may = store.mayControl.value;
   const hasMap = Boolean(store.map.value?.resolution);
-  const charges = !hasMap || marks.some(({ type }) => type === "charger");
-  const parks = marks.some(({ type }) => type === "parkspot");
+  const canCharge = !hasMap || marks.some(({ type }) => type === "charger");
+  const canPark = marks.some(({ type }) => type === "parkspot");
   return html`${
       may &&
       html`<section class="pair">
-          <button type="button" id="charge" disabled=${!charges} onClick=${charge}>
+          <button type="button" id="charge" disabled=${!canCharge} onClick=${charge}>
             <${Icon} name="charge" />${t("type.charge")}
           </button>
           <button
             type="button"
             id="park"
-            disabled=${!parks}
+            disabled=${!canPark}
             onClick=${() => chooseNearest("parkspot")}
           >
             <${Icon} name="park" />${t("type.parking")}
           </button>
         </section>
-        ${!charges && html`<p class="faint" id="no-charger">${t("marks.noCharger")}</p>`}
-        ${!parks && html`<p class="faint" id="no-parking">${t("marks.noParking")}</p>`}`
+        ${!canCharge && html`<p class="faint" id="no-charger">${t("marks.noCharger")}</p>`}
+        ${!canPark && html`<p class="faint" id="no-parking">${t("marks.noParking")}</p>`}`
     }
     <section>
       <h2>${t("marks.name")}</h2>
@@ -49,8 +49,8 @@ export function Go() {
         id="search"
         placeholder=${t("marks.search", { count: marks.length })}
         aria-label=${t("marks.search", { count: marks.length })}
-        value=${wanted}
-        onInput=${(/** @type {any} */ event) => setWanted(event.currentTarget.value)}
+        value=${query}
+        onInput=${(/** @type {any} */ event) => setQuery(event.currentTarget.value)}
       />
       <ul class="rows" id="marks">
         ${found.map((mark) => html`<${Mark} key=${mark.number} mark=${mark} />`)}
@@ -91,9 +91,9 @@ function charge() {
  */
 function chooseNearest(type) {
   const from = store.pose.value ?? { x: 0, y: 0 };
-  const away = (/** @type {store.Mark} */ { x, y }) => Math.hypot(x - from.x, y - from.y);
+  const distance = (/** @type {store.Mark} */ { x, y }) => Math.hypot(x - from.x, y - from.y);
   const marks = (store.map.value?.marks ?? []).filter((mark) => mark.type === type);
-  const [nearest] = marks.sort((one, other) => away(one) - away(other));
+  const [nearest] = marks.sort((one, other) => distance(one) - distance(other));
   if (nearest) commands.setTargetMark(nearest);
   return Boolean(nearest);
 }

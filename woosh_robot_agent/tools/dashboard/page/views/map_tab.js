@@ -83,12 +83,19 @@ function Mapping({ mapping }) {
   const [typedScene, setScene] = useState(/** @type {string | null} */ (null));
   const scene = typedScene ?? robot?.scene ?? "";
   const [name, setName] = useState("");
-  const has = store.scenes.value.some((each) => each.name === scene && each.maps.includes(name));
-  const used = robot?.scene === scene && robot.map === name;
-  const off = !(scene && name) ? "unnamed" : !has ? "notKnown" : used ? "known" : "notUsed";
+  const exists = store.scenes.value.some((each) => each.name === scene && each.maps.includes(name));
+  const isUsed = robot?.scene === scene && robot.map === name;
+  // a map that the robot does not have can be added, and the map that it uses can be improved
+  const nameState = !(scene && name)
+    ? "unnamed"
+    : !exists
+      ? "notKnown"
+      : isUsed
+        ? "known"
+        : "notUsed";
   const deploying = robot?.work === "deploy";
   const ending = mappingEnd();
-  const ends = ending !== null; // also after the robot has ended it, until the answer
+  const ends = ending !== null; // the robot may end it before it answers
   const ready = deploying && !mapping && !ends;
   const step = mapping || ends ? 3 : ready ? (saved.value ? 4 : 2) : 1;
   /** @param {string} type */
@@ -145,18 +152,18 @@ function Mapping({ mapping }) {
                 command="buildMap"
                 label=${t("mapping.add")}
                 isPrimary=${step === 2}
-                isComplete=${off === "notKnown"}
+                isComplete=${nameState === "notKnown"}
                 onClick=${() => begin("add")}
               />
               <${CommandButton}
                 id="update-map"
                 command="buildMap"
                 label=${t("mapping.update")}
-                isComplete=${off === "known"}
+                isComplete=${nameState === "known"}
                 onClick=${() => begin("update")}
               />
             </div>
-            <p class="faint" id="mapping-off">${t(`mapping.${off}`)}</p>`
+            <p class="faint" id="mapping-off">${t(`mapping.${nameState}`)}</p>`
         }
       </li>
       <li aria-current=${step === 3 ? "step" : undefined}>

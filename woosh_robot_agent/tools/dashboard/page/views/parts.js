@@ -113,6 +113,11 @@ export function degrees(angle) {
   return `${Math.round((angle * 180) / Math.PI)}°`;
 }
 
+/** Return the speed of a robot. @param {store.Motion} motion */
+export function speedText({ linear, angular }) {
+  return `${linear.toFixed(2)} m/s · ${degrees(angular)}/s`;
+}
+
 /**
  * Return the destination of a task; if that is not known, its kind.
  * @param {import("../store.js").Task} task
@@ -174,8 +179,8 @@ export function useSettling(replaces) {
   return settles;
 }
 
-/** @type {Record<string, string>} CSS classes of the levels of status codes */
-export const LEVEL_CLASSES = { fault: "bad", warn: "warn", tips: "", normal: "" };
+/** @type {Record<string, string>} CSS classes of the levels of status codes; the others have none */
+export const LEVEL_CLASSES = { fault: "bad", warn: "warn" };
 
 /** Media query for screens on which the panel is a sheet over the map; style.css has the same one. */
 export const compact = matchMedia("(max-width: 999px), (max-height: 599px)");

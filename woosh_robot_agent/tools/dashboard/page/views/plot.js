@@ -8,7 +8,7 @@ const INCREMENTS = [60, 300, 600]; // seconds between the times of the axis
 
 /**
  * @param {{name: string, unit: string, least: number, times: number[],
- *   values: (number | null)[]}} props  least: minimum of the upper end of the axis
+ *   values: (number | null)[]}} props  times: Unix time in s; least: lowest upper end of the axis
  */
 export function Plot({ name, unit, least, times, values }) {
   const box = useRef(/** @type {HTMLElement | null} */ (null));

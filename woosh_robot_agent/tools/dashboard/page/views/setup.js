@@ -18,8 +18,15 @@ export function startTheme() {
 export function Setup() {
   const may = store.mayControl.value;
   const robot = store.robot.value;
-  return html`${may && robot?.known && html`<${Modes} robot=${robot} /><${Device} robot=${robot} />`}
-    <${Page} />`;
+  return html`${
+      may &&
+      robot?.known &&
+      html`<${Modes} robot=${robot} />
+        <${Speed} />
+        ${robot.sound && html`<${Sound} sound=${robot.sound} />`}
+        <${Speech} />
+        ${robot.light && html`<${Light} />`}`
+    }<${Page} />`;
 }
 
 /** @param {{robot: store.Robot}} props */
@@ -66,25 +73,15 @@ function Choice({ name, command, value, choices }) {
   </div>`;
 }
 
-/** @param {{robot: store.Robot}} props */
-function Device({ robot }) {
-  return html`<section>
-      <h2>${t("setup.speed")}</h2>
-      <${Speed} />
-    </section>
-    ${robot.sound && html`<${Sound} sound=${robot.sound} />`}
-    <${Speech} />
-    ${robot.light && html`<${Light} />`}`;
-}
-
 function Speed() {
   const control = store.control.value;
-  const limit = control?.speedLimit ?? null;
-  return html`<label class="field">
+  return html`<section>
+    <h2>${t("setup.speed")}</h2>
+    <label class="field">
       ${t("setup.limit")}
       <select
         id="speed-limit"
-        value=${String(limit ?? "")}
+        value=${String(control?.speedLimit ?? "")}
         ...${commandProps("speedLimit")}
         onChange=${(/** @type {any} */ event) => {
           const { value } = event.currentTarget;
@@ -96,7 +93,8 @@ function Speed() {
       </select>
     </label>
     <p class="faint">${t("setup.limitHint", { maximum: control?.maximum ?? 0 })}</p>
-    ${control?.speedRefusal && html`<p class="bad">${t("setup.limitRefused", { reason: control.speedRefusal })}</p>`}`;
+    ${control?.speedRefusal && html`<p class="bad">${t("setup.limitRefused", { reason: control.speedRefusal })}</p>`}
+  </section>`;
 }
 
 /** @param {{sound: {mute: boolean, volume: number}}} props */
@@ -117,7 +115,9 @@ function Sound({ sound }) {
           value=${volume}
           ...${commandProps("sound")}
           onInput=${(/** @type {any} */ event) => setVolume(Number(event.currentTarget.value))}
-          onChange=${() => run("sound", { mute: sound.mute, volume })}
+          onChange=${async () => {
+            if (!(await run("sound", { mute: sound.mute, volume }))) setVolume(sound.volume);
+          }}
         />
         <output>${volume} %</output>
       </span>
@@ -127,7 +127,7 @@ function Sound({ sound }) {
       id="mute"
       aria-pressed=${sound.mute}
       ...${commandProps("sound")}
-      onClick=${() => run("sound", { mute: !sound.mute, volume: sound.volume })}
+      onClick=${() => run("sound", { mute: !sound.mute, volume })}
     >
       ${t("setup.mute")}
     </button>
@@ -201,18 +201,16 @@ function Light() {
 }
 
 function Page() {
-  const [theme, setTheme] = useState(document.documentElement.dataset.theme ?? "system");
   return html`<section>
     <h2>${t("setup.page")}</h2>
     <label class="field">
       ${t("setup.theme")}
       <select
         id="theme"
-        value=${theme}
+        value=${document.documentElement.dataset.theme}
         onChange=${(/** @type {any} */ event) => {
           localStorage.setItem(THEME, event.currentTarget.value);
           startTheme();
-          setTheme(event.currentTarget.value);
           dispatchEvent(new Event("themechange"));
         }}
       >

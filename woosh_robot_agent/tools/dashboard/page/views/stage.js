@@ -3,7 +3,7 @@
 import { computed, html, useEffect, useRef, useState } from "../vendor/preact.js";
 import { refusal } from "../allowed.js";
 import * as commands from "../commands.js";
-import { MapCanvas } from "../map/map.js";
+import { MapCanvas, ZOOM_STEP } from "../map/map.js";
 import * as store from "../store.js";
 import { clock, meaningOf, moment, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
@@ -12,9 +12,10 @@ import { alarmText, Icon, objectionText, ofRobot, placeText, tiny, toneOf } from
 import { outcomeText, TONES } from "./tasks.js";
 
 /** @typedef {[string, () => void]} Action  text of a button, and what it does */
-/** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice */
+/** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice  tone: a CSS class */
 
-/** @type {Record<string, string[]>} status codes that say the same as an objection, without the level */
+// Status codes that say the same as an objection, by its name, without their last digit: the level.
+/** @type {Record<string, string[]>} */
 const SAME_CODES = {
   emergency_stop: ["11020100001", "11020100002", "11020100003"],
   lost: ["13010300001"],
@@ -81,16 +82,14 @@ function Tools() {
         </button>`,
     )}
     <span class="space"></span>
-    <${ToolButton} id="zoom-out" icon="minus" onClick=${() => map?.zoomOut()} />
-    <${ToolButton} id="zoom-in" icon="plus" onClick=${() => map?.zoomIn()} />
+    <${ToolButton} id="zoom-out" icon="minus" onClick=${() => map?.zoom(1 / ZOOM_STEP)} />
+    <${ToolButton} id="zoom-in" icon="plus" onClick=${() => map?.zoom(ZOOM_STEP)} />
     <${ToolButton} id="fit" icon="fit" onClick=${() => map?.fit()} />
     <${ToolButton}
       id="follow"
       icon="follow"
       pressed=${store.follow.value}
-      onClick=${() => {
-        store.follow.value = !store.follow.value;
-      }}
+      onClick=${() => (store.follow.value = !store.follow.value)}
     />
     <${Layers} />
   </div>`;
@@ -294,16 +293,19 @@ export function notices() {
    */
   const action = (command, label, act) => (may && !refusal(command) ? [label, act] : undefined);
   const setPose = locating ? undefined : action("setPose", t("pose.set"), commands.startPose);
-  const setAuto = action("controlMode", t("control.setAuto"), () =>
-    commands.run("controlMode", { mode: "auto" }),
-  );
-  const setTask = action("workMode", t("work.setTask"), () =>
-    commands.run("workMode", { mode: "task" }),
-  );
+  const auto = () => commands.run("controlMode", { mode: "auto" });
+  const setAuto = action("controlMode", t("control.setAuto"), auto);
+  const task = () => commands.run("workMode", { mode: "task" });
+  const setTask = action("workMode", t("work.setTask"), task);
   /** @type {Record<string, Action | undefined>} */
   const actions = {
-    ...{ not_initialised: setPose, lost: setPose, no_work_mode: setTask, schedule: setTask },
-    ...{ manual: setAuto, no_control_mode: setAuto, maintenance: setAuto },
+    not_initialised: setPose,
+    lost: setPose,
+    no_work_mode: setTask,
+    schedule: setTask,
+    manual: setAuto,
+    no_control_mode: setAuto,
+    maintenance: setAuto,
   };
   // these need no notice, or, like a fault, have another one
   const ordinary = ["busy", "mapping", "not_taskable", "fault", "deployment"];
@@ -329,7 +331,7 @@ export function notices() {
   if (doubt && !store.dismissed.value.includes(doubtKey(doubt))) {
     const { reason, remedy } = objectionText(doubt);
     const dismiss = /** @type {Action} */ ([t("notice.dismiss"), () => dismissDoubt(doubt)]);
-    const action = doubt.name === "map_id_0" ? dismiss : undefined; // which some maps always have
+    const action = doubt.name === "map_id_0" ? dismiss : undefined; // some maps always have the id 0
     found.push({ tone: "warn", title: reason, text: remedy, action });
   }
   return found;
@@ -353,25 +355,26 @@ function doubtKey({ name }) {
   return [store.chosen.value, name, scene, map].join(" ");
 }
 
-/** Do not show a doubt again while the robot uses this map. @param {store.Objection} doubt */
+/** Do not warn of a pose again while the robot uses this map. @param {store.Objection} doubt */
 function dismissDoubt(doubt) {
   store.dismissed.value = [...store.dismissed.value, doubtKey(doubt)];
 }
 
+/** The line below the map: the last answer or the end of its task, and the place under the pointer. */
 function AnswerLine() {
   const answer = store.answer.value;
   const at = store.pointed.value;
   const other = answer && answer.robot !== store.chosen.value ? ofRobot(answer.robot) : "";
-  let said = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
+  let shown = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
   let tone = answer && !answer.ok ? "bad" : "";
   const task = answer?.task && store.tasks.value.find(({ id }) => id === answer.task);
   if (task && task.state in TONES) {
-    said = `${clock(task.changed)}  ${outcomeText(task)}`;
+    shown = `${clock(task.changed)}  ${outcomeText(task)}`;
     tone = TONES[task.state];
   }
   return html`<div class="line">
-    <p id="answer" role="status" class=${tone} title=${said} tabindex=${said ? 0 : undefined}>
-      ${said}
+    <p id="answer" role="status" class=${tone} title=${shown} tabindex=${shown ? 0 : undefined}>
+      ${shown}
     </p>
     <p id="pointed" aria-hidden="true">${at && placeText(at)}</p>
   </div>`;

@@ -1,11 +1,11 @@
-// The condition of the robot: objections to a task, battery, faults, plots, diagnostics.
+// The state of the robot: objections to a task, battery, faults, plots, diagnostics.
 
 import { effect, html, signal, useEffect, useState } from "../vendor/preact.js";
 import { connection } from "../commands.js";
 import * as store from "../store.js";
 import { meaningOf, moment, say, t, tOr } from "../texts.js";
 import { linkText } from "./bar.js";
-import { alarmText, degrees, LEVEL_CLASSES, objectionText, placeText } from "./parts.js";
+import { alarmText, degrees, LEVEL_CLASSES, objectionText, placeText, speedText } from "./parts.js";
 import { Plot } from "./plot.js";
 import { notices, otherProblems, wrongCount } from "./stage.js";
 
@@ -14,7 +14,7 @@ import { notices, otherProblems, wrongCount } from "./stage.js";
 
 const MAX_SAMPLES = 900; // as many as the dashboard keeps
 const GAP = 10; // seconds between two samples beyond which samples are missing
-const TREND = 300; // seconds that are needed for a trend
+const TREND_TIME = 300; // seconds that the samples must span for a trend of the battery
 
 const samples = signal(/** @type {Sample[]} */ ([]));
 
@@ -23,6 +23,7 @@ async function loadHistory() {
   if (ok) samples.value = data.samples;
 }
 
+// Add each new sample, or load all of them again if some are missing.
 effect(() => {
   const sample = /** @type {Sample | null} */ (store.sample.value);
   const known = samples.peek();
@@ -74,7 +75,7 @@ function Summary({ robot }) {
       <dt>${t("robot.pose")}</dt>
       <dd>${pose ? `${placeText(pose)} · ${degrees(pose.theta)}` : "–"}</dd>
       <dt>${t("robot.speed")}</dt>
-      <dd>${pose ? `${pose.linear.toFixed(2)} m/s · ${degrees(pose.angular)}/s` : "–"}</dd>
+      <dd>${pose ? speedText(pose) : "–"}</dd>
       ${
         speedLimit &&
         html`<dt>${t("setup.limit")}</dt>
@@ -125,12 +126,12 @@ function BatteryLine({ battery }) {
 function batteryTrend() {
   const known = samples.value.filter(([, , power]) => power !== null);
   const [first, last] = [known[0], known.at(-1)];
-  if (!first || !last || last[0] - first[0] < TREND) return null;
+  if (!first || !last || last[0] - first[0] < TREND_TIME) return null;
   const change = Number(last[2]) - Number(first[2]);
   return Math.round((change * 3600) / (last[0] - first[0]));
 }
 
-/** List of all that the bar counts as alarms. */
+/** The list of all that the bar counts as alarms. */
 function Problems() {
   const alarms = [...store.alarms.value];
   if (!wrongCount.value) return null;
@@ -174,21 +175,21 @@ function CodeLine({ code, time }) {
 }
 
 function Codes() {
-  const [least, setLeast] = useState("normal");
-  const [wanted, setWanted] = useState("");
+  const [lowest, setLowest] = useState("normal"); // level
+  const [query, setQuery] = useState("");
   const levels = ["normal", "tips", "warn", "fault"];
   const shown = store.codes.value.filter((code) => {
     const about = `${code.code} ${code.text} ${meaningOf(code)}`.toLowerCase();
-    const known = levels.indexOf(code.level);
-    return (known < 0 || known >= levels.indexOf(least)) && about.includes(wanted.toLowerCase());
+    const level = levels.indexOf(code.level); // -1 if unknown
+    return (level < 0 || level >= levels.indexOf(lowest)) && about.includes(query.toLowerCase());
   });
   return html`<section>
     <h2>${t("codes.name")}</h2>
     <div class="pair">
       <select
         aria-label=${t("codes.level")}
-        value=${least}
-        onChange=${(/** @type {any} */ event) => setLeast(event.currentTarget.value)}
+        value=${lowest}
+        onChange=${(/** @type {any} */ event) => setLowest(event.currentTarget.value)}
       >
         ${levels.map((each) => html`<option key=${each} value=${each}>${t(`codes.from.${each}`)}</option>`)}
       </select>
@@ -196,8 +197,8 @@ function Codes() {
         type="search"
         placeholder=${t("codes.search")}
         aria-label=${t("codes.search")}
-        value=${wanted}
-        onInput=${(/** @type {any} */ event) => setWanted(event.currentTarget.value)}
+        value=${query}
+        onInput=${(/** @type {any} */ event) => setQuery(event.currentTarget.value)}
       />
     </div>
     ${

@@ -9,7 +9,7 @@ import { destination, goalText, Icon, TYPES, taskType } from "./parts.js";
 
 /** @type {Record<string, string>} CSS classes of the outcomes of tasks */
 export const TONES = { completed: "ok", canceled: "warn", failed: "bad", unseen: "bad" };
-// keys of the texts for the senders of tasks that are no viewers; without one, no sender is shown
+// keys of the texts for those who give tasks and are no viewers; empty to show nobody
 /** @type {Record<string, string>} */
 const SOURCES = {
   "the robot itself": "by.robot",
@@ -17,7 +17,7 @@ const SOURCES = {
   unknown: "",
   nobody: "",
 };
-const WAITING = ["action wait", "task wait"];
+const WAITING = ["action wait", "task wait"]; // states that the command `endWait` ends
 
 export function Tasks() {
   const tasks = store.tasks.value;
@@ -187,14 +187,11 @@ function Repeat({ task }) {
     title=${busy ? t("tasks.repeatOff") : label}
     aria-label=${label}
     disabled=${busy || !here}
-    onClick=${() => selectAgain(target)}
+    onClick=${() => {
+      forgetTarget(); // also ends what was begun on the map
+      setTarget(target);
+    }}
   >
     <${Icon} name="repeat" />
   </button>`;
-}
-
-/** Select a target instead of what was begun on the map. @param {store.Target} target */
-function selectAgain(target) {
-  forgetTarget();
-  setTarget(target);
 }
