@@ -155,6 +155,23 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
         eventually(lambda: " m" in window.text("#now .way"), "the way, asked again")
 
 
+def test_a_page_appears_without_storage_and_once_its_texts_can_be_loaded(
+    robot: SimulatedPage, window: Browser
+) -> None:
+    storage = "Object.defineProperty(window, 'localStorage', {get() { throw new Error('off'); }})"
+    window.send("Page.addScriptToEvaluateOnNewDocument", source=storage)
+    window.send("Network.enable")
+    window.send("Network.setBlockedURLs", urls=["*/texts/*"])
+    window.driver.get(robot.url)
+    tried = "performance.getEntriesByType('resource').some(({name}) => name.endsWith('en.json'))"
+    eventually(lambda: window.script(tried), "the attempt")
+    assert not window.script("document.querySelector('#stop')")
+    window.send("Network.setBlockedURLs", urls=[])
+    window.wait_for_map()
+    window.press("#stop")
+    eventually(lambda: "stopped" in window.text("#answer"), "the stop")
+
+
 def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
     chassis: SimulatorThread, other: SimulatorThread, window: Browser
 ) -> None:

@@ -10,6 +10,7 @@ import { batch, signal } from "./vendor/preact.js";
 
 export const LANGUAGES = { en: "English", zh: "中文" };
 const STORAGE_KEY = "woosh.language"; // in the storage of the browser
+const RETRY_DELAY = 1000; // milliseconds
 
 export const language = signal("en");
 /** @type {import("@preact/signals").Signal<Record<string, string>>} */
@@ -25,16 +26,48 @@ const codes = signal({}); // meaning of status codes; empty for English, which t
  */
 export async function setLanguage(wanted) {
   await loadLanguage(wanted);
-  localStorage.setItem(STORAGE_KEY, wanted);
+  remember(STORAGE_KEY, wanted);
 }
 
 /** Show the page in the language that was chosen, or in the language of the browser. */
 export async function startLanguage() {
   const known = Object.keys(LANGUAGES);
-  const chosen = localStorage.getItem(STORAGE_KEY) ?? "";
+  const chosen = remembered(STORAGE_KEY);
   const preferred = navigator.languages.map((each) => each.split("-")[0]);
   const wanted = [chosen, ...preferred].find((each) => known.includes(each));
-  await loadLanguage(wanted ?? "en");
+  for (;;) {
+    try {
+      return await loadLanguage(wanted ?? "en");
+    } catch {
+      // without texts, the page would not appear
+      await new Promise((resolve) => setTimeout(resolve, RETRY_DELAY));
+    }
+  }
+}
+
+/**
+ * Return what `remember` has stored in this browser; empty if it has stored nothing.
+ * @param {string} key
+ */
+export function remembered(key) {
+  try {
+    return localStorage.getItem(key) ?? "";
+  } catch {
+    return ""; // a browser that blocks cookies has no storage
+  }
+}
+
+/**
+ * Store a choice of the viewer in this browser, if it has a storage.
+ * @param {string} key
+ * @param {string} value
+ */
+export function remember(key, value) {
+  try {
+    localStorage.setItem(key, value);
+  } catch {
+    console.info("The browser stores nothing: the choice ends with this page.");
+  }
 }
 
 /** @param {string} wanted */

@@ -150,7 +150,7 @@ function drawZone(painter, zone) {
   context.lineWidth = 1;
   context.stroke();
   context.globalAlpha = 1;
-  if (zone.kind === "speed_limit_fields" || zone.speed) {
+  if (zone.speed) {
     const middle = (/** @type {number} */ axis) =>
       zone.outline.reduce((sum, corner) => sum + corner[axis], 0) / zone.outline.length;
     const at = view.toScreen(middle(0), middle(1));

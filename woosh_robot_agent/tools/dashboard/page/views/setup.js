@@ -4,15 +4,15 @@ import { html, useEffect, useState } from "../vendor/preact.js";
 import { commandProps } from "../allowed.js";
 import { run } from "../commands.js";
 import * as store from "../store.js";
-import { t } from "../texts.js";
+import { remember, remembered, t } from "../texts.js";
 
 const SPEEDS = [0.1, 0.2, 0.3, 0.5, 0.8, 1.2]; // m/s
 const THEMES = ["system", "light", "dark"];
 const THEME = "woosh.theme"; // in the storage of the browser
 
 /** Show the page in the colours that were chosen. */
-export function startTheme() {
-  document.documentElement.dataset.theme = localStorage.getItem(THEME) ?? "system";
+export function startTheme(theme = remembered(THEME) || "system") {
+  document.documentElement.dataset.theme = theme;
 }
 
 export function Setup() {
@@ -209,8 +209,8 @@ function Page() {
         id="theme"
         value=${document.documentElement.dataset.theme}
         onChange=${(/** @type {any} */ event) => {
-          localStorage.setItem(THEME, event.currentTarget.value);
-          startTheme();
+          remember(THEME, event.currentTarget.value);
+          startTheme(event.currentTarget.value);
           dispatchEvent(new Event("themechange"));
         }}
       >
