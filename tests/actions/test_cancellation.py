@@ -49,7 +49,7 @@ async def test_one_cancel_at_a_time() -> None:
     await chassis.request()
     await chassis.request()
     assert len(chassis.sent) == 1
-    chassis.sent[-1].set_result(SimpleNamespace(ok=False, msg="not now"))
+    chassis.sent[-1].set_result(SimpleNamespace(ok=False, reason="not now"))
     await settled()
     assert len(chassis.sent) == 2, "the client asked again meanwhile"
     chassis.sent[-1].set_result(SimpleNamespace(ok=True, msg=""))

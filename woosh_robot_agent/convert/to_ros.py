@@ -288,7 +288,7 @@ def _set(
     """Write source that sets the field `name` from `v`, or to its blank value if `v` is None."""
     source, items = made.source, item_type(ros_type)
     if items is not None:
-        blank, value = _list(source, items, field, origin)
+        blank, value = _list_expressions(source, items, field, origin)
     elif field.message_type is not None:
         ros_class, proto_class = class_of(ros_type), message_class(field)
         # a blank message is made like one from an empty JSON object
@@ -312,8 +312,10 @@ _BLANKS = {"boolean": "False", "string": "''", "float": "0.0", "double": "0.0"}
 """Sources of the blank values by ROS type, if not 0."""
 
 
-def _list(source: FunctionSource, items: str, field: Any, origin: Origin) -> tuple[str, str]:
-    """Return the expressions for an empty list and for the list in `v`."""
+def _list_expressions(
+    source: FunctionSource, items: str, field: Any, origin: Origin
+) -> tuple[str, str]:
+    """Return the source of an empty list, and of a list of the ROS type `items` made from `v`."""
     if field.message_type is not None:
         make = source.bind(maker(class_of(items), message_class(field), origin))
         return "[]", f"[{make}(item) for item in {origin.messages(source)}]"

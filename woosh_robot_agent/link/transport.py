@@ -125,6 +125,7 @@ except ImportError:
     from websockets.legacy.client import connect as _connect
 
     _FACTORY_OPTION = "create_protocol"
+"""Option of `connect` that sets the class of the connection."""
 
 RAW_TEXT: dict[str, Any] = (
     {"decode": False} if "decode" in inspect.signature(ClientSocket.recv).parameters else {}

@@ -174,7 +174,7 @@ class VelocityDriver:
         self._needs_zero = False
         """True if the link was lost while the stream drove the robot."""
         self._wake = asyncio.Event()
-        self._alarm = -math.inf
+        self._wake_time = -math.inf
         """Loop time at which `run` wakes up by itself."""
         self._requests: set[asyncio.Task[None]] = set()
         gate.on_stop(partial(self._silence, _STOPPED))
@@ -189,7 +189,7 @@ class VelocityDriver:
                 self._send_due()
                 continue
             self._wake.clear()
-            self._alarm = due
+            self._wake_time = due
             timer = loop.call_at(due, self._wake.set) if due < math.inf else None
             try:
                 await self._wake.wait()
@@ -273,7 +273,7 @@ class VelocityDriver:
         """Send what is due at a loop time, and wake `run` if the next velocity is due earlier."""
         if self._due() <= now:
             self._send_due()
-        if self._due() < self._alarm:
+        if self._due() < self._wake_time:
             self._wake.set()
 
     def _send_due(self) -> None:

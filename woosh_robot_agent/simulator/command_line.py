@@ -48,17 +48,17 @@ Without a terminal, `ros2 launch` sends a second SIGINT after the process group 
 
 
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
-    """Run a simulated chassis until a signal arrives.
+    """Run a simulated chassis until a signal arrives, or one of the tools, e.g. `--check`.
 
-    After the signal, it serves its clients until they have disconnected, for a second at most.
-    Another signal ends it at once. Signals within `_REPEAT_TIME` of the first one are ignored.
+    After the signal, the chassis serves its clients until they have disconnected, for a second at
+    most. A second signal ends it at once, unless it comes within `_REPEAT_TIME` of the first one.
 
     Args:
         arguments: command-line arguments; None for the arguments of this process.
         signals: tells when to stop.
 
     Returns:
-        The exit status: 0, or 1 if the chassis could not start.
+        The exit status: 0, or 1 if the chassis could not start, or the tool found or had an error.
     """
     parser = make_parser()
     options = parser.parse_args(arguments)

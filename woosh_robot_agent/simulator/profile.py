@@ -96,7 +96,7 @@ Count = Annotated[int, Between(0, 2**31 - 1)]
 
 @dataclass(frozen=True)
 class ModelProfile:
-    """Model and sizes."""
+    """Model; sizes in millimetres, weight and load in kilograms, outline in metres."""
 
     display_model: str
     urdf_name: str

@@ -191,7 +191,7 @@ class UndockRobot(_Docking):
         A full robot in a charger does not charge, so the place decides, too.
 
         Raises:
-            GoalEnd: the robot is in no charger.
+            GoalEnd: the robot is in no charger, or its pose is unknown.
         """
         if self.is_charging or self._has_charging_task():
             return
@@ -201,7 +201,7 @@ class UndockRobot(_Docking):
         distance, _ = _nearest(await self.chargers(), here)
         if distance > _NEAR:
             raise GoalEnd(
-                f"the robot is in no charger: it does not charge, and there is none within "
+                f"the robot is in no charger: it does not charge, and no charger is within "
                 f"{_NEAR:g} m of it",
                 "DOCK_NOT_VALID",
             )

@@ -352,7 +352,8 @@ class Odometry:
             received: time of receipt by a monotonic clock, in seconds.
 
         Returns:
-            False if the reported speeds are impossible. They are then derived from the movement.
+            False if the reported speeds are impossible: then the mean speeds since the last report
+            replace them, or zeros if those are impossible, too.
         """
         moved = reported.seen_from(self._reported)
         arc, before = moved.arc, self.velocity
@@ -362,7 +363,7 @@ class Odometry:
             forward, turn = self._mean_speeds(arc, interval)
         after = Velocity(forward, 0.0, turn)
         sideways = 0.0
-        if not self._is_comparable:
+        if not self._is_comparable:  # there is no last report: the pose in odom stays
             self.time = self._report_time.first(received)
             self.map_to_odom = reported * self.pose.inverse
         elif map_id != self._map_id or self._jumped(moved, arc, after, interval, received):
@@ -371,12 +372,12 @@ class Odometry:
             mean_forward, mean_turn = (before.forward + forward) / 2, (before.turn + turn) / 2
             self.pose *= Pose2D.from_arc(mean_forward * interval, 0.0, mean_turn * interval)
             self.map_to_odom = reported * self.pose.inverse
-            self._pose_set_until = -math.inf  # this was the expected jump
+            self._pose_set_until = -math.inf  # one jump is expected, and has come
         else:
             last = self.time
             self.time = self._report_time.next(received, arc, before, after)
             self.pose *= moved
-            # a moving robot reports more often: after a longer time, its localisation was corrected
+            # A robot that reports rarely stands: a movement sideways corrects its localisation.
             if abs(arc.left) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
                 sideways = arc.left / max(self.time - last, _MIN_INTERVAL)
                 sideways = max(-_MAX_SPEED, min(_MAX_SPEED, sideways))
@@ -423,13 +424,22 @@ class Odometry:
         interval: float,
         received: float,
     ) -> bool:
-        """Return True if the movement since the last report cannot have been driven."""
+        """Return True if the movement since the last report cannot have been driven.
+
+        Args:
+            moved: the movement, as a pose in the frame of the last report.
+            arc: the same movement, as driven.
+            after: velocity in this report.
+            interval: time between the receipts of both reports, in seconds.
+            received: time of receipt of this report.
+        """
         before = self.velocity
         forward, turn = (before.forward + after.forward) / 2, (before.turn + after.turn) / 2
-        # the duration follows from the movement, because the times of receipt are inexact
+        # The times of receipt are inexact, so the duration is derived from the larger movement.
         turns_mostly = abs(turn) > abs(forward) / LEVER
         speed, distance = (turn, arc.turn) if turns_mostly else (forward, arc.forward)
-        duration = max(0.0, min(distance / speed if speed else 0.0, interval + _MAX_DELAY))
+        duration = distance / speed if speed else 0.0
+        duration = min(max(duration, 0.0), interval + _MAX_DELAY)
         error = moved.seen_from(Pose2D.from_arc(forward * duration, 0.0, turn * duration))
         if received <= self._pose_set_until:
             limit = _POSE_SET_TOLERANCE
@@ -441,7 +451,7 @@ class Odometry:
         turn_margin = abs(after.turn - before.turn) * interval / 2
         position_tolerance = _POSITION_TOLERANCE + forward_margin
         heading_tolerance = _HEADING_TOLERANCE + turn_margin
-        # a changed speed makes the duration inexact, and so the other movement computed from it
+        # A changed speed makes the duration inexact, and so the smaller movement in that time.
         if turns_mostly:
             position_tolerance += abs(forward) * min(turn_margin / abs(turn), interval)
         elif forward:

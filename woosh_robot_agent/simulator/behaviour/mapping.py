@@ -127,7 +127,7 @@ class MapBuilder:
             self.require_none(refusals.MAPPING_CHANGES)
 
     def add(self, scene_name: str, map_name: str) -> float:
-        """Begin to make a new map; return the duration of the start, in seconds.
+        """Begin to make a new map; return the time until the answer to the request, in seconds.
 
         Args:
             scene_name: name of a new or an existing scene.
@@ -141,7 +141,7 @@ class MapBuilder:
         return self._start(scene_name, map_name, update=False)
 
     def update(self, scene_name: str, map_name: str) -> float:
-        """Begin to continue the current map; return the duration of the start, in seconds.
+        """Begin to continue the current map; return the time until the answer, in seconds.
 
         Args:
             scene_name: name of the current scene.
@@ -255,7 +255,7 @@ class MapBuilder:
             raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
 
     def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
-        """Schedule the first scan; return the duration of the start, in seconds.
+        """Schedule the first scan; return the time until the answer to the request, in seconds.
 
         Args:
             scene_name: name of the scene.
@@ -266,6 +266,7 @@ class MapBuilder:
         self._scene_name, self._map_name = scene_name, map_name
         self._phase = Phase.STARTING
         duration = profile.start.sample(robot.rng)
+        # the state of the robot shows the mapping before the answer
         robot.after(min(profile.state_after, duration), partial(self._begin_scans, update=update))
         return duration
 

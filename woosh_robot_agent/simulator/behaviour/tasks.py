@@ -530,6 +530,7 @@ class Tasks:
         action = None
         if action_state is not None:
             job = self._jobs[0]
+            # a wait without a number is counted by its position
             wait_id = (job.number or self._waits_done + 1) if isinstance(job, Wait) else 0
             action = robot_pb2.TaskProc.Action(type=job.kind, state=action_state, wait_id=wait_id)
         self._reports.push(self.proc, state, action, msg)

@@ -162,28 +162,32 @@ class Hull:
         return min((self._wall_gap(pose, wall) for wall in near), default=math.inf)
 
     def _wall_gap(self, pose: Pose, wall: Wall) -> float:
+        """Return the gap between the outline and a wall, in metres.
+
+        The gap of a point is its distance from the side outside of which it lies furthest. The gap
+        of the wall is the smallest one of its points.
+        """
         x1, y1 = pose.local(wall.x1, wall.y1)
         x2, y2 = pose.local(wall.x2, wall.y2)
-        # Along the wall, the distance to each side is linear: a value at the start and a slope.
-        # The maximum of these lines is convex. Follow it from line to line to its minimum.
+        # Along the wall, the distance from a side is a line: its value at the start, and its slope.
         lines = [
             (nx * x1 + ny * y1 - distance, nx * (x2 - x1) + ny * (y2 - y1))
             for nx, ny, distance in self.sides
         ]
-        # At the position `share` of the wall, from 0 to 1, the maximum is height + slope * share.
-        share = 0.0
-        height, slope = max(lines)
+        # The gap at a position is that of the highest line there. Follow it until it rises.
+        position = 0.0  # along the wall, from 0 to 1
+        start, slope = max(lines)
         while slope < 0.0:
             crossings = (
-                (max(share, (height - other) / (steeper - slope)), steeper, other)
-                for other, steeper in lines
-                if steeper > slope
+                (max(position, (start - new_start) / (new_slope - slope)), new_slope, new_start)
+                for new_start, new_slope in lines
+                if new_slope > slope
             )
-            share, new_slope, new_height = min(crossings, default=(math.inf, 0.0, 0.0))
-            if share >= 1.0:
-                return height + slope
-            height, slope = new_height, new_slope
-        return height + slope * share
+            position, next_slope, next_start = min(crossings, default=(math.inf, 0.0, 0.0))
+            if position >= 1.0:  # it falls up to the end of the wall
+                return start + slope
+            start, slope = next_start, next_slope
+        return start + slope * position
 
 
 def _sides(outline: Outline) -> Iterable[tuple[float, float, float]]:

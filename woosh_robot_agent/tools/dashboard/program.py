@@ -78,8 +78,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--host",
         default=default.host,
-        help="address to serve the page on; other machines need a token of the printed addresses "
-        "(default: %(default)s)",
+        help="address to serve the page on; if other machines reach it, open a printed address, "
+        "which has a token (default: %(default)s)",
     )
     parser.add_argument(
         "--page-port",
@@ -99,7 +99,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--token-file",
         type=Path,
         metavar="FILE",
-        help="file that keeps the tokens, so that the addresses stay valid; made if it is missing "
+        help="file that keeps the tokens, so that the addresses stay valid; created if missing "
         "(default: new tokens at each start)",
     )
     parser.add_argument(

@@ -125,10 +125,10 @@ class Dashboard:
             each: Control(each, config.control_config, lambda: self._shared.publish("fleet"))
             for each in self.robots
         }
-        self._max_viewers = config.max_viewers + len(robots)
+        self._max_viewers = config.max_viewers + len(robots)  # one that controls each robot
         self._viewers: set[Viewer] = set()
-        self._count = 0
-        """Number of viewers so far."""
+        self._viewer_count = 0
+        """Number of viewers accepted so far."""
         self._process = uuid.uuid4().hex
         """Tells the page whether it is connected to another process than before."""
         self._opening: dict[LimitedConnection, None] = {}
@@ -297,9 +297,11 @@ class Dashboard:
         if not self._make_room():
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too many viewers")
             return socket
-        self._count += 1
+        self._viewer_count += 1
         may_control = self._access.role(request) is Role.CONTROL
-        viewer = Viewer(socket, transport, self._count, self._shared, may_control=may_control)
+        viewer = Viewer(
+            socket, transport, self._viewer_count, self._shared, may_control=may_control
+        )
         self._viewers.add(viewer)
         viewer.note(part="hello", data=self._hello(viewer))
         self._watch(viewer, 0)

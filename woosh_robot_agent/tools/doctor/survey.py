@@ -68,8 +68,8 @@ _MAX_UNANSWERED = 2
 """Number of unanswered queries of a type after which that type is not sent again."""
 _RETRY = 1.0
 """Time until a lost connection is opened again, in seconds."""
-_CONNECTION = 1
-"""Number of all connections. One is enough, because no serial number is used twice."""
+_CONNECTION_NUMBER = 1
+"""Connection number in all frames. A reconnect keeps it, because it repeats no serial number."""
 
 
 class _Survey:
@@ -143,13 +143,13 @@ class _Survey:
                 continue
             # the survey uses JSON, but `Observations` takes bytes for protobuf
             text = data if isinstance(data, str) else data.decode(errors="replace")
-            answer = self.seen.add(SeenFrame(self._now(), _CONNECTION, True, text))
+            answer = self.seen.add(SeenFrame(self._now(), _CONNECTION_NUMBER, True, text))
             waiting = self._waiting.pop(answer.sn, None) if answer else None
             if answer and waiting and not waiting.done():
                 waiting.set_result(answer)
 
     async def _ask_all(self) -> None:
-        """Subscribe to everything, then send the queries, round after round."""
+        """Subscribe to everything, then send the queries in rounds until cancelled."""
         subscription = Subscription(sub=True, topics=_SUBSCRIBED)
         await self._send(SUBSCRIPTION_TYPE, subscription, 0)
         while True:
@@ -229,7 +229,7 @@ class _Survey:
     async def _send(self, name: str, body: Message, sn: int) -> None:
         now = self._now()
         data = self._codec.encode(name, body, sn=sn, timestamp=round(now * 1000))
-        self.seen.add(SeenFrame(now, _CONNECTION, False, data))
+        self.seen.add(SeenFrame(now, _CONNECTION_NUMBER, False, data))
         await self._transport.send(data)
 
     def _now(self) -> float:

@@ -193,10 +193,13 @@ class _MarkEntry:
     """A mark in a file of marks.
 
     Attributes:
+        number: number of the mark, unique in the file.
+        id: id of the mark, unique in the file; 0 for the next free one.
+        type: kind of the mark.
         pose: pose of a robot that stands at the mark; None if only `real` is known.
         real: pose of the place itself; None if it is the same as `pose`.
         details: further fields of the robot's mark, as JSON.
-        where: place of the entry in the file, for errors; not in the file itself.
+        where: place of the entry, for errors, e.g. `NAME: marks[3]`; no key of the file.
     """
 
     number: str

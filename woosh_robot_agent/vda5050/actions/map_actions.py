@@ -350,7 +350,7 @@ async def _download(run: Run) -> None:
     await run.request(Upload(scene_name=name, file_datas=file_datas, method=Upload.kFull))
     await maps.read()
     stored = [each for each in maps.of_scene(name) if each.name == name]
-    # an empty version: the robot does not report it
+    # the version is empty if the robot does not report it
     if not stored or stored[0].version not in (version, ""):
         await run.request(Delete(scene_name=name))
         await maps.read()

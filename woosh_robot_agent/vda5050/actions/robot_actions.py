@@ -163,7 +163,7 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
     Args:
         run: the action.
         lift: request that moves the lift where the robot stands.
-        direction: direction of the carry task.
+        direction: direction of the carry task; kFeeding: load, kCutting: unload.
     """
     mark = run.given.get(_STATION)
     if mark is None:

@@ -127,7 +127,7 @@ class OrderActions:
     def fail_node(self, node: Node) -> None:
         """Let the actions of a node fail, because no report showed the vehicle near the node."""
         for action in node.actions:
-            self.changed(action.id, ActionStatus.FAILED, "the vehicle passed the node unseen")
+            self.set_status(action.id, ActionStatus.FAILED, "the vehicle passed the node unseen")
 
     def trigger_edge(self, edge: Edge) -> None:
         """Trigger the actions of an edge that the vehicle enters."""
@@ -141,7 +141,7 @@ class OrderActions:
         self.triggered = [action for action in self.triggered if action.id not in ids]
         for action in self._edge_actions:
             if action.id in waiting:
-                self.changed(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
+                self.set_status(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
             elif action.id in self.running:
                 self.commands.append(EndAction(action))
         self._edge_actions = ()
@@ -156,11 +156,11 @@ class OrderActions:
         started, self.triggered = self.triggered[:count], self.triggered[count:]
         for action in started:
             self.running[action.id] = action
-            self.changed(action.id, ActionStatus.INITIALIZING)
+            self.set_status(action.id, ActionStatus.INITIALIZING)
             self.commands.append(Perform(action))
 
-    def changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
-        """Store the new status of an action, unless it has ended."""
+    def set_status(self, action_id: str, status: ActionStatus, result: str = "") -> None:
+        """Store the new status of an action, unless the action has ended."""
         state = self._states.get(action_id)
         if state is None or state.status.ended:
             return
@@ -172,7 +172,7 @@ class OrderActions:
         """Let all running actions fail, and return them."""
         interrupted = tuple(self.running.values())
         for action in interrupted:
-            self.changed(action.id, ActionStatus.FAILED, reason)
+            self.set_status(action.id, ActionStatus.FAILED, reason)
         return interrupted
 
     def cancel(self, reason: str) -> None:

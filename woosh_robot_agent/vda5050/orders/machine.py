@@ -310,7 +310,7 @@ class OrderMachine:
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Store the new status of an action that was started by a `Perform` command."""
-        self._actions.changed(action_id, status, result)
+        self._actions.set_status(action_id, status, result)
 
     def hold(self, name: str) -> None:
         """Pause the drive, and start no leg, until each hold is released.

@@ -40,7 +40,7 @@ class RobotMaps:
     Maps and marks are read at each connection, and when the robot's map changes.
 
     Attributes:
-        downloading: held while a map is downloaded, so that it is the only one.
+        downloading: lock that allows one download at a time.
     """
 
     def __init__(self, link: RobotLink) -> None:

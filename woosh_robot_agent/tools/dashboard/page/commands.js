@@ -14,8 +14,8 @@ export const connection = new Connection(received, receivedScan, (problem) => {
   checkAlarm();
 });
 
-/** Arguments of each command that was sent last, and when it was sent or answered. */
-const used = /** @type {Map<string, {args: string, at: number}>} */ (new Map());
+/** The last sending of each command: its arguments, and when it was sent or answered. */
+const lastSent = /** @type {Map<string, {args: string, at: number}>} */ (new Map());
 let standingSince = 0; // time since which the robot is seen to stand still
 
 /**
@@ -59,20 +59,21 @@ export async function run(name, args = {}) {
   const { robot } = connection;
   const now = performance.now();
   const pending = store.pendingKey(name);
-  const use = { args: store.TASK_COMMANDS.includes(name) ? "" : JSON.stringify(args), at: now };
-  const last = used.get(pending);
-  if (last?.args === use.args && now < last.at + DOUBLE_CLICK) return false;
+  // all tasks count as the same command: a double click on two marks sends one
+  const sent = { args: store.TASK_COMMANDS.includes(name) ? "" : JSON.stringify(args), at: now };
+  const last = lastSent.get(pending);
+  if (last?.args === sent.args && now < last.at + DOUBLE_CLICK) return false;
   const values = { command: { key: `command.${name}`, values: {} } };
   const reason = refusal(name);
   if (reason) {
     tell(false, { key: "reply.notSent", values: { ...values, reason } }, robot);
     return false;
   }
-  used.set(pending, use);
+  lastSent.set(pending, sent);
   setPending(pending, true);
   tell(true, { key: "reply.sent", values }, robot);
   const { ok, text, data } = await connection.command(name, args);
-  use.at = performance.now();
+  sent.at = performance.now();
   setPending(pending, false);
   tell(ok, text, robot, data);
   return ok;

@@ -191,10 +191,11 @@ function Notices() {
     for (const each of elements) observer.observe(each);
     return () => observer.disconnect();
   }, []);
+  // Notices do not move the map, except the first ones: it may have been fitted before they came.
   const known = store.robot.value?.known ?? false;
   useEffect(() => {
     updateCovered();
-    map?.refit(); // beside the notices of the first state, which may come after the map's picture
+    map?.refit();
   }, [known]);
   return html`<div class="notices" ref=${box}>
     ${
