@@ -104,8 +104,8 @@ _IDLE_SHARE = 0.4
 _MARGIN = 0.03
 """Share of the timeout kept for timers that fire late, so that the timeout is not exceeded."""
 _BUSY_SHARE = 0.3
-"""Share of the timeout. A timer that is later than this shows that this program was busy, and the
-delay is not counted as silence: the remaining time could be too short for an answer."""
+"""Share of the timeout. A timer that is later than this shows that this program was busy. The delay
+does not count as silence then, because the remaining time could be too short for an answer."""
 
 
 class Liveness:

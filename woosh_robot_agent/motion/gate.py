@@ -56,16 +56,18 @@ from woosh_robot_agent.sentences import NOT_SENT, THEN, Said, Sentence, joined, 
 
 
 def cancel_orders() -> dict[str, Message]:
-    """Return the requests that cancel the task and each action that can be cancelled, by name.
+    """Return the requests that cancel the task and each action that can be cancelled.
 
-    The actions are members of the oneof of CallAction.
+    Their names are "task", and those of the messages of the actions, e.g. "StepControl". An action
+    is a member of the oneof of CallAction; it can be cancelled if its message has a field `action`.
     """
     orders: dict[str, Message] = {"task": ActionOrder(order=CANCEL_TASK)}
     for field in CallAction.DESCRIPTOR.oneofs_by_name["action"].fields:
         if field.message_type is not None and "action" in field.message_type.fields_by_name:
             call: Any = CallAction()
-            getattr(call, field.name).SetInParent()
-            getattr(call, field.name).action = CANCEL_ACTION
+            member = getattr(call, field.name)
+            member.SetInParent()  # the number of CANCEL_ACTION is 0, which sets no member
+            member.action = CANCEL_ACTION
             orders[field.message_type.name] = call
     return orders
 

@@ -295,15 +295,17 @@ class Executor:
         return reported
 
     def _limit_use(self) -> bool:
-        """Limit the number of entities in use; return True if there were too many.
+        """Make entities idle if more than `_MAX_IN_USE` are in use; return True if there were.
 
-        Call it after each change of the entities in use.
+        Those that are urgent stay in use first, then those that were ready most recently. Call it
+        after each change of the entities in use, because it also discards the wait set.
         """
         self._wait_set = None
         in_use = [each for each in self._watched.values() if each.may_idle and not each.is_idle]
         if len(in_use) <= _MAX_IN_USE:
             return False
         in_use.sort(key=lambda each: (each.is_urgent, each.last_turn), reverse=True)
+        # only half stay, so that the next entity in use does not exceed the limit again
         for place, each in enumerate(in_use):
             was_ready = each.last_turn > 0
             stays_in_use = place < _MAX_IN_USE // 2 and (each.is_urgent or was_ready)

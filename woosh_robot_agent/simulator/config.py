@@ -104,7 +104,7 @@ class SimulatorConfig:
     )
     scenes: tuple[Path, ...] = ()
     """Paths of scenes besides the shipped ones, as for `load_scene`. The robot starts in the first
-    of these scenes, or without any in the first shipped scene."""
+    of them; if there are none, in the first shipped scene."""
     omnidirectional: bool = True
     """True for a base that can move sideways, False for a differential base."""
     initialised: bool = True

@@ -357,7 +357,7 @@ def running_agent(
     """
     tcp = parameters.get("transport") == "tcp"
     link: dict[str, Any] = {"ip": "127.0.0.1", "port": chassis.tcp_port if tcp else chassis.port}
-    if not process:  # a process takes only parameters of the agent, and this is none
+    if not process:  # a process takes only parameters of the agent, and `backoff_min` is none
         link["backoff_min"] = 0.1  # reconnect soon: tests wait for the link after a drop
     parameters = {**link, **parameters}
     with contextlib.ExitStack() as stack:

@@ -172,15 +172,15 @@ class VehicleConfig:
 
 
 class Session:
-    """Connection of a vehicle to the broker, with its state file.
+    """The state file of a vehicle, and its connection to the broker.
 
-    It begins after the first report of the robot, which has the serial number for the topics.
+    Create it after the first report of the robot, which may give the serial number for the topics.
 
     Args:
         reports: messages of the vehicle; published over this session from now on.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are ignored.
-        on_opened: called before connecting to the broker, with the content of the state file, and
+        on_restored: called before connecting to the broker, with the content of the state file, and
             with an error if the file was damaged, otherwise with None.
         on_changed: called when another connector appears or disappears.
     """
@@ -192,7 +192,7 @@ class Session:
         identity: Identity,
         reports: Reports,
         handlers: Mapping[Topic, Callable[[bytes], None]],
-        on_opened: Callable[[Record, VehicleError | None], None],
+        on_restored: Callable[[Record, VehicleError | None], None],
         on_changed: Callable[[], None],
     ) -> None:
         self._config = config
@@ -200,7 +200,7 @@ class Session:
         self._identity = identity
         self._reports = reports
         self._handlers = handlers
-        self._on_opened = on_opened
+        self._on_restored = on_restored
         self._on_changed = on_changed
         self._detector = OtherConnectorDetector(
             reports.is_own_connection, self._other_changed, config.gone_after
@@ -262,7 +262,7 @@ class Session:
         record, damage = await self._open()
         config = self._config
         self._header_ids = HeaderIds(record.header_ids, self._store.save_header_ids)
-        self._on_opened(record, damage)
+        self._on_restored(record, damage)
         reports = self._reports
         reports.open(self._identity, config.interface, self._header_ids)
         handlers = {

@@ -540,7 +540,7 @@ def _integer(value: Any) -> int | None:
 
 
 def _time(value: object) -> tuple[int | None, str]:
-    """Return `timestamp` and `defect` of the Envelope; an invalid time makes no bad frame."""
+    """Return `timestamp` and `defect` of the Envelope; an invalid time does not spoil the frame."""
     try:
         time = _integer(value)
     except BAD_VALUE as error:

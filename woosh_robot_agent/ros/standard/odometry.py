@@ -202,17 +202,18 @@ class Prediction:
         else:  # after so long a pause, a jump is not noticed
             self._error_time = -math.inf
 
-    def _reachable(self, pose: Pose2D, seconds: float) -> Pose2D:
+    def _reachable(self, pose: Pose2D, pause: float) -> Pose2D:
         """Return the pose nearest to `pose` that the robot can reach from the last predicted pose.
 
-        The robot may drive at any speed between zero and the speeds before and after the pause.
+        The pause is the time since that pose, in seconds. Meanwhile, the robot may have stood, or
+        driven at the speed before or after the pause, or at any speed between these.
         """
         forward, left, turn = pose.seen_from(self._last).arc
         before, now = self._last_velocity, self._velocity
         return self._last * Pose2D.from_arc(
-            _limited(forward, before.forward, now.forward, seconds),
-            _limited(left, before.left, now.left, seconds),
-            _limited(turn, before.turn, now.turn, seconds),
+            _limited(forward, before.forward, now.forward, pause),
+            _limited(left, before.left, now.left, pause),
+            _limited(turn, before.turn, now.turn, pause),
         )
 
     def _unblended(self, time: float) -> Pose2D:

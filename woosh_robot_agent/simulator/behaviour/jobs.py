@@ -383,7 +383,7 @@ def dock_job(robot: Robot, distance: float, kind: util_action_pb2.Type) -> Job:
 
     Args:
         robot: the robot.
-        distance: distance straight ahead, in metres.
+        distance: distance straight ahead, in metres; negative for backwards.
         kind: the `woosh.action.Type` in reports.
     """
     return Steps(

@@ -195,12 +195,12 @@ _INPUT_BURST = 64 * 1024
 class LimitedConnection(asyncio.Protocol):
     """A connection of a browser: passes everything on to aiohttp, with limits.
 
-    1. Of the connections that are no WebSockets (yet), only the newest `_MAX_OPENING` are kept.
+    1. Of the connections that are not WebSockets (yet), only the newest `_MAX_OPENING` are kept.
     2. A connection on which too many bytes arrive is cut: requests, messages and pings count.
 
     Args:
         inner: the protocol of aiohttp.
-        opening: all connections that are no WebSockets, the oldest first.
+        opening: all connections that are not WebSockets, the oldest first.
     """
 
     def __init__(self, inner: asyncio.Protocol, opening: dict[LimitedConnection, None]) -> None:

@@ -66,9 +66,11 @@ _BECAUSE = Sentence("refusal.because", "{text} ({reason})")
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
 _MAX_AGE = 0.5
-"""Maximum age of the newest time that the page knew when it sent a command, in seconds."""
+"""Maximum age of a command or velocity, in seconds. Each carries the newest time of the dashboard
+that the page had received when the viewer gave it."""
 _MAX_COUNT = 1e15
-"""Maximum number of a press, and maximum time in milliseconds, in a message of the page."""
+"""Upper bound of the serial number of a press, and of a time in milliseconds, in a message of the
+page."""
 _LOWEST_LIMIT = 0.05
 """Lowest speed limit that a viewer can set, in m/s."""
 _HIGHEST_LIMIT = 3.0

@@ -132,7 +132,7 @@ class Dashboard:
         self._process = uuid.uuid4().hex
         """Tells the page whether it is connected to another process than before."""
         self._opening: dict[LimitedConnection, None] = {}
-        """Connections that are no WebSockets (yet), the oldest first."""
+        """Connections that are not WebSockets (yet), the oldest first."""
         self._http: web.Server | None = None
         self._server: asyncio.Server | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -311,7 +311,8 @@ class Dashboard:
                 viewer.heard_at = asyncio.get_running_loop().time()
                 # the page sends only text: "" raises a ValueError, which disconnects the viewer
                 self._handle(viewer, _parse(message.data if message.type is WSMsgType.TEXT else ""))
-            await viewer.dismissed()  # otherwise aiohttp tells the page another reason
+            # aiohttp closes the WebSocket when this returns, without the reason of `dismiss`
+            await viewer.wait_dismissed()
         except ValueError as error:
             _LOG.debug("%s is disconnected: %s", viewer.name, error)
             await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=str(error)[:100].encode())

@@ -113,7 +113,7 @@ class Viewer:
             self._socket.close(code=code, message=reason.encode())
         )
 
-    async def dismissed(self) -> None:
+    async def wait_dismissed(self) -> None:
         """Wait until `dismiss` is done, if it was called."""
         if self._closing is not None:
             await self._closing

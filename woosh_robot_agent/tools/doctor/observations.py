@@ -165,9 +165,9 @@ class Observations:
         self._pending: dict[tuple[int, int], tuple[float, str, Message | None]] = {}
         """Time, type and body of requests without an answer, by connection and serial number."""
         self._latest: dict[str, Message] = {}
-        """The last message of each type, also as a part of RobotInfo."""
+        """The last message of each type, received by itself or inside a RobotInfo."""
         self._counts: Counter[str] = Counter()
-        """Number of messages of each type."""
+        """Number of messages of each type, counted in the same way."""
         for frame in frames:
             self.add(frame)
 

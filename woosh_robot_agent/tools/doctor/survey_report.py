@@ -291,6 +291,7 @@ def markdown(found: Mapping[str, Any]) -> str:
 
 
 def _differences(found: Mapping[str, Any]) -> list[str]:
+    """Return the list of the section about the differences from the simulator, by lines."""
     lines = [
         f"- `{'.'.join(each['field'])}`: {_as_code(each['value'])} instead of "
         f"{_as_code(each[REFERENCE])} ({each['samples']} samples)"

@@ -36,8 +36,8 @@ _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
 _HOLD_PREFIX = "action "
-"""Prefix of the names of holds, the reasons for which the order must not drive. While an instant
-action forbids driving, the order has a hold with this prefix and the id of the action."""
+"""A hold is a reason for which the order must not drive. An instant action that forbids driving is
+one: its name is this prefix and the id of the action."""
 
 _TOO_MANY = Sentence("vda.tooManyInstant", "more than {most} instant actions run")
 _RUNS = Sentence("vda.idRuns", "the {action} with this id has not ended")

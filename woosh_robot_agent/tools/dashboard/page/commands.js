@@ -122,14 +122,15 @@ function checkAlarm() {
   if (ends) setUnanswered(store.chosen.value, "");
 }
 
-// When an alarm ends, this replaces an answer that says the stop failed.
+// When the alarm of a robot ends, replace the answer that says its stop failed.
 let formerAlarms = store.alarms.peek();
 effect(() => {
-  const answer = store.answer.peek();
-  const reason = answer && !store.alarms.value.has(answer.robot) && formerAlarms.get(answer.robot);
-  formerAlarms = store.alarms.value;
-  const failed = answer && (answer.text.key === "reply.notStopped" || answer.text === reason);
-  if (reason && failed) tell(true, { key: "alarm.ended", values: {} }, answer.robot);
+  const [former, alarms, answer] = [formerAlarms, store.alarms.value, store.answer.peek()];
+  formerAlarms = alarms;
+  if (!answer || !former.has(answer.robot) || alarms.has(answer.robot)) return;
+  // an alarm of this page holds the text of the answer itself
+  const saysSo = answer.text.key === "reply.notStopped" || answer.text === former.get(answer.robot);
+  if (saysSo) tell(true, { key: "alarm.ended", values: {} }, answer.robot);
 });
 
 // This also replaces the answer that says the limit was accepted.
