@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import pytest
@@ -115,6 +116,33 @@ def test_a_go_is_off_while_it_is_sent_and_a_task_keeps_its_buttons(
     assert browser.is_enabled(".doing #cancel")
     assert not browser.is_enabled("#go")
     eventually(lambda: "executing a task" in browser.text("#now"), "why it is off")
+
+
+def test_a_task_that_waits_for_an_obstacle_is_not_shown_as_paused(window: Browser) -> None:
+    with SimulatedPage(profile="tr200", speed=5) as robot:
+        window.open(robot.url)
+        pose = robot.state.pose
+        for step in range(10):
+            angle = pose.theta + step * math.tau / 10
+            place = pose.x + 1.3 * math.cos(angle), pose.y + 1.3 * math.sin(angle)
+            robot.inject("obstacle", radius=0.5, x=place[0], y=place[1])
+        eventually(lambda: window.script(_GO)["ok"], "the task")
+        eventually(lambda: "drives on by itself" in window.text("#now"), "why it stands")
+        assert "obstacle" in window.text("#now [role=status]")
+        assert not window.is_enabled(".doing #continue")
+        window.show("map")
+        assert not window.is_enabled("#set-pose")
+        for of_what in ("#set-pose", "#stick"):
+            assert "drives on by itself" in window.element(of_what).get_attribute("title")
+        for button, other in (("pause", "continue"), ("continue", "pause")):
+            window.script(f"document.querySelector('.doing #{button}').focus()")
+            window.actions().send_keys(" ").perform()
+            eventually(lambda other=other: window.is_enabled(f".doing #{other}"), other)
+            focused = "document.activeElement.matches('.doing .act')"
+            eventually(lambda: window.script(focused), "the focus beside the button")
+            if button == "pause":
+                eventually(lambda: window.text("#now p").startswith("Paused"), "the pause")
+                robot.clear_faults()
 
 
 def test_the_target_beside_a_paused_task_can_be_dropped(

@@ -73,8 +73,11 @@ function CurrentTask() {
   if (task?.running) return html`<${Running} />`;
   if (store.target.value) return html`<${Preview} />`;
   const isHeld = store.held.value !== null;
-  const mayGo = !isHeld && !refusal("go") && !hasFault();
-  const mayDrive = !isHeld && !refusal("drive") && store.robot.value?.control === "auto";
+  const reason = refusal("go");
+  const mayGo = !isHeld && !reason && !hasFault();
+  const isBusy = reason?.key === "objection.busy.reason"; // the report of the task comes later
+  const isAuto = store.robot.value?.control === "auto";
+  const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy;
   const hints = [
     mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
     mayDrive && t("dock.hintDrive"),
@@ -98,7 +101,7 @@ function Now({ title, text, more = "", button }) {
   return html`<div class="now ${old ? "old" : ""}" id="now">
     ${button}
     <b>${title}</b>
-    <p>${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}</p>
+    <p role="status">${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}</p>
     ${more && html`<p>${more}</p>`}
   </div>`;
 }
