@@ -39,7 +39,7 @@ def is_unfinished(task_proc: TaskProc) -> bool:
 
 
 def is_held_up(task_proc: TaskProc) -> bool:
-    """Return True if a task reported as paused waits for something, and then drives on by itself."""
+    """Return True if a task that is reported as paused only waits, and drives on by itself."""
     return task_proc.state == task_pb2.kPaused and task_proc.action.state in _HELD_UP
 
 

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.timeout(300)
 _GO = "connection.command('goMark', {mark: 'A2', ...store.shownMap.value})"
 _BOXES = """Object.fromEntries(["#pause", "#continue", "#cancel", "#go"].map((id) =>
   [id, document.querySelector(".doing " + id)?.getBoundingClientRect().toJSON()]))"""
+_FOCUS_BESIDE = "document.activeElement.matches('.doing .act')"
 _CLIPPED = """[...document.querySelectorAll(".doing .act button")]
   .filter((each) => each.scrollWidth > each.clientWidth).map((each) => each.innerText)"""
 
@@ -138,11 +139,34 @@ def test_a_task_that_waits_for_an_obstacle_is_not_shown_as_paused(window: Browse
             window.script(f"document.querySelector('.doing #{button}').focus()")
             window.actions().send_keys(" ").perform()
             eventually(lambda other=other: window.is_enabled(f".doing #{other}"), other)
-            focused = "document.activeElement.matches('.doing .act')"
-            eventually(lambda: window.script(focused), "the focus beside the button")
+            eventually(lambda: window.script(_FOCUS_BESIDE), "the focus beside the button")
             if button == "pause":
                 eventually(lambda: window.text("#now p").startswith("Paused"), "the pause")
                 robot.clear_faults()
+
+
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (1024, 768), (1440, 900)])
+def test_the_dock_shows_all_of_its_texts(
+    robot: SimulatedPage, window: Browser, width: int, height: int
+) -> None:
+    def hidden() -> int:
+        return int(window.script("now.scrollHeight - now.clientHeight"))
+
+    window.set_screen(width, height)
+    window.open(robot.url)
+    start_task(window, robot)
+    window.click_at(1.0, -6.0)
+    eventually(lambda: window.script("store.target.value?.plan?.length > 0"), "its way")
+    eventually(lambda: "executing a task" in window.text("#now"), "why Go is off")
+    assert hidden() == 0, window.text("#now")
+    title, dismiss = (window.element(each).rect for each in ("#now b", "#dismiss"))
+    assert title["y"] + title["height"] <= dismiss["y"]
+    window.press("#dismiss")
+    window.press(".doing #pause")
+    eventually(lambda: window.is_enabled(".doing #continue"), "the paused task")
+    robot.inject("emergency_stop")
+    eventually(lambda: "emergency stop" in window.text("#now"), "why Continue is off")
+    assert hidden() == 0, window.text("#now")
 
 
 def test_the_target_beside_a_paused_task_can_be_dropped(

@@ -99,10 +99,9 @@ function limitText() {
 function Now({ title, text, more = "", button }) {
   const old = store.outdated.value;
   return html`<div class="now ${old ? "old" : ""}" id="now">
-    ${button}
     <b>${title}</b>
     <p role="status">${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}</p>
-    ${more && html`<p>${more}</p>`}
+    ${button} ${more && html`<p>${more}</p>`}
   </div>`;
 }
 
@@ -230,13 +229,15 @@ function Running() {
   const entry = store.tasks.value.find((each) => each.running); // of the task, with its destination
   const task = store.robot.value?.task;
   const target = store.target.value;
-  const reason =
-    (task?.state === "paused" && refusal("continue")) || (target && refusal(target.command));
+  const refusals = [
+    task?.state === "paused" && refusal("continue"),
+    target && refusal(target.command),
+  ].map((each) => each && say(each));
   if (!task) return null;
   return html`<${Now}
       title=${entry ? goalText(entry) : stateText()}
-      text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
-      more=${[limitText(), ...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
+      text=${[taskState(task), task.text, refusals[0]].filter(Boolean).join(" · ")}
+      more=${[limitText(), ...(target ? targetTexts(target) : []), refusals[1] !== refusals[0] && refusals[1]].filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
     />
     <${Buttons}>${taskButtons()}<//>`;
