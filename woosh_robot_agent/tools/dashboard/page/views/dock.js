@@ -100,7 +100,9 @@ function Now({ title, text, more = "", button }) {
   const old = store.outdated.value;
   return html`<div class="now ${old ? "old" : ""}" id="now">
     <b>${title}</b>
-    <p role="status">${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}</p>
+    <p role="status">
+      ${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}
+    </p>
     ${button} ${more && html`<p>${more}</p>`}
   </div>`;
 }
