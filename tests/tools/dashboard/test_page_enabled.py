@@ -292,6 +292,11 @@ def test_what_is_off_says_why(robot: SimulatedPage, browser: Browser) -> None:
     browser.press("#layers")
     assert browser.is_enabled("#park")
     assert "no parking place" in shown_with("map", "marks: []", "#no-parking")
+    accepted = shown_with(
+        "robot", "state: 'task', task: null, objections: [{name: 'busy'}]", "#now"
+    )
+    assert "executing a task" in accepted
+    assert "Hold the stick" not in accepted  # the report of the task comes later
     start_task(browser, robot)
     browser.show("map")
     assert not browser.is_enabled("#maps li:not(.chosen) button")
