@@ -344,7 +344,7 @@ def test_a_press_that_was_aimed_at_continue_starts_no_new_drive(
     eventually(lambda: browser.script("connection.command('pause')")["ok"], "the pause")
     eventually(lambda: browser.is_enabled(".doing #continue"), "the paused task")
     browser.click_at(1.0, -6.0)
-    eventually(lambda: "m" in browser.text("#now p + p"), "the next place")
+    eventually(lambda: "m" in browser.text("#now p ~ p"), "the next place")
     browser.script(
         """new MutationObserver(() => {
           const go = document.querySelector("#go");
