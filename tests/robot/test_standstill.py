@@ -246,11 +246,16 @@ async def test_a_task_that_goes_on_after_a_pause_is_reported_if_it_stands():
         await eventually(lambda: not rig.watch.standstill.warning)
 
 
+@pytest.mark.parametrize("is_first", [False, True])
 @aio
-async def test_a_task_that_is_resumed_but_waits_is_not_reported():
+async def test_a_task_that_is_resumed_but_waits_is_not_reported(is_first: bool) -> None:
+    held = {**DRIVING, "state": 4, "action": {"type": 1, "state": 2}}
     async with quick().running() as rig:
+        if is_first:  # the robot then reports nothing new
+            await rig.push(TaskProc(), held)
         await rig.send(ActionOrder(order=kContinue))
-        await rig.push(TaskProc(), {**DRIVING, "state": 4, "action": {"type": 1, "state": 2}})
+        if not is_first:
+            await rig.push(TaskProc(), held)
         await no_warning(rig)
         await rig.push(TaskProc(), DRIVING)
         await warned(rig)

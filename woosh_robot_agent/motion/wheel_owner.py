@@ -16,7 +16,7 @@ TASK = Sentence("task.named", "task {id}")
 """Name of a task."""
 
 _HELD_UP = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
-"""States of an action held up by an obstacle or by traffic control; the robot goes on by itself."""
+"""States of an action held up by an obstacle or by traffic control."""
 _DRIVING_ACTIONS = {
     full_name(cls): cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)
 }
@@ -36,6 +36,11 @@ _UNFINISHED = (
 def is_unfinished(task_proc: TaskProc) -> bool:
     """Return True if a report is about a task that has not ended; it may be paused or waiting."""
     return task_proc.state in _UNFINISHED
+
+
+def is_held_up(task_proc: TaskProc) -> bool:
+    """Return True if a task that is reported as paused only waits, and drives on by itself."""
+    return task_proc.state == task_pb2.kPaused and task_proc.action.state in _HELD_UP
 
 
 class WheelOwner:
@@ -99,5 +104,4 @@ class WheelOwner:
 
 def _may_drive(task: TaskProc) -> bool:
     """Return True if a task drives, or may drive on without an order; a paused task may not."""
-    paused = task.state == task_pb2.kPaused and task.action.state not in _HELD_UP
-    return is_unfinished(task) and not paused
+    return is_unfinished(task) and (task.state != task_pb2.kPaused or is_held_up(task))

@@ -14,7 +14,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import TASK_REQUESTS, commands_motion, may_move, takes_wheels
-from woosh_robot_agent.motion.wheel_owner import is_unfinished
+from woosh_robot_agent.motion.wheel_owner import is_held_up, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     DeviceState,
@@ -206,7 +206,10 @@ class Standstill:
         elif takes_wheels(message) and not _may_stand(message):
             # an order to the running task is observed like the task
             kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
-            self._expect(command_name(command), kind, getattr(message, "task_id", 0))
+            demand = self._expect(command_name(command), kind, getattr(message, "task_id", 0))
+            task = self._last_known.value(TaskProc) or TaskProc()
+            if isinstance(message, ActionOrder) and is_held_up(task):
+                demand.since = None  # the order changes nothing, so no report may follow
         elif not may_move(message):  # a pause or a cancel
             self._give_up()
 

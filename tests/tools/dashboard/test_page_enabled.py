@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import pytest
@@ -18,6 +19,7 @@ pytestmark = pytest.mark.timeout(300)
 _GO = "connection.command('goMark', {mark: 'A2', ...store.shownMap.value})"
 _BOXES = """Object.fromEntries(["#pause", "#continue", "#cancel", "#go"].map((id) =>
   [id, document.querySelector(".doing " + id)?.getBoundingClientRect().toJSON()]))"""
+_FOCUS_BESIDE = "document.activeElement.matches('.doing .act')"
 _CLIPPED = """[...document.querySelectorAll(".doing .act button")]
   .filter((each) => each.scrollWidth > each.clientWidth).map((each) => each.innerText)"""
 
@@ -115,6 +117,56 @@ def test_a_go_is_off_while_it_is_sent_and_a_task_keeps_its_buttons(
     assert browser.is_enabled(".doing #cancel")
     assert not browser.is_enabled("#go")
     eventually(lambda: "executing a task" in browser.text("#now"), "why it is off")
+
+
+def test_a_task_that_waits_for_an_obstacle_is_not_shown_as_paused(window: Browser) -> None:
+    with SimulatedPage(profile="tr200", speed=5) as robot:
+        window.open(robot.url)
+        pose = robot.state.pose
+        for step in range(10):
+            angle = pose.theta + step * math.tau / 10
+            place = pose.x + 1.3 * math.cos(angle), pose.y + 1.3 * math.sin(angle)
+            robot.inject("obstacle", radius=0.5, x=place[0], y=place[1])
+        eventually(lambda: window.script(_GO)["ok"], "the task")
+        eventually(lambda: "drives on by itself" in window.text("#now"), "why it stands")
+        assert "obstacle" in window.text("#now [role=status]")
+        assert not window.is_enabled(".doing #continue")
+        window.show("map")
+        assert not window.is_enabled("#set-pose")
+        for of_what in ("#set-pose", "#stick"):
+            assert "drives on by itself" in window.element(of_what).get_attribute("title")
+        for button, other in (("pause", "continue"), ("continue", "pause")):
+            window.script(f"document.querySelector('.doing #{button}').focus()")
+            window.actions().send_keys(" ").perform()
+            eventually(lambda other=other: window.is_enabled(f".doing #{other}"), other)
+            eventually(lambda: window.script(_FOCUS_BESIDE), "the focus beside the button")
+            if button == "pause":
+                eventually(lambda: window.text("#now p").startswith("Paused"), "the pause")
+                robot.clear_faults()
+
+
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (1024, 768), (1440, 900)])
+def test_the_dock_shows_all_of_its_texts(
+    robot: SimulatedPage, window: Browser, width: int, height: int
+) -> None:
+    def hidden() -> int:
+        return int(window.script("now.scrollHeight - now.clientHeight"))
+
+    window.set_screen(width, height)
+    window.open(robot.url)
+    start_task(window, robot)
+    window.click_at(1.0, -6.0)
+    eventually(lambda: window.script("store.target.value?.plan?.length > 0"), "its way")
+    eventually(lambda: "executing a task" in window.text("#now"), "why Go is off")
+    assert hidden() == 0, window.text("#now")
+    title, dismiss = (window.element(each).rect for each in ("#now b", "#dismiss"))
+    assert title["y"] + title["height"] <= dismiss["y"]
+    window.press("#dismiss")
+    window.press(".doing #pause")
+    eventually(lambda: window.is_enabled(".doing #continue"), "the paused task")
+    robot.inject("emergency_stop")
+    eventually(lambda: "emergency stop" in window.text("#now"), "why Continue is off")
+    assert hidden() == 0, window.text("#now")
 
 
 def test_the_target_beside_a_paused_task_can_be_dropped(
@@ -240,6 +292,11 @@ def test_what_is_off_says_why(robot: SimulatedPage, browser: Browser) -> None:
     browser.press("#layers")
     assert browser.is_enabled("#park")
     assert "no parking place" in shown_with("map", "marks: []", "#no-parking")
+    accepted = shown_with(
+        "robot", "state: 'task', task: null, objections: [{name: 'busy'}]", "#now"
+    )
+    assert "executing a task" in accepted
+    assert "Hold the stick" not in accepted  # the report of the task comes later
     start_task(browser, robot)
     browser.show("map")
     assert not browser.is_enabled("#maps li:not(.chosen) button")
@@ -287,7 +344,7 @@ def test_a_press_that_was_aimed_at_continue_starts_no_new_drive(
     eventually(lambda: browser.script("connection.command('pause')")["ok"], "the pause")
     eventually(lambda: browser.is_enabled(".doing #continue"), "the paused task")
     browser.click_at(1.0, -6.0)
-    eventually(lambda: "m" in browser.text("#now p + p"), "the next place")
+    eventually(lambda: "m" in browser.text("#now p ~ p"), "the next place")
     browser.script(
         """new MutationObserver(() => {
           const go = document.querySelector("#go");

@@ -178,6 +178,9 @@ def test_the_bar_and_the_banner_of_a_window_at_200_percent_can_be_read(
     served.robots[0].inject("lost_localisation")
     eventually(lambda: window.script("store.robot.value.objections.length") == 2, "both")
     assert window.element("#notice b").rect["height"] < 48, "two lines"
+    window.press("#tab-go")
+    wide = "filter(({scrollWidth, clientWidth}) => scrollWidth > clientWidth)"
+    assert window.script(f"[...document.querySelectorAll('#charge, #park')].{wide}") == []
 
 
 _MAP_BOX = """(() => {

@@ -14,6 +14,7 @@ from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.robot.who_drives import Driver
@@ -96,6 +97,25 @@ async def test_a_task_whose_end_was_not_seen(chassis: SimulatorThread) -> None:
                 == "unseen"
             )
         )
+
+
+@pytest.mark.parametrize(
+    ("doing", "shown"),
+    [
+        (action.kSuspend, "paused"),
+        (action.kRosWarning, "held up"),  # an obstacle
+        (action.kTraffiCtrl, "held up"),
+    ],
+)
+@aio
+async def test_a_task_that_drives_on_by_itself_is_not_paused(
+    chassis: SimulatorThread, doing: action.State, shown: str
+) -> None:
+    async with controlled(chassis) as viewer:
+        step = TaskProc.Action(type=action.kNav, state=doing)
+        chassis.push(TaskProc(robot_task_id=17, state=task.kPaused, action=step))
+        await newest(viewer, id="17", state=shown, running=True)
+        await viewer.until(lambda parts: parts["robot"]["task"]["state"] == shown)
 
 
 @aio

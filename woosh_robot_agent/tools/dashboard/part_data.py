@@ -16,7 +16,7 @@ from typing import Any
 
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.link.protos import enum_name
-from woosh_robot_agent.motion.wheel_owner import is_unfinished
+from woosh_robot_agent.motion.wheel_owner import is_held_up, is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -25,6 +25,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     NavPath,
     RobotInfo,
     ScannerData,
+    TaskProc,
 )
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
@@ -203,6 +204,11 @@ def path_data(view: RobotView) -> list[list[float]]:
     return points_data(nav_path.path.poses if nav_path is not None else [])
 
 
+def task_state(report: TaskProc) -> str:
+    """Return the state of a task: `held up` if it waits and then drives on by itself."""
+    return "held up" if is_held_up(report) else enum_name(task.State, report.state)
+
+
 def points_data(points: Any) -> list[list[float]]:
     """Return points for the page, in metres: every nth point if there are too many."""
     step = math.ceil(len(points) / _MAX_POINTS) or 1
@@ -306,7 +312,7 @@ def _task(view: RobotView) -> dict[str, Any] | None:
         "id": str(proc.robot_task_id),
         "type": enum_name(task.Type, proc.type),
         "to": proc.dest,
-        "state": enum_name(task.State, proc.state),
+        "state": task_state(proc),
         "running": is_unfinished(proc),
         "text": proc.msg,
         "action": enum_name(action.Type, doing.type) if doing.type else "",

@@ -174,7 +174,7 @@ class TaskLog:
             "type": enum_name(task.Type, report.type),
             "to": report.dest,
             "place": each.place,
-            "state": "unseen" if unseen else enum_name(task.State, report.state),
+            "state": "unseen" if unseen else part_data.task_state(report),
             "running": each.runs,
             "text": report.msg,
             "code": self._failure(report) if failed else None,

@@ -48,7 +48,8 @@ export function refusal(name) {
  */
 function robotRefusal({ task, objections }, name) {
   // each constant is a reason to refuse, or null if it does not apply
-  const busy = task?.running ? text("objection.busy.reason") : null;
+  const heldUp = task?.running && task.state === "held up" ? text("task.held up") : null;
+  const busy = task?.running ? (heldUp ?? text("objection.busy.reason")) : null;
   const paused = busy !== null && task?.state === "paused";
   const driving = paused ? null : busy; // a paused task does not drive
   /** @param {string[]} names */
@@ -75,7 +76,7 @@ function robotRefusal({ task, objections }, name) {
     case "cancel":
       return busy ? null : text("objection.no_task.reason");
     case "continue":
-      return paused ? objection(...HINDRANCES) : text("reason.notPaused");
+      return paused ? objection(...HINDRANCES) : (heldUp ?? text("reason.notPaused"));
     case "setPose":
       return objection("mapping") ?? driving ?? noMap;
     case "keepPose":

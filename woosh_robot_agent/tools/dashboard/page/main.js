@@ -43,16 +43,17 @@ effect(() => {
   store.tool.value = "go";
 });
 
-// If the focused control disappears, what contained it gets the focus.
+// If the focused control disappears or is disabled, what contained it gets the focus.
 let focusPath = /** @type {EventTarget[]} */ ([]); // the focused control, and all that contains it
 addEventListener("pointerdown", () => (focusPath = []), { capture: true }); // may focus nothing
 addEventListener("focusin", (event) => (focusPath = event.composedPath()));
 new MutationObserver(() => {
   const [focused, ...containers] = /** @type {HTMLElement[]} */ (focusPath);
-  if (!focused || focused.isConnected || document.activeElement !== document.body) return;
-  const nearest = containers.find((each) => each.isConnected);
+  if (!focused || (focused.isConnected && !focused.matches?.(":disabled"))) return;
+  if (![document.body, focused].includes(/** @type {any} */ (document.activeElement))) return;
+  const nearest = containers.find((each) => each.isConnected && !each.matches?.(":disabled"));
   if (!nearest || nearest === document.body) return;
   nearest.tabIndex = -1;
   nearest.focus();
-}).observe(document.body, { childList: true, subtree: true });
+}).observe(document.body, { childList: true, subtree: true, attributeFilter: ["disabled"] });
 Object.assign(globalThis, { store, connection }); // for the console of the browser, and for tests

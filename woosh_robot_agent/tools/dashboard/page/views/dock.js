@@ -73,8 +73,11 @@ function CurrentTask() {
   if (task?.running) return html`<${Running} />`;
   if (store.target.value) return html`<${Preview} />`;
   const isHeld = store.held.value !== null;
-  const mayGo = !isHeld && !refusal("go") && !hasFault();
-  const mayDrive = !isHeld && !refusal("drive") && store.robot.value?.control === "auto";
+  const reason = refusal("go");
+  const mayGo = !isHeld && !reason && !hasFault();
+  const isBusy = reason?.key === "objection.busy.reason"; // the report of the task comes later
+  const isAuto = store.robot.value?.control === "auto";
+  const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy;
   const hints = [
     mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
     mayDrive && t("dock.hintDrive"),
@@ -96,10 +99,11 @@ function limitText() {
 function Now({ title, text, more = "", button }) {
   const old = store.outdated.value;
   return html`<div class="now ${old ? "old" : ""}" id="now">
-    ${button}
     <b>${title}</b>
-    <p>${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}</p>
-    ${more && html`<p>${more}</p>`}
+    <p role="status">
+      ${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}
+    </p>
+    ${button} ${more && html`<p>${more}</p>`}
   </div>`;
 }
 
@@ -227,13 +231,15 @@ function Running() {
   const entry = store.tasks.value.find((each) => each.running); // of the task, with its destination
   const task = store.robot.value?.task;
   const target = store.target.value;
-  const reason =
-    (task?.state === "paused" && refusal("continue")) || (target && refusal(target.command));
+  const refusals = [
+    task?.state === "paused" && refusal("continue"),
+    target && refusal(target.command),
+  ].map((each) => each && say(each));
   if (!task) return null;
   return html`<${Now}
       title=${entry ? goalText(entry) : stateText()}
-      text=${[taskState(task), task.text].filter(Boolean).join(" · ")}
-      more=${[limitText(), ...(target ? targetTexts(target) : []), reason && say(reason)].filter(Boolean).join(" · ")}
+      text=${[taskState(task), task.text, refusals[0]].filter(Boolean).join(" · ")}
+      more=${[limitText(), ...(target ? targetTexts(target) : []), refusals[1] !== refusals[0] && refusals[1]].filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
     />
     <${Buttons}>${taskButtons()}<//>`;

@@ -89,7 +89,7 @@ export function taskButtons() {
  */
 export function taskState({ state, action, actionState }) {
   const names = [tOr(`task.${state}`, state)];
-  if (action && state !== "paused") names.push(tOr(`action.${action}`, action));
+  if (action && !["paused", "held up"].includes(state)) names.push(tOr(`action.${action}`, action));
   if (["warning", "traffi ctrl"].includes(actionState)) names.push(t(`actionState.${actionState}`));
   return names.join(" · ");
 }
