@@ -155,6 +155,24 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
         eventually(lambda: " m" in window.text("#now .way"), "the way, asked again")
 
 
+def test_a_page_that_may_no_longer_stop_says_so(chassis: SimulatorThread, window: Browser) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        options = ["--page-port", str(taken.getsockname()[1])]
+    with program(chassis, options=options) as (_, url):
+        window.open(url)
+    with program(chassis, options=options, control=False):
+        eventually(lambda: "no longer stop" in window.text("#notice"), "the loss of control")
+        assert "--control" in window.text("#notice")
+        assert not window.elements("#stop, #stick")
+        window.actions().send_keys(Keys.ESCAPE).perform()
+        eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+    with program(chassis, options=options):
+        eventually(lambda: window.elements("#stop"), "the control")
+        assert "no longer stop" not in window.text("#notice")
+
+
 def test_a_page_appears_without_storage_and_once_its_texts_can_be_loaded(
     robot: SimulatedPage, window: Browser
 ) -> None:

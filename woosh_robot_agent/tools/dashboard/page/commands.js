@@ -93,13 +93,14 @@ export async function stop() {
   store.letGo();
   const { robot } = connection;
   tell(true, { key: "reply.stopping", values: {} }, robot);
-  const { ok, text, unanswered } = await connection.stop();
+  const { ok, text } = await connection.stop();
   tell(ok, text, robot);
-  setUnanswered(robot, unanswered ? text : "");
+  // the dashboard itself raises the alarm of a stop that the robot has not confirmed
+  setUnanswered(robot, ok || text.key === "reply.notStopped" ? "" : text);
 }
 
 /**
- * Raise the alarm of a robot whose stop has no answer; without a text, end it.
+ * Raise the alarm of a robot whose stop has no answer or is refused; without a text, end it.
  * @param {number} robot index
  * @param {import("./texts.js").Value} text
  */
@@ -111,7 +112,7 @@ function setUnanswered(robot, text) {
   standingSince = performance.now();
 }
 
-/** End the alarm of a stop without an answer once the robot's pose shows a standstill for a while. */
+/** End the alarm of this page once the robot's pose shows a standstill for a while. */
 function checkAlarm() {
   const now = performance.now();
   const pose = store.pose.value;

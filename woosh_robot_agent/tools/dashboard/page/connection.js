@@ -1,7 +1,7 @@
 // The WebSocket to the dashboard. It reconnects by itself; no message is sent twice.
 
 /** @typedef {import("./texts.js").Text} Text */
-/** @typedef {{ok: boolean, text: Text, data?: any, unanswered?: boolean}} Reply */
+/** @typedef {{ok: boolean, text: Text, data?: any}} Reply */
 
 const RETRY_DELAY = 1000; // milliseconds
 const SILENCE = 2000; // milliseconds without a message after which the shown data are outdated
@@ -192,5 +192,5 @@ export class Connection {
  * @returns {Reply}
  */
 function failure(key) {
-  return { ok: false, text: { key, values: {} }, unanswered: true };
+  return { ok: false, text: { key, values: {} } };
 }

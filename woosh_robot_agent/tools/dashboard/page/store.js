@@ -163,6 +163,8 @@ const state = (value) => signal(value);
 export const you = state("");
 /** True if this viewer may command the robots. */
 export const mayControl = state(false);
+/** True once the dashboard has taken this permission away, until it gives it back. */
+export const lostControl = state(false);
 /** Addresses of the robots. */
 export const robots = state(/** @type {string[]} */ ([]));
 export const fleet = state(/** @type {Card[]} */ ([]));
@@ -232,7 +234,7 @@ export const layers = state({
 export const answer = state(/** @type {Answer | null} */ (null));
 /** Warnings about a pose that the viewer has dismissed, each with its robot and map. */
 export const dismissed = state(/** @type {string[]} */ ([]));
-/** Why the dashboard has not answered a stop of this page, by the index of the robot. */
+/** Why the dashboard has not answered or has refused a stop of this page, by the index of the robot. */
 export const unanswered = state(
   /** @type {ReadonlyMap<number, import("./texts.js").Value>} */ (new Map()),
 );
@@ -318,6 +320,7 @@ export function receive(name, data) {
       }
       process = data.process;
       you.value = data.you;
+      lostControl.value = !data.control && (lostControl.value || mayControl.value);
       mayControl.value = data.control;
       robots.value = data.robots;
     });

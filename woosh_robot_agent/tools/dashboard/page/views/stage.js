@@ -268,6 +268,10 @@ export function notices() {
   const robot = store.robot.value;
   /** @type {Notice[]} */
   const found = [];
+  if (store.lostControl.value) {
+    const [title, text] = [t("notice.lostControl"), t("notice.lostControlRemedy")];
+    found.push({ tone: "bad", title, text });
+  }
   if (store.outdated.value) {
     const { short, long } = linkText();
     const { state, since = 0 } = store.link.value ?? {};
