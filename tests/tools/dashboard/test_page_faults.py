@@ -355,7 +355,7 @@ def test_a_page_that_comes_back_knows_that_an_answer_was_lost(
     assert browser.script("window.ok") is False
 
 
-def test_a_dashboard_that_is_restarted_with_fewer_robots_is_found_again(
+def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_same_one(
     chassis: SimulatorThread, other: SimulatorThread, window: Browser
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -364,12 +364,25 @@ def test_a_dashboard_that_is_restarted_with_fewer_robots_is_found_again(
         window.open(url)
         window.script("document.querySelector('#robots').selectedIndex = 1")
         window.script("document.querySelector('#robots').dispatchEvent(new Event('change'))")
-        eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
-        process.kill()
-        process.wait()
+        shown = "!store.outdated.value && store.robot.value?.id"
+        eventually(lambda: window.script(shown) == 8, "the other robot")
+        # the page connects when STOP is pressed
+        window.script("connection.connect = () => connection.socket")
+    with program(other, chassis, options=options):
+        window.script("delete connection.connect")
+        window.press("#stop")
+        eventually(lambda: "stopped" in window.text("#answer"), "the stop")
+        eventually(lambda: window.script(shown) == 8, "the other robot")
+        assert window.script("[store.chosen.value, store.alarms.value.size]") == [0, 0]
+        window.script("connection.connect = () => connection.socket")
     with program(chassis, options=options):
-        known = "[store.outdated.value, store.chosen.value, store.robot.value?.known]"
-        eventually(lambda: window.script(known) == [False, 0, True], "the robot that is left")
+        window.script("delete connection.connect")
+        window.press("#stop")
+        # the robot of the stop is named, because the page shows another one then
+        gone = f"STOP is not confirmed (127.0.0.1:{other.port})"
+        eventually(lambda: gone in window.text("#alarm"), "the alarm")
+        eventually(lambda: window.script(shown) == 30001, "the robot that is left")
+    assert (chassis.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
 
 
 def test_a_language_that_cannot_be_loaded_is_told(serve: Serve, window: Browser) -> None:

@@ -282,7 +282,7 @@ export function notices() {
   }
   const limit = store.endedLimit.value;
   if (limit) {
-    const dismiss = () => store.forgetEndedLimits([store.robots.value[store.chosen.value]]);
+    const dismiss = () => store.forgetEndedLimits([store.address.value]);
     const [title, text] = [t("notice.limitEnded", { limit }), t("notice.limitEndedRemedy")];
     found.push({ tone: "warn", title, text, action: [t("notice.dismiss"), dismiss] });
   }
@@ -356,7 +356,7 @@ export function otherProblems() {
 /** @param {store.Objection} doubt */
 function doubtKey({ name }) {
   const { scene, map } = store.shownMap.value;
-  return [store.chosen.value, name, scene, map].join(" ");
+  return [store.address.value, name, scene, map].join(" ");
 }
 
 /** Do not warn of a pose again while the robot uses this map. @param {store.Objection} doubt */
@@ -368,7 +368,7 @@ function dismissDoubt(doubt) {
 function AnswerLine() {
   const answer = store.answer.value;
   const at = store.pointed.value;
-  const other = answer && answer.robot !== store.chosen.value ? ofRobot(answer.robot) : "";
+  const other = answer && answer.robot !== store.address.value ? ofRobot(answer.robot) : "";
   let shown = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
   let tone = answer && !answer.ok ? "bad" : "";
   const task = answer?.task && store.tasks.value.find(({ id }) => id === answer.task);
