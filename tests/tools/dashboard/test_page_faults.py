@@ -385,6 +385,42 @@ def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_sam
     assert (chassis.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
 
 
+def test_a_robot_that_has_never_answered_is_unknown(
+    chassis: SimulatorThread, window: Browser
+) -> None:
+    chassis.inject("refuse")
+    with program(chassis) as (_, url):
+        window.driver.get(url)
+        for tab, known in (("go", "There is no map"), ("tasks", "The robot has no task")):
+            window.show(tab)
+            eventually(lambda: "not reported its state" in window.text(".stale"), "the notice")
+            assert "not known yet" in window.text("#panel").lower()
+            assert known not in window.text("#panel")
+
+
+def test_times_are_of_the_dashboard_and_a_lost_plot_is_told(
+    robot: SimulatedPage, window: Browser
+) -> None:
+    late = """
+      Date = class extends Date {
+        constructor(...given) { super(...(given.length ? given : [Date.now()])); }
+        static now() { return super.now() - 30 * 3600 * 1000; }
+      }
+    """
+    window.send("Page.addScriptToEvaluateOnNewDocument", source=late)
+    window.send("Network.enable")
+    window.send("Network.setBlockedURLs", urls=["*/uplot.js"])
+    window.open(robot.url)
+    window.choose_mark()
+    window.press("#go")
+    eventually(lambda: window.script("store.tasks.value.length"), "the task")
+    assert window.script("Math.abs(store.answer.value.time - store.tasks.value[0].begun)") < 60_000
+    window.show("tasks")
+    assert "/" not in window.text("#running small")  # no date, which is today
+    window.show("state")
+    eventually(lambda: "could not be loaded" in window.text("#plots"), "the lost plots")
+
+
 def test_a_language_that_cannot_be_loaded_is_told(serve: Serve, window: Browser) -> None:
     served = serve({})
     window.open(served.url)

@@ -48,7 +48,7 @@ function receivedScan(data) {
  * @param {string} [task] id of the task that the robot has accepted
  */
 export function tell(ok, text, robot = store.address.value, task) {
-  store.answer.value = { ok, text, time: Date.now(), robot, task };
+  store.answer.value = { ok, text, time: store.now(), robot, task };
 }
 
 /**

@@ -161,6 +161,11 @@ const state = (value) => signal(value);
 
 /** Name of this viewer; empty until the dashboard has told it. */
 export const you = state("");
+let clockOffset = performance.timeOrigin; // Unix time of the dashboard minus `performance.now()`, in ms
+
+/** Return the Unix time of the dashboard, in milliseconds; the clock of the browser may be wrong. */
+export const now = () => performance.now() + clockOffset;
+
 /** True if this viewer may command the robots. */
 export const mayControl = state(false);
 /** True once the dashboard has taken this permission away, until it gives it back. */
@@ -315,6 +320,7 @@ const SHARED = { fleet, places, simulator };
  */
 export function receive(name, data) {
   if (name === "hello") {
+    clockOffset = data.now - performance.now();
     batch(() => {
       if (process && process !== data.process) {
         endLimits();

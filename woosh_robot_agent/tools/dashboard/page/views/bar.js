@@ -121,11 +121,11 @@ function Language() {
     class="quiet"
     id="language"
     lang=${other}
+    aria-label=${name}
     onClick=${() => setLanguage(other).catch(() => tell(false, { key: "reason.noConnection", values: {} }))}
   >
     <${Icon} name="language" />
     <span class="wide">${name}</span>
-    <span class="hidden">${name}</span>
   </button>`;
 }
 
