@@ -360,7 +360,7 @@ def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_sam
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         options = ["--page-port", str(taken.getsockname()[1])]
-    with program(chassis, other, options=options) as (process, url):
+    with program(chassis, other, options=options) as (_, url):
         window.open(url)
         window.script("document.querySelector('#robots').selectedIndex = 1")
         window.script("document.querySelector('#robots').dispatchEvent(new Event('change'))")
