@@ -63,6 +63,8 @@ def _without_types(said: Said) -> Said:
         is_type = name == "name" and str(each).startswith(_TYPES)
         inner = _without_types(each) if isinstance(each, Said) else each
         values[name] = _REQUEST() if is_type else inner
+    if values == said.values:
+        return said
     return Said(SENTENCES[said.key].format_map(values), said.key, values)
 
 
