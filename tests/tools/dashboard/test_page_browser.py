@@ -602,6 +602,11 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     eventually(lambda: browser.is_enabled("#collect-mark"), "the next step")
     assert "Collect a mark" in browser.text("#mapping [aria-current=step]")
     assert browser.script("document.querySelector('#map-name').value") == ""
+    # a page that does not know whether a map was made urges to nothing
+    browser.driver.refresh()
+    browser.show("map")
+    eventually(lambda: browser.is_enabled("#collect-mark"), "the page to be loaded again")
+    assert not browser.elements("#mapping [aria-current=step], #mapping .primary")
     row = next(each for each in browser.elements("#maps li") if each.text.startswith("ground"))
     if "in use" not in row.text:
         row.find_element("css selector", "button").click()
@@ -730,6 +735,7 @@ def test_codes_are_filtered_and_plots_have_the_history(
 
 def test_the_language_changes_everywhere(browser: Browser) -> None:
     assert browser.text("#tab-go") == "Go"
+    assert browser.element("#language").accessible_name == "中文"
     browser.press("#language")
     eventually(lambda: browser.text("#tab-go") == "前往", "Chinese")
     assert browser.script("document.documentElement.lang") == "zh"

@@ -90,7 +90,8 @@ def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
     stop = robot.begin(other.command("stop"))
     eventually(lambda: browser.text("#answer").endswith("stopping"), "the stop")
     eventually(lambda: browser.text("#alarm"), "the alarm of the other's stop")
-    assert "NOT STOPPED" in browser.text("#answer")
+    assert "NOT STOPPED: the chassis did not answer the request" in browser.text("#answer")
+    assert "woosh." not in browser.text("#answer")
     if reload:
         browser.driver.refresh()
         eventually(lambda: browser.text("#alarm"), "the alarm after a reload")

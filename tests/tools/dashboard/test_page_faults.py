@@ -155,6 +155,24 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
         eventually(lambda: " m" in window.text("#now .way"), "the way, asked again")
 
 
+def test_a_page_that_may_no_longer_stop_says_so(chassis: SimulatorThread, window: Browser) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        options = ["--page-port", str(taken.getsockname()[1])]
+    with program(chassis, options=options) as (_, url):
+        window.open(url)
+    with program(chassis, options=options, control=False):
+        eventually(lambda: "no longer stop" in window.text("#notice"), "the loss of control")
+        assert "--control" in window.text("#notice")
+        assert not window.elements("#stop, #stick")
+        window.actions().send_keys(Keys.ESCAPE).perform()
+        eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+    with program(chassis, options=options):
+        eventually(lambda: window.elements("#stop"), "the control")
+        assert "no longer stop" not in window.text("#notice")
+
+
 def test_a_page_appears_without_storage_and_once_its_texts_can_be_loaded(
     robot: SimulatedPage, window: Browser
 ) -> None:
@@ -337,21 +355,70 @@ def test_a_page_that_comes_back_knows_that_an_answer_was_lost(
     assert browser.script("window.ok") is False
 
 
-def test_a_dashboard_that_is_restarted_with_fewer_robots_is_found_again(
+def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_same_one(
     chassis: SimulatorThread, other: SimulatorThread, window: Browser
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         options = ["--page-port", str(taken.getsockname()[1])]
-    with program(chassis, other, options=options) as (process, url):
+    with program(chassis, other, options=options) as (_, url):
         window.open(url)
         window.script("document.querySelector('#robots').selectedIndex = 1")
         window.script("document.querySelector('#robots').dispatchEvent(new Event('change'))")
-        eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
-        process.kill()
-        process.wait()
+        shown = "!store.outdated.value && store.robot.value?.id"
+        eventually(lambda: window.script(shown) == 8, "the other robot")
+        # the page connects when STOP is pressed
+        window.script("connection.connect = () => connection.socket")
+    with program(other, chassis, options=options):
+        window.script("delete connection.connect")
+        window.press("#stop")
+        eventually(lambda: "stopped" in window.text("#answer"), "the stop")
+        eventually(lambda: window.script(shown) == 8, "the other robot")
+        assert window.script("[store.chosen.value, store.alarms.value.size]") == [0, 0]
+        window.script("connection.connect = () => connection.socket")
     with program(chassis, options=options):
-        known = "[store.outdated.value, store.chosen.value, store.robot.value?.known]"
-        eventually(lambda: window.script(known) == [False, 0, True], "the robot that is left")
+        window.script("delete connection.connect")
+        window.press("#stop")
+        # the robot of the stop is named, because the page shows another one then
+        gone = f"STOP is not confirmed (127.0.0.1:{other.port})"
+        eventually(lambda: gone in window.text("#alarm"), "the alarm")
+        eventually(lambda: window.script(shown) == 30001, "the robot that is left")
+    assert (chassis.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
+
+
+def test_a_robot_that_has_never_answered_is_unknown(
+    chassis: SimulatorThread, window: Browser
+) -> None:
+    chassis.inject("refuse")
+    with program(chassis) as (_, url):
+        window.driver.get(url)
+        for tab, known in (("go", "There is no map"), ("tasks", "The robot has no task")):
+            window.show(tab)
+            eventually(lambda: "not reported its state" in window.text(".stale"), "the notice")
+            assert "not known yet" in window.text("#panel").lower()
+            assert known not in window.text("#panel")
+
+
+def test_times_are_of_the_dashboard_and_a_lost_plot_is_told(
+    robot: SimulatedPage, window: Browser
+) -> None:
+    late = """
+      Date = class extends Date {
+        constructor(...given) { super(...(given.length ? given : [Date.now()])); }
+        static now() { return super.now() - 30 * 3600 * 1000; }
+      }
+    """
+    window.send("Page.addScriptToEvaluateOnNewDocument", source=late)
+    window.send("Network.enable")
+    window.send("Network.setBlockedURLs", urls=["*/uplot.js"])
+    window.open(robot.url)
+    window.choose_mark()
+    window.press("#go")
+    eventually(lambda: window.script("store.tasks.value.length"), "the task")
+    assert window.script("Math.abs(store.answer.value.time - store.tasks.value[0].begun)") < 60_000
+    window.show("tasks")
+    assert "/" not in window.text("#running small")  # no date, which is today
+    window.show("state")
+    eventually(lambda: "could not be loaded" in window.text("#plots"), "the lost plots")
 
 
 def test_a_language_that_cannot_be_loaded_is_told(serve: Serve, window: Browser) -> None:

@@ -165,6 +165,10 @@ async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
             headers = {"Host": f"127.0.0.1:{port}"}
             _, found, _ = await fetch(running, f"/?{query}", headers)
             cookies[role] = found["set-cookie"].partition(";")[0]
+        # the cookie is of the whole browser, in which a page to control may be open
+        sent = {"Host": f"127.0.0.1:{port}", "Cookie": cookies[Role.CONTROL]}
+        look = running.urls[Role.LOOK].partition("?")[2]
+        assert "set-cookie" not in (await fetch(running, f"/?{look}", sent))[1]
         assert running.url == running.urls[Role.CONTROL]
         local = f"http://127.0.0.1:{port}"
         async with (

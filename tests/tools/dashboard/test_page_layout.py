@@ -382,8 +382,8 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
     check("control taken")
     window.touch("touchEnd")
     window.script(
-        "store.answer.value = {ok: false, time: 0, robot: 0, text: {key: 'reason.said',"
-        " values: {text: 'a long reason '.repeat(30)}}}",
+        "store.answer.value = {ok: false, time: 0, robot: store.address.value,"
+        " text: {key: 'reason.said', values: {text: 'a long reason '.repeat(30)}}}",
     )
     check("a long answer")
     window.element("#answer").click()

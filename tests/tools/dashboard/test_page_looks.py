@@ -49,7 +49,7 @@ _SHRINK = 4
 _TILE = 15
 """Size of the tiles of which the mean colours are compared, in pixels of these pictures."""
 _GO = """connection.command("goMark", {mark: "A2", ...store.shownMap.value}).then(({ok, text}) =>
-  (store.answer.value = {ok, text, time: 0, robot: 0}))"""
+  (store.answer.value = {ok, text, time: 0, robot: store.address.value}))"""
 """Gives a task, whatever the page thinks of it, and shows the answer."""
 _TOLERANCE = 20.0
 """Greatest difference of a mean colour, of 255: fonts may differ, but nothing may be missing."""

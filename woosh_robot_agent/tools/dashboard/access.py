@@ -147,21 +147,25 @@ class Access:
         """Return the role of the sender of a request; None if it has no valid token."""
         if not self.tokens:
             return self._local_role
-        if role := self._role_of(request.query.get("token", "")):
-            return role
-        try:
-            return self._role_of(request.cookies.get(self._cookie_name, ""))
-        except CookieError:  # of another server of this host
-            return None
+        return self._role_of(request.query.get("token", "")) or self._cookie_role(request)
 
     def cookie(self, request: web.BaseRequest) -> dict[str, str]:
-        """Return the header that sets the cookie with the token; empty without a token."""
+        """Return the header that sets the cookie with the token; empty if it needs none.
+
+        The cookie is of the whole browser: a page to watch must not take STOP from an open page.
+        """
         role = self._role_of(request.query.get("token", ""))
-        if role is None:
+        if role is None or self._cookie_role(request) is Role.CONTROL:
             return {}
         secure = "; Secure" if self.scheme == "https" else ""
         content = f"{self._cookie_name}={self.tokens[role]}"
         return {"Set-Cookie": f"{content}; Path=/; HttpOnly; SameSite=Strict{secure}"}
+
+    def _cookie_role(self, request: web.BaseRequest) -> Role | None:
+        try:
+            return self._role_of(request.cookies.get(self._cookie_name, ""))
+        except CookieError:  # of another server of this host
+            return None
 
     @property
     def _cookie_name(self) -> str:

@@ -354,6 +354,7 @@ class Dashboard:
     def _hello(self, viewer: Viewer) -> dict[str, Any]:
         return {
             "process": self._process,
+            "now": part_data.now(),
             "you": viewer.name,
             "control": viewer.may_control,
             "robots": [robot.chassis.config.address for robot in self.robots],

@@ -7,10 +7,14 @@ import json
 from pathlib import Path
 from typing import Any, Union
 
-from woosh_robot_agent.sentences import Said
+from woosh_robot_agent.sentences import SENTENCES, Said, Sentence
 
 PAGE = Path(__file__).with_name("page")
 """Folder of the page."""
+_REQUEST = Sentence("said.request", "the request")
+"""Stands for the name of a request's type, which means nothing to viewers."""
+_TYPES = "woosh."
+"""Beginning of the names of all types."""
 Value = Union[str, int, float, "Text"]
 """Type of the values that can be put into a text; a `Said` is shown in the language of the page."""
 
@@ -44,9 +48,24 @@ def value_data(value: Value) -> Any:
     if isinstance(value, Text):
         return value.data
     if isinstance(value, Said):
+        value = _without_types(value)
         values = {name: value_data(each) for name, each in value.values.items()}
         return {"key": value.key, "values": values, "english": str(value)}
     return value
+
+
+def _without_types(said: Said) -> Said:
+    """Return a text that names no type of a request."""
+    if said.key not in SENTENCES:  # a name, not a sentence with values
+        return said
+    values: dict[str, str | int] = {}
+    for name, each in said.values.items():
+        is_type = name == "name" and str(each).startswith(_TYPES)
+        inner = _without_types(each) if isinstance(each, Said) else each
+        values[name] = _REQUEST() if is_type else inner
+    if values == said.values:
+        return said
+    return Said(SENTENCES[said.key].format_map(values), said.key, values)
 
 
 def translated(text: str, languages: str) -> str:

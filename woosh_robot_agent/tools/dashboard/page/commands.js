@@ -28,7 +28,9 @@ function received(name, data) {
     tell(false, data);
     return;
   }
+  const shown = store.address.value;
   store.receive(name, data);
+  if (name === "hello") connection.begin(store.chosen.value, store.address.value === shown);
   checkAlarm();
 }
 
@@ -42,11 +44,11 @@ function receivedScan(data) {
  * Show a text below the map, e.g. the answer to a command.
  * @param {boolean} ok
  * @param {import("./texts.js").Text} text
- * @param {number} robot index
+ * @param {string} robot address
  * @param {string} [task] id of the task that the robot has accepted
  */
-export function tell(ok, text, robot = store.chosen.value, task) {
-  store.answer.value = { ok, text, time: Date.now(), robot, task };
+export function tell(ok, text, robot = store.address.value, task) {
+  store.answer.value = { ok, text, time: store.now(), robot, task };
 }
 
 /**
@@ -56,7 +58,7 @@ export function tell(ok, text, robot = store.chosen.value, task) {
  * @returns {Promise<boolean>} true if the robot has accepted the command
  */
 export async function run(name, args = {}) {
-  const { robot } = connection;
+  const robot = store.address.value;
   const now = performance.now();
   const pending = store.pendingKey(name);
   // all tasks count as the same command: a double click on two marks sends one
@@ -92,16 +94,17 @@ function setPending(key, on) {
 
 export async function stop() {
   store.letGo();
-  const { robot } = connection;
+  const robot = store.address.value;
   tell(true, { key: "reply.stopping", values: {} }, robot);
-  const { ok, text, unanswered } = await connection.stop();
+  const { ok, text } = await connection.stop();
   tell(ok, text, robot);
-  setUnanswered(robot, unanswered ? text : "");
+  // the dashboard itself raises the alarm of a stop that the robot has not confirmed
+  setUnanswered(robot, ok || text.key === "reply.notStopped" ? "" : text);
 }
 
 /**
- * Raise the alarm of a robot whose stop has no answer; without a text, end it.
- * @param {number} robot index
+ * Raise the alarm of a robot whose stop has no answer or is refused; without a text, end it.
+ * @param {string} robot address
  * @param {import("./texts.js").Value} text
  */
 function setUnanswered(robot, text) {
@@ -112,14 +115,15 @@ function setUnanswered(robot, text) {
   standingSince = performance.now();
 }
 
-/** End the alarm of a stop without an answer once the robot's pose shows a standstill for a while. */
+/** End the alarm of this page once the robot's pose shows a standstill for a while. */
 function checkAlarm() {
   const now = performance.now();
   const pose = store.pose.value;
   const seen = !store.outdated.value && store.watching.value === store.chosen.value;
   if (!(seen && pose && !pose.linear && !pose.angular)) standingSince = now;
-  const ends = now - standingSince > STANDSTILL && store.unanswered.value.has(store.chosen.value);
-  if (ends) setUnanswered(store.chosen.value, "");
+  const robot = store.address.value;
+  const ends = now - standingSince > STANDSTILL && store.unanswered.value.has(robot);
+  if (ends) setUnanswered(robot, "");
 }
 
 // When the alarm of a robot ends, replace the answer that says its stop failed.
@@ -142,12 +146,7 @@ effect(() => {
 /** @param {number} index */
 export function chooseRobot(index) {
   if (index === store.chosen.value) return;
-  store.letGo();
-  batch(() => {
-    store.keyboard.value = false; // the arrow keys were switched on for the former robot
-    store.chosen.value = index;
-    store.forget();
-  });
+  store.choose(index);
   connection.watch(index);
 }
 

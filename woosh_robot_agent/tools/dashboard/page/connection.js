@@ -1,7 +1,7 @@
 // The WebSocket to the dashboard. It reconnects by itself; no message is sent twice.
 
 /** @typedef {import("./texts.js").Text} Text */
-/** @typedef {{ok: boolean, text: Text, data?: any, unanswered?: boolean}} Reply */
+/** @typedef {{ok: boolean, text: Text, data?: any}} Reply */
 
 const RETRY_DELAY = 1000; // milliseconds
 const SILENCE = 2000; // milliseconds without a message after which the shown data are outdated
@@ -21,11 +21,11 @@ export class Connection {
     this.onPart = onPart;
     this.onScan = onScan;
     this.onChange = onChange;
-    this.robot = 0;
     this.clock = 0; // newest time from the dashboard; sent back with each command, to detect old ones
     this.nextId = 1;
     /** @type {Map<number, (reply: Reply) => void>} by the id of the command */
     this.replies = new Map();
+    this.isReady = false; // true once the dashboard knows which robot the page shows
     this.unsentStop = 0; // id of a stop that waits for the connection
     this.problem = "link.connecting";
     this.receivedAt = 0; // time of the last message, or of the connection attempt
@@ -42,18 +42,12 @@ export class Connection {
   connect() {
     clearTimeout(this.retry);
     this.clock = 0;
+    this.isReady = false;
     this.receivedAt = performance.now();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    socket.onopen = () => {
-      if (this.socket !== socket) return;
-      if (this.robot) this.send({ do: "watch", robot: this.robot });
-      if (document.hidden) this.reportVisibility();
-      if (this.unsentStop) this.sendCommand(this.unsentStop, "stop", {});
-      this.unsentStop = 0;
-    };
     socket.onmessage = ({ data }) => {
       if (this.socket === socket) this.received(data);
     };
@@ -77,6 +71,21 @@ export class Connection {
     else if (message.part) this.onPart(message.part, message.data);
   }
 
+  /**
+   * Begin to send, once the dashboard has named its robots.
+   * @param {number} robot index of the robot that the page shows
+   * @param {boolean} isSame false if it is another robot than the one of an unsent stop
+   */
+  begin(robot, isSame) {
+    this.isReady = true;
+    if (robot) this.watch(robot);
+    if (document.hidden) this.reportVisibility();
+    const stop = this.unsentStop;
+    this.unsentStop = 0;
+    if (stop && isSame) this.sendCommand(stop, "stop", {});
+    else if (stop) this.settle(stop, failure("reason.robotGone"));
+  }
+
   reconnect() {
     this.lost(false);
     this.connect();
@@ -84,6 +93,7 @@ export class Connection {
 
   /** @param {boolean} dismissed true if the dashboard has too many viewers */
   lost(dismissed) {
+    this.isReady = false;
     this.setProblem(dismissed ? "link.dismissed" : "link.noDashboard");
     for (const id of [...this.replies.keys()]) {
       if (id !== this.unsentStop) this.settle(id, failure("reason.connectionLost"));
@@ -111,18 +121,13 @@ export class Connection {
     this.onChange(problem);
   }
 
-  get isOpen() {
-    return this.socket.readyState === WebSocket.OPEN;
-  }
-
   /** @param {Record<string, any>} message */
   send(message) {
-    if (this.isOpen) this.socket.send(JSON.stringify(message));
+    if (this.isReady) this.socket.send(JSON.stringify(message));
   }
 
   /** @param {number} robot index */
   watch(robot) {
-    this.robot = robot;
     this.send({ do: "watch", robot });
   }
 
@@ -137,7 +142,7 @@ export class Connection {
    * @returns {Promise<Reply>}
    */
   command(name, args = {}) {
-    if (!this.isOpen) return Promise.resolve(failure("reason.noConnection"));
+    if (!this.isReady) return Promise.resolve(failure("reason.noConnection"));
     const id = this.nextId++;
     this.sendCommand(id, name, args);
     return this.waitForReply(id);
@@ -146,11 +151,11 @@ export class Connection {
   /** Send a stop, now or as soon as there is a connection. */
   stop() {
     const id = this.nextId++;
-    if (this.isOpen) {
+    if (this.isReady) {
       this.sendCommand(id, "stop", {});
     } else {
       this.unsentStop = id;
-      if (this.socket.readyState !== WebSocket.CONNECTING) this.reconnect();
+      if (this.socket.readyState > WebSocket.OPEN) this.reconnect();
     }
     setTimeout(() => {
       if (this.unsentStop === id) this.unsentStop = 0;
@@ -192,5 +197,5 @@ export class Connection {
  * @returns {Reply}
  */
 function failure(key) {
-  return { ok: false, text: { key, values: {} }, unanswered: true };
+  return { ok: false, text: { key, values: {} } };
 }

@@ -41,8 +41,8 @@ function takesKeys(target) {
 /** @param {KeyboardEvent} event */
 function keyDown(event) {
   if (event.repeat && event.key === "Enter") event.preventDefault(); // it presses a button once
-  if (event.key === "Escape" && store.mayControl.value) {
-    if (!event.repeat) stop();
+  if (event.key === "Escape" && (store.mayControl.value || store.lostControl.value)) {
+    if (!event.repeat) stop(); // without control, the refusal raises the alarm
     return;
   }
   if (!(event.code in store.KEY_DIRECTIONS)) {

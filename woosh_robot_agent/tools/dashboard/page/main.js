@@ -1,7 +1,7 @@
 // Starts the page: loads the texts, shows all views, and keeps the title, the tool and the focus right.
 
 import { effect, html, render } from "./vendor/preact.js";
-import { chooseRobot, connection } from "./commands.js";
+import { connection, forgetTarget } from "./commands.js";
 import * as store from "./store.js";
 import { startLanguage, t } from "./texts.js";
 import { Bar } from "./views/bar.js";
@@ -32,15 +32,9 @@ effect(() => {
   const robot = store.robot.value;
   document.title = robot?.known ? robotName(robot) : t("page.title");
 });
-// The dashboard may be restarted with fewer robots.
-store.robots.subscribe((robots) => {
-  if (robots.length && store.chosen.peek() >= robots.length) chooseRobot(0);
-});
-let hadControl = false; // true once the viewer may control, and has got the tool "go"
-effect(() => {
-  if (!store.mayControl.value || hadControl) return;
-  hadControl = true;
-  store.tool.value = "go";
+store.mayControl.subscribe((may) => {
+  forgetTarget(); // also ends what was begun on the map
+  store.tool.value = may ? "go" : "move";
 });
 
 // If the focused control disappears or is disabled, what contained it gets the focus.

@@ -126,8 +126,8 @@ import { batch, computed, signal } from "./vendor/preact.js";
  */
 /** @typedef {{type: string, number: number, direction: string}} TaskKind */
 /**
- * @typedef {{ok: boolean, text: import("./texts.js").Text, time: number, robot: number,
- *   task?: string}} Answer  with the id of the task that the robot has accepted
+ * @typedef {{ok: boolean, text: import("./texts.js").Text, time: number, robot: string,
+ *   task?: string}} Answer  robot: its address; task: id of an accepted task
  */
 /**
  * @typedef {object} Grip
@@ -161,8 +161,15 @@ const state = (value) => signal(value);
 
 /** Name of this viewer; empty until the dashboard has told it. */
 export const you = state("");
+let clockOffset = performance.timeOrigin; // Unix time of the dashboard minus `performance.now()`, in ms
+
+/** Return the Unix time of the dashboard, in milliseconds; the clock of the browser may be wrong. */
+export const now = () => performance.now() + clockOffset;
+
 /** True if this viewer may command the robots. */
 export const mayControl = state(false);
+/** True once the dashboard has taken this permission away, until it gives it back. */
+export const lostControl = state(false);
 /** Addresses of the robots. */
 export const robots = state(/** @type {string[]} */ ([]));
 export const fleet = state(/** @type {Card[]} */ ([]));
@@ -198,6 +205,8 @@ export const scan = state(/** @type {Scan | null} */ (null));
 
 /** Index of the robot that the viewer has chosen. */
 export const chosen = state(0);
+/** Address of this robot; empty until the dashboard has told it. Unlike the index, it always means this robot. */
+export const address = computed(() => robots.value[chosen.value] ?? "");
 /** Index of the robot whose parts (named sections of data, e.g. `pose`) arrive. */
 export const watching = state(0);
 export const tab = state("go");
@@ -232,20 +241,20 @@ export const layers = state({
 export const answer = state(/** @type {Answer | null} */ (null));
 /** Warnings about a pose that the viewer has dismissed, each with its robot and map. */
 export const dismissed = state(/** @type {string[]} */ ([]));
-/** Why the dashboard has not answered a stop of this page, by the index of the robot. */
+/** Why the dashboard has not answered or has refused a stop of this page, by the address of the robot. */
 export const unanswered = state(
-  /** @type {ReadonlyMap<number, import("./texts.js").Value>} */ (new Map()),
+  /** @type {ReadonlyMap<string, import("./texts.js").Value>} */ (new Map()),
 );
-/** Why a stop of this or another page was not confirmed, by the index of the robot. */
+/** Why a stop of this or another page was not confirmed, by the address of the robot. */
 export const alarms = computed(() => {
   const found = new Map(unanswered.value);
-  fleet.value.forEach(({ alarm }, index) => alarm && found.set(index, alarm));
+  for (const card of fleet.value) if (card.alarm) found.set(card.address, card.alarm);
   return found;
 });
 /** Speed limits that ended with a restart of the dashboard, in m/s, by the address of the robot. */
 export const endedLimits = state(/** @type {ReadonlyMap<string, number>} */ (new Map()));
 /** Ended speed limit of the chosen robot, in m/s; undefined without one. */
-export const endedLimit = computed(() => endedLimits.value.get(robots.value[chosen.value] ?? ""));
+export const endedLimit = computed(() => endedLimits.value.get(address.value));
 /** Commands that wait for their answer, each as its `pendingKey`. */
 export const pending = state(/** @type {ReadonlySet<string>} */ (new Set()));
 /** True if the arrow keys drive. */
@@ -279,7 +288,8 @@ export const hasControl = computed(() => control.value?.owner === you.value);
  * Return the key of a command in `pending`; all tasks share one, so that two marks send one task.
  * @param {string} name
  */
-export const pendingKey = (name) => `${chosen.value} ${TASK_COMMANDS.includes(name) ? "go" : name}`;
+export const pendingKey = (name) =>
+  `${address.value} ${TASK_COMMANDS.includes(name) ? "go" : name}`;
 
 /** @param {string} name */
 export const isPending = (name) => pending.value.has(pendingKey(name));
@@ -310,6 +320,7 @@ const SHARED = { fleet, places, simulator };
  */
 export function receive(name, data) {
   if (name === "hello") {
+    clockOffset = data.now - performance.now();
     batch(() => {
       if (process && process !== data.process) {
         endLimits();
@@ -318,8 +329,13 @@ export function receive(name, data) {
       }
       process = data.process;
       you.value = data.you;
+      lostControl.value = !data.control && (lostControl.value || mayControl.value);
       mayControl.value = data.control;
+      const index = data.robots.indexOf(address.value);
+      if (index !== chosen.value) fleet.value = places.value = []; // they have other indices
       robots.value = data.robots;
+      if (index < 0) choose(0);
+      else chosen.value = index;
     });
   } else if (name === "watching") {
     watching.value = data;
@@ -379,9 +395,12 @@ export function letGo() {
   });
 }
 
-/** Forget everything about the former robot, because the viewer has chosen another one. */
-export function forget() {
+/** Choose a robot, and forget everything about the former one. @param {number} index */
+export function choose(index) {
   batch(() => {
+    letGo();
+    keyboard.value = false; // the arrow keys were switched on for the former robot
+    chosen.value = index;
     for (const each of Object.values(OF_ROBOT)) each.value = Array.isArray(each.value) ? [] : null;
     scan.value = null;
     target.value = draft.value = entered.value = measured.value = null;

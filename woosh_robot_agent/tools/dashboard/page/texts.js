@@ -1,5 +1,6 @@
 // The texts of the page, in the language of the viewer.
 
+import { now } from "./store.js";
 import { batch, signal } from "./vendor/preact.js";
 
 /**
@@ -171,6 +172,6 @@ export function clock(time) {
  */
 export function moment(time) {
   const date = new Date(time);
-  const today = new Date().toDateString() === date.toDateString();
+  const today = new Date(now()).toDateString() === date.toDateString();
   return today ? clock(time) : `${date.toLocaleDateString(language.value)} ${clock(time)}`;
 }

@@ -25,7 +25,7 @@ export function Bar() {
 function RobotName() {
   const robot = store.robot.value;
   const cards = store.fleet.value;
-  const name = robot?.known ? robotName(robot) : (store.robots.value[store.chosen.value] ?? "");
+  const name = robot?.known ? robotName(robot) : store.address.value;
   if (store.robots.value.length < 2) return html`<h1 class="name">${name}</h1>`;
   return html`<h1 class="name">
     <select
@@ -34,11 +34,11 @@ function RobotName() {
       value=${String(store.chosen.value)}
       onChange=${(/** @type {any} */ event) => chooseRobot(Number(event.currentTarget.value))}
     >
-      ${store.robots.value.map((_, index) => {
+      ${store.robots.value.map((address, index) => {
         const { link, moves } = cards[index] ?? {};
         const also =
           link === "connected" && moves && index !== store.chosen.value && t("fleet.moves");
-        const shown = [robotLabel(index), also].filter(Boolean).join(" · ");
+        const shown = [robotLabel(address), also].filter(Boolean).join(" · ");
         return html`<option key=${index} value=${String(index)}>${shown}</option>`;
       })}
     </select>
@@ -121,11 +121,11 @@ function Language() {
     class="quiet"
     id="language"
     lang=${other}
+    aria-label=${name}
     onClick=${() => setLanguage(other).catch(() => tell(false, { key: "reason.noConnection", values: {} }))}
   >
     <${Icon} name="language" />
     <span class="wide">${name}</span>
-    <span class="hidden">${name}</span>
   </button>`;
 }
 
@@ -152,6 +152,6 @@ function Stop() {
       pointer.current = null;
     }}
   >
-    ${t("stop.name")}<small>${breakable(shortLabel(store.chosen.value))}</small><kbd>Esc</kbd>
+    ${t("stop.name")}<small>${breakable(shortLabel(store.address.value))}</small><kbd>Esc</kbd>
   </button>`;
 }

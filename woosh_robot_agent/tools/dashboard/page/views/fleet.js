@@ -28,7 +28,7 @@ function Card({ card, index }) {
     onClick=${() => chooseRobot(index)}
   >
     <span class="top">
-      <b>${robotLabel(index)}</b>
+      <b>${robotLabel(card.address)}</b>
       <span>${battery ? `${battery.power} %` : ""}</span>
     </span>
     <span class="state ${tone}"><span class="dot"></span>${state}</span>

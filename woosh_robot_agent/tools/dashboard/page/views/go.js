@@ -23,6 +23,7 @@ export function Go() {
   const may = store.mayControl.value;
   const hasMap = Boolean(store.map.value?.resolution);
   const canCharge = !hasMap || marks.some(({ type }) => type === "charger");
+  const noMarks = hasMap ? "none" : store.robot.value?.known ? "noMap" : "unknown";
   const canPark = marks.some(({ type }) => type === "parkspot");
   return html`${
       may &&
@@ -55,7 +56,7 @@ export function Go() {
       <ul class="rows" id="marks">
         ${found.map((mark) => html`<${Mark} key=${mark.number} mark=${mark} />`)}
       </ul>
-      ${!found.length && html`<p class="faint">${t(marks.length ? "marks.notFound" : hasMap ? "marks.none" : "marks.noMap")}</p>`}
+      ${!found.length && html`<p class="faint">${t(`marks.${marks.length ? "notFound" : noMarks}`)}</p>`}
     </section>`;
 }
 

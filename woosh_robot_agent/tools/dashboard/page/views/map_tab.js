@@ -7,10 +7,14 @@ import * as store from "../store.js";
 import { say, t } from "../texts.js";
 import { Icon, useSettling } from "./parts.js";
 
-/** True once a map has been saved here, until another one is begun or deployment mode ends. */
-const saved = signal(false);
+/**
+ * True once a map has been saved in deployment mode, false before; null if the page does not know,
+ * because the robot was in this mode when the page opened.
+ */
+const saved = signal(/** @type {boolean | null} */ (null));
 effect(() => {
-  if (store.robot.value?.work !== "deploy") saved.value = false;
+  const robot = store.robot.value;
+  if (robot?.work !== "deploy") saved.value = robot?.known ? false : null;
 });
 
 export function MapTab() {
@@ -75,7 +79,7 @@ function Scenes() {
 
 /**
  * The steps of making a map: 1 deployment mode, 2 begin, 3 drive and save, 4 marks, 5 task mode. The
- * current step is marked; the last one never is.
+ * current step is marked; the last one never is, and none while the page does not know it.
  * @param {{mapping: boolean}} props
  */
 function Mapping({ mapping }) {
@@ -97,7 +101,8 @@ function Mapping({ mapping }) {
   const ending = mappingEnd();
   const ends = ending !== null; // the robot may end it before it answers
   const ready = deploying && !mapping && !ends;
-  const step = mapping || ends ? 3 : ready ? (saved.value ? 4 : 2) : 1;
+  const afterMode = saved.value === null ? 0 : saved.value ? 4 : 2;
+  const step = mapping || ends ? 3 : ready ? afterMode : 1;
   /** @param {string} type */
   const begin = (type) => {
     saved.value = false;

@@ -123,7 +123,9 @@ export function Panel() {
         </button>
       </div>`
     }
-    <p class="stale" hidden=${!old}>${t("notice.outdated")}</p>
+    <p class="stale" hidden=${!old}>
+      ${t(store.robot.value?.known ? "notice.outdated" : "notice.unknown")}
+    </p>
     <div
       id="panel"
       class=${old ? "old" : ""}

@@ -63,29 +63,30 @@ export function robotName({ id, name, model }) {
 /**
  * Return the name that tells a robot from the others; for robots with the same name or number, it
  * begins with the address.
- * @param {number} index
+ * @param {string} robot address
  */
-export function robotLabel(index) {
+export function robotLabel(robot) {
   const cards = store.fleet.value.filter(({ known }) => known);
-  const card = store.fleet.value[index];
-  const address = (store.robots.value[index] ?? "").replace(/^\w+:\/\//, "");
-  if (!card?.known) return address;
+  const card = cards.find((each) => each.address === robot);
+  const address = robot.replace(/^\w+:\/\//, "");
+  if (!card) return address;
   const name = robotName(card);
   const same = cards.filter((each) => (card.id ? each.id === card.id : robotName(each) === name));
   return same.length > 1 ? `${address} · ${name}` : name;
 }
 
 /**
- * Return the first part of `robotLabel`, for small places; empty if there is only one robot.
- * @param {number} index
+ * Return the first part of `robotLabel`, for small places; empty if there is only this robot.
+ * @param {string} robot address
  */
-export function shortLabel(index) {
-  return store.robots.value.length > 1 ? robotLabel(index).split(" · ")[0] : "";
+export function shortLabel(robot) {
+  const isOnly = store.robots.value.every((each) => each === robot);
+  return isOnly ? "" : robotLabel(robot).split(" · ")[0];
 }
 
 /**
  * Return `shortLabel` in parentheses, to be added to a text.
- * @param {number} robot index
+ * @param {string} robot address
  */
 export function ofRobot(robot) {
   const label = shortLabel(robot);
@@ -94,7 +95,7 @@ export function ofRobot(robot) {
 
 /**
  * Return the alarm of robots whose stop is not confirmed.
- * @param {number[]} robots indices
+ * @param {string[]} robots addresses
  */
 export function alarmText(robots) {
   return t("alarm.stop") + robots.map(ofRobot).join("");

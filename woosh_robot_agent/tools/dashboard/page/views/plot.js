@@ -1,7 +1,7 @@
 // A plot of some values over time, by uPlot.
 
-import { html, useEffect, useRef } from "../vendor/preact.js";
-import { language } from "../texts.js";
+import { html, useEffect, useRef, useState } from "../vendor/preact.js";
+import { language, t } from "../texts.js";
 
 const HEIGHT = 110; // pixels
 const INCREMENTS = [60, 300, 600]; // seconds between the times of the axis
@@ -14,6 +14,7 @@ export function Plot({ name, unit, least, times, values }) {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const plot = useRef(/** @type {import("../vendor/uplot.js").default | null} */ (null));
   const data = useRef(/** @type {[number[], (number | null)[]]} */ ([times, values]));
+  const [failed, setFailed] = useState(false);
   data.current = [times, values];
   useEffect(() => {
     let unmounted = false;
@@ -21,11 +22,14 @@ export function Plot({ name, unit, least, times, values }) {
     const resizing = new ResizeObserver(() => {
       plot.current?.setSize({ width: element.clientWidth, height: HEIGHT });
     });
-    import("../vendor/uplot.js").then(({ default: UPlot }) => {
-      if (unmounted) return;
-      plot.current = new UPlot(options(element, least), data.current, element);
-      resizing.observe(element);
-    });
+    import("../vendor/uplot.js").then(
+      ({ default: UPlot }) => {
+        if (unmounted) return;
+        plot.current = new UPlot(options(element, least), data.current, element);
+        resizing.observe(element);
+      },
+      () => setFailed(true), // the request was lost
+    );
     return () => {
       unmounted = true;
       resizing.disconnect();
@@ -38,6 +42,7 @@ export function Plot({ name, unit, least, times, values }) {
   const now = last === null || last === undefined ? "–" : last;
   return html`<figure class="plot">
     <figcaption>${name}<span>${now} ${unit}</span></figcaption>
+    ${failed && html`<p class="faint">${t("plot.failed")}</p>`}
     <div ref=${box} aria-hidden="true"></div>
   </figure>`;
 }

@@ -269,6 +269,10 @@ export function notices() {
   const robot = store.robot.value;
   /** @type {Notice[]} */
   const found = [];
+  if (store.lostControl.value) {
+    const [title, text] = [t("notice.lostControl"), t("notice.lostControlRemedy")];
+    found.push({ tone: "bad", title, text });
+  }
   if (store.outdated.value) {
     const { short, long } = linkText();
     const { state, since = 0 } = store.link.value ?? {};
@@ -279,7 +283,7 @@ export function notices() {
   }
   const limit = store.endedLimit.value;
   if (limit) {
-    const dismiss = () => store.forgetEndedLimits([store.robots.value[store.chosen.value]]);
+    const dismiss = () => store.forgetEndedLimits([store.address.value]);
     const [title, text] = [t("notice.limitEnded", { limit }), t("notice.limitEndedRemedy")];
     found.push({ tone: "warn", title, text, action: [t("notice.dismiss"), dismiss] });
   }
@@ -353,7 +357,7 @@ export function otherProblems() {
 /** @param {store.Objection} doubt */
 function doubtKey({ name }) {
   const { scene, map } = store.shownMap.value;
-  return [store.chosen.value, name, scene, map].join(" ");
+  return [store.address.value, name, scene, map].join(" ");
 }
 
 /** Do not warn of a pose again while the robot uses this map. @param {store.Objection} doubt */
@@ -365,7 +369,7 @@ function dismissDoubt(doubt) {
 function AnswerLine() {
   const answer = store.answer.value;
   const at = store.pointed.value;
-  const other = answer && answer.robot !== store.chosen.value ? ofRobot(answer.robot) : "";
+  const other = answer && answer.robot !== store.address.value ? ofRobot(answer.robot) : "";
   let shown = answer ? `${clock(answer.time)}  ${say(answer.text)}${other}` : "";
   let tone = answer && !answer.ok ? "bad" : "";
   const task = answer?.task && store.tasks.value.find(({ id }) => id === answer.task);

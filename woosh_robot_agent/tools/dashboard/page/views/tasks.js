@@ -23,6 +23,7 @@ export function Tasks() {
   const tasks = store.tasks.value;
   const running = tasks.filter((each) => each.running);
   const ended = tasks.filter((each) => !each.running);
+  const known = store.robot.value?.known;
   return html`<section>
       <h2>${t("tasks.running")}</h2>
       ${
@@ -30,7 +31,7 @@ export function Tasks() {
           ? html`<ul class="rows" id="running">
               ${running.map((task) => html`<${Entry} key=${task.id} task=${task} />`)}
             </ul>`
-          : html`<p class="faint">${t("tasks.none")}</p>`
+          : html`<p class="faint">${t(known ? "tasks.none" : "tasks.unknown")}</p>`
       }
       ${store.mayControl.value && html`<div class="act">${taskButtons()}</div>`}
     </section>
@@ -47,7 +48,7 @@ export function Tasks() {
           ? html`<ul class="rows" id="ended">
               ${ended.map((task) => html`<${Entry} key=${task.id} task=${task} />`)}
             </ul>`
-          : html`<p class="faint">${t("tasks.noneEnded")}</p>`
+          : html`<p class="faint">${t(known ? "tasks.noneEnded" : "tasks.unknown")}</p>`
       }
     </section>`;
 }
