@@ -107,7 +107,7 @@ _DRIVING_ACTIONS = (
     action_pb2.kSecondposQuit,
 )
 """Actions of a task during which the robot should move."""
-_ENDED = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
+ENDED = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
 """States of an action that has ended."""
 _VELOCITY = full_name(Twist)
 _MAX_ENDS = 50
@@ -328,14 +328,14 @@ class Standstill:
     def _action_reported(self, reports: Feedbacks) -> None:
         """Note whether the action that is observed drives the robot now, or has ended."""
         for report in reports.fbs:
-            if report.state in _ENDED:
+            if report.state in ENDED:
                 self._ends[report.action] = asyncio.get_running_loop().time()
             demand = self._demand
             if demand is None or report.action != demand.type:
                 continue
             if report.state in (kRosExecuting, kRosPause):
                 self._set_standing(demand, may_stand=report.state == kRosPause)
-            elif report.state in _ENDED:
+            elif report.state in ENDED:
                 self._demand = None
 
     def _set_standing(self, demand: _Demand, *, may_stand: bool) -> None:
