@@ -605,3 +605,6 @@ async def test_a_command_is_named_in_english_as_its_button(chassis: SimulatorThr
         await viewer.until(lambda parts: say(parts["control"]["driver"]["name"]) == "Go")
         text = await viewer.until(lambda parts: say(parts["control"]["standstill"]))
         assert text.startswith("Go was accepted, but")
+        await viewer.give("cancel")
+        async with viewer.holds(0.2):
+            await viewer.until(lambda parts: say(parts["control"]["driver"]["name"]) == "the stick")

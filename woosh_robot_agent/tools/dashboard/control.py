@@ -50,7 +50,7 @@ class Outcome(NamedTuple):
     data: Any = None
 
 
-_STICK = Said("stick", "driver.stick")
+_STICK = Said(str(Text("driver.stick")), "driver.stick")
 """Name of the stick as a source of velocities."""
 STOP = "stop"
 """Name of the command that stops the robot, which does not need the control."""
