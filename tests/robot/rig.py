@@ -44,6 +44,7 @@ class Rig:
     Attributes:
         goals: names of the goals that count as accepted.
         refusal: text with which the chassis refuses all further requests; empty to accept them.
+        late: type of the next request that `answer_late` answers; empty to answer all at once.
 
     Args:
         info: the first RobotInfo.
@@ -63,6 +64,8 @@ class Rig:
         self.peer = Peer(info=info, script=self._handle)
         self.goals: list[str] = []
         self.refusal = ""
+        self.late = ""
+        self.unanswered: list[tuple[Wire, Frame]] = []
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[Rig]:
@@ -86,6 +89,11 @@ class Rig:
     async def send(self, message: Any, source: str = "") -> Answer:
         return await self.gate.request(message, sender=Sender(source))
 
+    async def answer_late(self) -> None:
+        """Accept the request of the type `late`."""
+        wire, frame = self.unanswered.pop()
+        await wire.answer(frame, ok=True)
+
     async def push(self, message: Any, body: Any) -> None:
         """Push a message, and wait until it has been delivered."""
         seen: list[Any] = []
@@ -97,5 +105,9 @@ class Rig:
     async def _handle(self, wire: Wire, frame: Frame) -> bool:
         if "sn" not in frame or frame["type"] == "woosh.robot.RobotInfo":
             return False
+        if frame["type"] == self.late:
+            self.late = ""
+            self.unanswered.append((wire, frame))
+            return True
         await wire.answer(frame, ok=not self.refusal, msg=self.refusal)
         return True

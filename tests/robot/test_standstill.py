@@ -11,6 +11,7 @@ import pytest
 
 from tests.link.link_peer import aio, eventually, turns
 from tests.robot.rig import READY, Rig
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import (
@@ -21,7 +22,7 @@ from woosh_robot_agent.pb.ros.action_pb2 import (
     kExecute,
 )
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
-from woosh_robot_agent.pb.util.action_pb2 import kContinue
+from woosh_robot_agent.pb.util.action_pb2 import kContinue, kPause
 from woosh_robot_agent.robot.standstill import likely_causes
 
 LIMIT = 0.3
@@ -277,6 +278,64 @@ async def test_a_stop_ends_the_observation():
         await rig.send(FORWARD)
         await rig.gate.stop(1.0)
         await no_warning(rig)
+
+
+END = (TaskProc(), {**DRIVING, "state": 9})
+STEP_END = (Feedbacks(), {"fbs": [{"action": "woosh.ros.action.StepControl", "state": 1}]})
+
+
+@pytest.mark.parametrize(
+    ("request_", "end"),
+    [
+        (ExecTask(task_id=17), None),
+        (FORWARD, None),
+        (ExecTask(task_id=17), END),
+        (ActionOrder(order=kContinue), END),
+        (STEP, STEP_END),
+    ],
+)
+@aio
+async def test_a_command_that_is_accepted_after_its_end_is_not_reported(
+    request_: Any, end: Any
+) -> None:
+    async with quick().running() as rig:
+        rig.late = full_name(request_)
+        sent = asyncio.ensure_future(rig.send(request_))
+        await eventually(lambda: rig.unanswered)
+        await (rig.push(*end) if end else rig.gate.stop(LIMIT))
+        await rig.answer_late()
+        await sent
+        await no_warning(rig)
+
+
+@pytest.mark.parametrize(
+    ("request_", "end"),
+    [
+        (ExecTask(task_id=17), None),
+        (FORWARD, None),
+        (ActionOrder(order=kContinue), ActionOrder(order=kPause)),
+        (ExecTask(task_id=17), END),
+        (ActionOrder(order=kContinue), (TaskProc(), {**DRIVING, "state": 4})),
+    ],
+)
+@aio
+async def test_a_warning_ends_once_the_robot_may_stand(request_: Any, end: Any) -> None:
+    async with quick().running() as rig:
+        await rig.send(request_)
+        await warned(rig)
+        if isinstance(end, ActionOrder):
+            await rig.send(end)
+        else:
+            await (rig.push(*end) if end else rig.gate.stop(1.0))
+        await no_warning(rig)
+
+
+@aio
+async def test_an_id_can_be_used_again() -> None:
+    async with quick().running() as rig:
+        await rig.push(*END)
+        await rig.send(ExecTask(task_id=17))
+        await warned(rig)
 
 
 def test_what_the_robot_reports_comes_first_and_what_it_rules_out_last():

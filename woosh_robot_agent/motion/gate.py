@@ -177,11 +177,13 @@ class AnsweredCommand(NamedTuple):
         message: the command.
         source: name of the sender.
         answer: the answer, which may be a refusal.
+        requested: loop time at which the command was given to the gate.
     """
 
     message: Message
     source: str
     answer: Answer
+    requested: float
 
 
 class MotionGate:
@@ -248,12 +250,13 @@ class MotionGate:
             LinkError: as in `ChassisClient.request`.
         """
         how = Sending(timeout, tap=tap)
+        requested = asyncio.get_running_loop().time()
         if commands_motion(message):
             answer = await self._request(message, how, sender)
         else:
             answer = await self._chassis.send(message, how)
         for callback in self._answered_callbacks:
-            call_logged(callback, AnsweredCommand(message, sender.name, answer))
+            call_logged(callback, AnsweredCommand(message, sender.name, answer, requested))
         return answer
 
     def announce_stop(self) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from woosh_robot_agent.link import Body, ChassisClient, LinkState
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import TASK_REQUESTS, commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.wheel_owner import is_held_up, is_unfinished
@@ -107,9 +107,13 @@ _DRIVING_ACTIONS = (
     action_pb2.kSecondposQuit,
 )
 """Actions of a task during which the robot should move."""
-_ENDED = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
+ENDED = (kRosSuccess, kRosFailure, kRosCancel, kRosExecuteFailed)
 """States of an action that has ended."""
 _VELOCITY = full_name(Twist)
+_MAX_ENDS = 50
+"""Number of ends of tasks and actions that are remembered."""
+_ANY_TASK = 0
+"""Id of a task whose id is not known."""
 _TASKS = tuple(map(full_name, TASK_REQUESTS))
 
 
@@ -148,7 +152,8 @@ class Standstill:
 
     Commands are the velocities, tasks and driving actions that pass the motion gate. A task or
     action is observed until the robot first moves. While the chassis reports that it waits, is
-    paused, charges or handles goods, the robot may stand.
+    paused, charges or handles goods, the robot may stand. After a stop, a pause, a cancel and the
+    end of the task or action, no movement is expected.
 
     Args:
         chassis: the link; used in its event loop only.
@@ -170,8 +175,12 @@ class Standstill:
         self._log = LogOnce(_LOG)
         self._log_cleared = -math.inf
         """Loop time at which the logged warnings were last forgotten, so that they may repeat."""
+        self._rested = -math.inf
+        """Loop time of the last stop, pause or cancel."""
+        self._ends: RecentDict[int | str, float] = RecentDict(_MAX_ENDS)
+        """Loop times of the last reports of ends: of tasks by id, of actions by type."""
         gate.on_answered(self._answered)
-        gate.on_stop(self._give_up)
+        gate.on_stop(self._rest)
         chassis.on_state(self._link_changed)
         chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
         chassis.subscribe(TaskProc, self._task_changed)
@@ -198,6 +207,8 @@ class Standstill:
         message = command.message
         if not command.answer.ok or not commands_motion(message):
             return
+        if may_move(message) and command.requested <= self._rested:
+            return  # the answer came too late
         if isinstance(message, Twist):
             if may_move(message):
                 self._velocity_accepted(command_name(command))
@@ -206,12 +217,16 @@ class Standstill:
         elif takes_wheels(message) and not _may_stand(message):
             # an order to the running task is observed like the task
             kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
-            demand = self._expect(command_name(command), kind, getattr(message, "task_id", 0))
+            task_id = getattr(message, "task_id", _ANY_TASK)
+            ended = self._ends.get(task_id if kind in _TASKS else kind, -math.inf)
+            if ended >= command.requested:
+                return
+            demand = self._expect(command_name(command), kind, task_id)
             task = self._last_known.value(TaskProc) or TaskProc()
             if isinstance(message, ActionOrder) and is_held_up(task):
                 demand.since = None  # the order changes nothing, so no report may follow
         elif not may_move(message):  # a pause or a cancel
-            self._give_up()
+            self._rest()
 
     def _velocity_accepted(self, name: str) -> None:
         """Expect the robot to move by a stream of velocities."""
@@ -230,6 +245,11 @@ class Standstill:
         self._demand = _Demand(name, kind, task_id, start, since=None, last=now)
         self._start_timer(self._demand)
         return self._demand
+
+    def _rest(self) -> None:
+        """Expect no movement because of the commands given so far, and end their warning."""
+        self._rested = asyncio.get_running_loop().time()
+        self._demand = None
 
     def _give_up(self) -> None:
         """Stop expecting movement; a warning that was given remains until the robot moves."""
@@ -288,6 +308,9 @@ class Standstill:
 
     def _task_changed(self, report: TaskProc) -> None:
         """Note whether the task that is observed drives the robot now, or has ended."""
+        if not is_unfinished(report):
+            now = asyncio.get_running_loop().time()
+            self._ends[report.robot_task_id] = self._ends[_ANY_TASK] = now
         demand = self._demand
         if demand is None or demand.type not in _TASKS:
             return
@@ -295,8 +318,8 @@ class Standstill:
         if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
             return
         if not is_unfinished(report):
-            if demand.begun:  # otherwise an earlier task has ended
-                self._demand = None
+            if demand.begun or (demand.task_id and report.robot_task_id):
+                self._demand = None  # otherwise an earlier task has ended
             return
         demand.begun = True
         self._set_standing(
@@ -309,18 +332,20 @@ class Standstill:
     def _action_reported(self, reports: Feedbacks) -> None:
         """Note whether the action that is observed drives the robot now, or has ended."""
         for report in reports.fbs:
+            if report.state in ENDED:
+                self._ends[report.action] = asyncio.get_running_loop().time()
             demand = self._demand
             if demand is None or report.action != demand.type:
                 continue
             if report.state in (kRosExecuting, kRosPause):
                 self._set_standing(demand, may_stand=report.state == kRosPause)
-            elif report.state in _ENDED:
+            elif report.state in ENDED:
                 self._demand = None
 
     def _set_standing(self, demand: _Demand, *, may_stand: bool) -> None:
-        """Stop expecting movement while the robot may stand; expect it again afterwards."""
+        """Expect no movement, and end the warning, while the robot may stand."""
         if may_stand:
-            demand.since = None
+            demand.since, demand.warned = None, False
         elif demand.since is None:
             self._start_timer(demand)
 

@@ -733,6 +733,21 @@ def test_codes_are_filtered_and_plots_have_the_history(
     eventually(lambda: "93 %" in browser.text("#plots"), "the battery")
 
 
+def test_the_trend_of_the_battery_begins_when_charging_last_changed(browser: Browser) -> None:
+    def facts(was_charged: str) -> str:
+        """Show the state after an hour in which the battery was charged, and then used."""
+        browser.script(f"""connection.command = async () => ({{ok: true, data: {{samples:
+          [[1700, 20, true], [400, 99, {was_charged}], [0, 93, {was_charged}]].map(
+            ([age, power, charging]) => [Date.now() / 1000 - age, 0, power, 5, charging])}}}})""")
+        browser.show("go")
+        browser.show("state")
+        return browser.text("#facts")
+
+    browser.show("state")
+    eventually(lambda: "-54 % per hour" in facts("false"), "the trend")
+    eventually(lambda: "per hour" not in facts("true"), "no trend")
+
+
 def test_the_language_changes_everywhere(browser: Browser) -> None:
     assert browser.text("#tab-go") == "Go"
     assert browser.element("#language").accessible_name == "中文"

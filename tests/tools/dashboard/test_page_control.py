@@ -595,3 +595,16 @@ async def test_a_robot_that_stops_obeying_ends_the_press(
             assert all(each == Twist() for each in sent)
         if fault != "lose_answer":  # the lost answer is awaited until its timeout
             await hold(viewer, lambda: is_driving(chassis))
+
+
+@aio
+async def test_a_command_is_named_in_english_as_its_button(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        chassis.inject("key_switch", requests="accepted")
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: say(parts["control"]["driver"]["name"]) == "Go")
+        text = await viewer.until(lambda parts: say(parts["control"]["standstill"]))
+        assert text.startswith("Go was accepted, but")
+        await viewer.give("cancel")
+        async with viewer.holds(0.2):
+            await viewer.until(lambda parts: say(parts["control"]["driver"]["name"]) == "the stick")

@@ -11,6 +11,7 @@ import pytest
 
 from tests.tools.dashboard.pages import controlled, dashboard, fetch, last, page, place
 from tests.tools.waiting import aio, eventually
+from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
@@ -22,6 +23,10 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SwitchMap,
     Twist,
 )
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, Scene
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_tokens
@@ -61,6 +66,38 @@ async def test_the_path_of_a_task_that_runs_already_is_known(chassis: SimulatorT
 
 
 @aio
+async def test_no_path_is_shown_but_that_of_a_task_or_navigation_on_this_map(
+    chassis: SimulatorThread,
+) -> None:
+    async with (
+        controlled(chassis) as viewer,
+        ChassisClient(config=LinkConfig("127.0.0.1", chassis.port)) as client,
+    ):
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: parts["path"])
+        chassis.refuse(full_name(NavPath), "not now")
+        chassis.push(Scene(scene_name="scenex", map_name="scenex2"))
+        await viewer.until(lambda parts: parts["robot"]["task"]["running"] and not parts["path"])
+        chassis.clear_faults()
+        await viewer.until(lambda parts: parts["path"])
+        chassis.stop_listening()
+        await viewer.until(lambda parts: not parts["link"]["good"])
+        assert viewer.parts["path"]
+        chassis.call(lambda simulator: simulator.chassis.tasks.cancel("a restart"))
+        chassis.listen()
+        await viewer.until(lambda parts: parts["link"]["good"] and not parts["path"])
+        await eventually(lambda: client.state is LinkState.READY)
+        pose = Pose2D(x=1.0, y=-6.0)
+        await client.request(CallAction(move_base=MoveBase(action=kExecute, target_pose=pose)))
+        await viewer.until(lambda parts: parts["path"])
+        chassis.stop_listening()
+        await viewer.until(lambda parts: not parts["link"]["good"])
+        chassis.call(lambda simulator: simulator.chassis.ownership.end_driving("a restart"))
+        chassis.listen()
+        await viewer.until(lambda parts: parts["link"]["good"] and not parts["path"])
+
+
+@aio
 async def test_a_robot_that_was_never_connected_is_not_lost(chassis: SimulatorThread) -> None:
     chassis.stop_listening()
     async with dashboard(chassis) as running, page(running) as viewer:
@@ -77,9 +114,9 @@ async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) ->
             found = viewer.data[max(viewer.data)]
             assert len(found["samples"]) > 1
             newest = await viewer.until(lambda parts: parts["sample"][2] and parts["sample"])
-            moment, speed, battery, delay = newest
+            moment, speed, battery, delay, charging = newest
             assert moment >= found["samples"][0][0]
-            assert (speed, battery) == (0.0, 93)
+            assert (speed, battery, charging) == (0.0, 93, False)
             assert delay > 0.0
 
 

@@ -91,12 +91,12 @@ async def test_a_task_whose_end_was_not_seen(chassis: SimulatorThread) -> None:
         await viewer.give("goMark", mark="A2")
         known = await newest(viewer, state="executing")
         chassis.push(TaskProc(robot_task_id=17, state=task.kExecuting))
-        await viewer.until(
-            lambda parts: (
-                next(each for each in parts["tasks"] if each["id"] == known["id"])["state"]
-                == "unseen"
-            )
-        )
+
+        def ended(parts: dict[str, Any]) -> Any:
+            found = (each for each in parts["tasks"] if each["id"] == known["id"])
+            return next((each for each in found if each["state"] == "unseen"), None)
+
+        assert (await viewer.until(ended))["type"] == known["type"] == "pick"
 
 
 @pytest.mark.parametrize(

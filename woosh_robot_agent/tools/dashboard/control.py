@@ -50,7 +50,7 @@ class Outcome(NamedTuple):
     data: Any = None
 
 
-_STICK = Said("stick", "driver.stick")
+_STICK = Said(str(Text("driver.stick")), "driver.stick")
 """Name of the stick as a source of velocities."""
 STOP = "stop"
 """Name of the command that stops the robot, which does not need the control."""
@@ -364,7 +364,8 @@ class Control:
     async def _execute(self, name: str, request: Message) -> Outcome:
         try:
             request = self._robot.requests.address(request)
-            answer = await self._gate.request(request, sender=Sender(Said(name, f"command.{name}")))
+            source = Said(str(_name(name)), f"command.{name}")
+            answer = await self._gate.request(request, sender=Sender(source))
         except LinkError as error:  # if the robot has got the request, its reports will show that
             return Outcome(False, Text("reply.refused", command=_name(name), text=said_by(error)))
         if isinstance(request, ExecTask):
@@ -428,7 +429,7 @@ class Control:
             "maximum": self._limits.max_linear,
             "speedLimit": self.speed_limit,
             "speedRefusal": value_data(self._speed_limiter.refusal),
-            "driver": {"name": driver.name, "detail": value_data(driver.detail)},
+            "driver": {"name": value_data(driver.name), "detail": value_data(driver.detail)},
             "standstill": value_data(self._standstill.warning),
         }
 

@@ -27,6 +27,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     ScannerData,
     TaskProc,
 )
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import State as ActionState
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
@@ -39,6 +40,7 @@ from woosh_robot_agent.robot.readiness import (
     objections,
     pose_problem,
 )
+from woosh_robot_agent.robot.standstill import ENDED
 from woosh_robot_agent.robot.status_codes import meaning
 from woosh_robot_agent.tools.dashboard.texts import value_data
 from woosh_robot_agent.tools.robot_view import RobotView, code_key
@@ -201,7 +203,14 @@ def outline_data(info: RobotInfo) -> list[list[float]]:
 def path_data(view: RobotView) -> list[list[float]]:
     """Return the points of the path that the robot follows, in metres."""
     nav_path = view.values.value(NavPath)
-    return points_data(nav_path.path.poses if nav_path is not None else [])
+    return points_data(nav_path.path.poses if nav_path is not None and may_navigate(view) else [])
+
+
+def may_navigate(view: RobotView) -> bool:
+    """Return True while a task, or a navigation without a task, runs or is paused."""
+    navigation = view.actions.get(MoveBase.DESCRIPTOR.name)
+    navigates = navigation is not None and navigation.state not in ENDED
+    return navigates or is_unfinished(view.info.task_proc)
 
 
 def task_state(report: TaskProc) -> str:

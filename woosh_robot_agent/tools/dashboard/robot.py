@@ -23,11 +23,10 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
-from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData, Scene
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotInfo, RobotState, ScannerData, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, objections
+from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, is_charging, objections
 from woosh_robot_agent.sentences import Said, Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import Args, CommandError, set_pose
@@ -126,11 +125,13 @@ class Robot:
         """Times of the status codes on this computer's clock, as Unix time in ms, by `code_key`."""
         self._fastest = 0.0
         """Greatest speed since the last sample, in m/s."""
+        self._path_origin: tuple[Any, ...] = ()
+        """Link and map on which the last path was received, as in `_origin`."""
         for name, source in (
             ("pose", lambda: part_data.pose_data(self.view.info)),
             ("robot", lambda: part_data.robot_data(self.view)),
             ("outline", lambda: part_data.outline_data(self.view.info)),
-            ("path", lambda: part_data.path_data(self.view)),
+            ("path", self._path_data),
             ("codes", self._codes_data),
             ("map", lambda: self.map.data(*self._map_use)),
             ("scenes", self.map.scenes_data),
@@ -170,6 +171,12 @@ class Robot:
         return self.view.info.scene, self.view.info.state == robot.kMapping
 
     @property
+    def _origin(self) -> tuple[Any, ...]:
+        """Number of the link, scene and map: a path from another one is not valid any more."""
+        scene = self.view.info.scene
+        return self.chassis.stats.connects, scene.scene_name, scene.map_name
+
+    @property
     def history(self) -> dict[str, Any]:
         """Answer to the command `history`: the samples of the last half hour, as in `_sample`."""
         return {"period": SAMPLE_PERIOD, "samples": list(self._samples)}
@@ -202,6 +209,10 @@ class Robot:
 
     def _received(self, message: Message) -> None:
         self.view.update(message)
+        if isinstance(message, NavPath):
+            self._path_origin = self._origin
+        elif isinstance(message, RobotInfo):  # of a new link; actions may have ended without one
+            self.view.actions.clear()
         self._note_code_times()
         twist = self.view.info.pose_speed.twist
         if math.isfinite(twist.linear):
@@ -241,28 +252,29 @@ class Robot:
             await asyncio.sleep(SAMPLE_PERIOD)
 
     def _sample(self) -> list[Any]:
-        """Return Unix time in seconds, speed in m/s, battery in percent, and delay in ms.
+        """Return Unix time in s, speed in m/s, battery in percent, delay in ms, and if it charges.
 
         The speed is the greatest one since the last sample; a sample with a speed resets it.
         """
         info, stats = self.view.info, self.chassis.stats
         moment = part_data.now() // 1000
         if self.chassis.state is not LinkState.READY or not self.view.has_robot_info:
-            return [moment, None, None, None]
+            return [moment, None, None, None, None]
         speed, self._fastest = round(self._fastest, 3), 0.0
-        battery = info.battery.power if info.HasField("battery") else None
+        has_battery = info.HasField("battery")
+        battery = info.battery.power if has_battery else None
+        charging = is_charging(info.battery) if has_battery else None
         delay = None if stats.round_trip is None else round(stats.round_trip * 1000.0, 1)
-        return [moment, speed, battery, delay]
+        return [moment, speed, battery, delay, charging]
 
     async def _update_map_and_path(self) -> None:
         asking: asyncio.Task[None] | None = None
         while True:
             # a robot whose link is lost later is shown with its map
             await self._shared.wait_watched()
-            info = self.view.info
             self.map.update(*self._map_use)
             # robots push the path only when it changes, which may have been before the connection
-            unknown = is_unfinished(info.task_proc) and self.view.values.value(NavPath) is None
+            unknown = part_data.may_navigate(self.view) and self._path_origin != self._origin
             if self.parts.watched and unknown and (asking is None or asking.done()):
                 asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
@@ -321,6 +333,9 @@ class Robot:
         except LinkError:
             return None
         return answer.body if answer.ok and isinstance(answer.body, cls) else None
+
+    def _path_data(self) -> list[list[float]]:
+        return part_data.path_data(self.view) if self._path_origin == self._origin else []
 
     def _codes_data(self) -> list[dict[str, Any]]:
         return part_data.codes_data(self.view, self._code_times)

@@ -124,7 +124,8 @@ class TaskLog:
             self._update(report, part_data.now())
         for task_id, each in self._tasks.items():
             if task_id != report.robot_task_id and each.runs:  # a robot has one task at a time
-                each.report = TaskProc(robot_task_id=task_id, dest=each.report.dest)
+                known = each.report
+                each.report = TaskProc(robot_task_id=task_id, type=known.type, dest=known.dest)
                 each.changed = part_data.now()
         self._robot.parts.changed()
 

@@ -78,7 +78,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {number} maximum of the stick without a speed limit, in m/s
  * @property {number | null} speedLimit in m/s
  * @property {import("./texts.js").Value} speedRefusal why the robot has not taken the limit; may be empty
- * @property {{name: string, detail: import("./texts.js").Value}} driver what drives the robot
+ * @property {{name: import("./texts.js").Value, detail: import("./texts.js").Value}} driver what drives the robot
  * @property {import("./texts.js").Value} standstill why it stands despite a command; empty otherwise
  */
 /**
@@ -194,7 +194,7 @@ const OF_ROBOT = {
   control: state(/** @type {Control | null} */ (null)),
   tasks: state(/** @type {Task[]} */ ([])),
   details: state(/** @type {Record<string, any> | null} */ (null)),
-  sample: state(/** @type {number[] | null} */ (null)),
+  sample: state(/** @type {(number | boolean | null)[] | null} */ (null)),
 };
 export const { link, robot, pose, outline, path, codes, map, scenes, control, tasks, details } =
   OF_ROBOT;

@@ -9,8 +9,8 @@ import { alarmText, degrees, LEVEL_CLASSES, objectionText, placeText, speedText 
 import { Plot } from "./plot.js";
 import { notices, otherProblems, wrongCount } from "./stage.js";
 
-/** @typedef {[number, number | null, number | null, number | null]} Sample  Unix time in s, speed in
- *   m/s, battery in percent, delay in ms */
+/** @typedef {[number, number | null, number | null, number | null, boolean | null]} Sample  Unix time in s, speed in
+ *   m/s, battery in percent, delay in ms, true while the battery is charged */
 
 const MAX_SAMPLES = 900; // as many as the dashboard keeps
 const GAP = 10; // seconds between two samples beyond which samples are missing
@@ -65,7 +65,7 @@ function Summary({ robot }) {
       </dd>
       <dt>${t("robot.driver")}</dt>
       <dd>
-        ${driver && tOr(`driver.${driver.name}`, tOr(`command.${driver.name}`, driver.name))}
+        ${driver && driverText(driver.name)}
         ${driver?.detail && html`<small>${say(driver.detail)}</small>`}
       </dd>
       <dt>${t("robot.battery")}</dt>
@@ -90,6 +90,11 @@ function Summary({ robot }) {
   </section>`;
 }
 
+/** @param {import("../texts.js").Value} name */
+function driverText(name) {
+  return typeof name === "string" ? tOr(`driver.${name}`, name) : say(name);
+}
+
 /** @param {{robot: store.Robot}} props */
 function NewTask({ robot }) {
   const old = store.outdated.value;
@@ -111,7 +116,7 @@ function NewTask({ robot }) {
 /** @param {{battery: store.Battery | null}} props */
 function BatteryLine({ battery }) {
   if (!battery) return "–";
-  const trend = batteryTrend();
+  const trend = batteryTrend(battery.charging);
   const parts = [
     `${battery.power} %`,
     battery.charging && t("battery.charging"),
@@ -122,10 +127,14 @@ function BatteryLine({ battery }) {
   return parts.filter(Boolean).join(" · ");
 }
 
-/** Return by how many percent the battery changes in an hour; null if unknown. */
-function batteryTrend() {
+/**
+ * Return by how many percent the battery changes in an hour; null if unknown.
+ * @param {boolean} charging
+ */
+function batteryTrend(charging) {
   const known = samples.value.filter(([, , power]) => power !== null);
-  const [first, last] = [known[0], known.at(-1)];
+  const begin = known.findLastIndex((each) => each[4] !== charging) + 1;
+  const [first, last] = [known[begin], known.at(-1)];
   if (!first || !last || last[0] - first[0] < TREND_TIME) return null;
   const change = Number(last[2]) - Number(first[2]);
   return Math.round((change * 3600) / (last[0] - first[0]));
