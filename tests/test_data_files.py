@@ -45,6 +45,7 @@ class Box:
     kind: Literal["flat", "deep"] = "flat"
     is_open: bool = False
     parts: Annotated[tuple[Part, ...], Between(0, 2)] = ()
+    rows: tuple[tuple[float, ...], ...] = ()
     prices: Mapping[str, float] | None = None
     notes: Any = None
 
@@ -129,3 +130,10 @@ def test_files_that_cannot_be_read(text: str, said: str) -> None:
     with pytest.raises(DataFileError) as caught:
         load_yaml("box.yaml", text.encode())
     assert str(caught.value).startswith(said)
+
+
+def test_aliases_do_not_expand_a_file_without_limit() -> None:
+    row = ", ".join(["0"] * 1000)
+    with pytest.raises(DataFileError, match="more than 200000 values; use fewer aliases"):
+        box(f"rows: [&row [{row}]{', *row' * 1000}]")
+    assert len(box(f"rows: [&row [{row}]{', *row' * 100}]").rows) == 101

@@ -34,6 +34,10 @@ _MAX_BYTES = 256 * 1024
 _MAX_DEPTH = 20
 """Maximum nesting depth."""
 
+_MAX_VALUES = 200_000
+"""Maximum number of values that `structure` reads. Aliases in YAML count each time: a few lists of
+them could expand to any number."""
+
 
 class DataFileError(ValueError):
     """A file cannot be used. The text names file, place, problem and remedy."""
@@ -149,9 +153,14 @@ class _Reader:
 
     def __init__(self, known_only: bool) -> None:
         self._known_only = known_only
+        self._count = 0
+        """Number of values read so far."""
 
     def read(self, kind: Any, value: Any, where: str) -> Any:
         """Return plain data as an object of the type `kind`."""
+        self._count += 1
+        if self._count > _MAX_VALUES:
+            raise DataFileError(f"{where}: more than {_MAX_VALUES} values; use fewer aliases (*)")
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is Annotated:
             found = self.read(arguments[0], value, where)

@@ -346,7 +346,8 @@ class Settings:
     )
     result_timeout: int = parameter_field(
         60,
-        "Time that the result of an ended goal stays available to clients, in seconds.",
+        "Time that the result of an ended goal stays available to clients, in seconds. Of each "
+        "action, only the last 100 results are kept.",
         1,
         86400,
         read_only=True,

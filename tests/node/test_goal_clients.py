@@ -9,6 +9,7 @@ import pytest
 
 from tests.harness import TIMEOUT, Client, Logs, RunningAgent, wait_future, wait_until
 from tests.node.goals import CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
+from woosh_robot_agent.ros.actions import server
 from woosh_robot_agent.ros.actions.run import STOPPING
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import Mode
@@ -32,6 +33,17 @@ def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> No
     assert ask_again() == SUCCEEDED
     wait_until(lambda: ask_again() == 0, "the result to expire")
     assert step(client, 0.2).result()[0] == SUCCEEDED
+
+
+def test_only_the_last_results_are_kept(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each status message lists all goals that are kept, so a flood of goals would take longer."""
+    monkeypatch.setattr(server, "_MAX_RESULTS", 1)
+    first = step(client, 0.2)
+    assert first.result()[0] == SUCCEEDED
+    second = step(client, 0.2)
+    assert second.result()[0] == SUCCEEDED
+    assert wait_future(first.ask_result()).status == 0
+    assert wait_future(second.ask_result()).status == SUCCEEDED
 
 
 def test_other_clients_are_served_after_one_vanishes(

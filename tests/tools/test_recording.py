@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk
 from mcap.writer import Writer
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
@@ -115,6 +118,23 @@ def test_a_damaged_file_is_read_up_to_the_damage(tmp_path):
     found = read_recording(path)
     assert "is damaged" in found.damage
     assert numbers(found) == list(range(50))
+
+
+@pytest.mark.parametrize("declared", [100, 2**40])
+def test_a_chunk_that_expands_without_limit_is_damage(tmp_path, declared):
+    path = tmp_path / "a.mcap"
+    file, _ = writer(path)
+    file.add_frame(1, "client", numbered(0), text=True)
+    file.flush()
+    compressed = zstandard.ZstdCompressor().compressobj(size=2**40)
+    data = compressed.compress(bytes(MIB)) + compressed.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK)
+    chunk = RecordBuilder()
+    Chunk("zstd", data, 0, 0, 0, declared).write(chunk)
+    path.write_bytes(path.read_bytes() + chunk.end())
+    found = read_recording(path)
+    assert f"a chunk of {2**40} bytes is more than" in found.damage
+    assert numbers(found) == [0]
+    file.close()
 
 
 def test_the_size_limit_ends_the_recording(tmp_path):

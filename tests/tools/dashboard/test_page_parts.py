@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 import struct
 import time
 from typing import Any
 
+import pytest
 from PIL import Image
 
 from tests.quick_chassis import quick_config
@@ -20,7 +22,8 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, ScannerData
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard.part_data import scan_frame
+from woosh_robot_agent.tools.dashboard.part_data import lanes_data, scan_frame, zones_data
+from woosh_robot_agent.tools.dashboard.parts import Parts
 
 
 @aio
@@ -305,3 +308,41 @@ async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
         await quick.until(lambda parts: parts["pose"]["x"] == 2.5)
         slow.socket.transport.resume_reading()
         await slow.until(lambda parts: parts["pose"]["x"] == 2.5)
+
+
+@aio
+async def test_a_part_that_has_not_changed_is_not_encoded_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A map can have thousands of marks and points, and parts change ten times a second."""
+    encoded = []
+    dumps = json.dumps
+    monkeypatch.setattr(
+        json, "dumps", lambda *args, **kw: encoded.append(args) or dumps(*args, **kw)
+    )
+    parts, told = Parts(), []
+    area = {"marks": [{"number": "A1", "x": 1.0}]}
+    source = [{"number": 1, **area}]
+    parts.add("map", lambda: source[0])
+    parts.watch(object(), told.append)
+    told.clear()
+    for number in (1, 1, 2, 2):
+        source[0] = {"number": number, **area}
+        parts.publish("map")
+    assert len(encoded) == 2
+    assert told == [{"map"}, {"map"}]
+    assert json.loads(parts.messages["map"])["data"] == source[0]
+
+
+def test_the_points_of_all_zones_and_of_all_lanes_are_limited() -> None:
+    area = SceneData.Map()
+    for _ in range(600):
+        lane = area.path_info.mono_paths.add()
+        zone = area.field_info.crossings.add()
+        for step in range(300):
+            lane.path.add(x=step)
+            zone.nav_filed.vertexs.add(x=step)
+    lanes, zones = lanes_data(area), zones_data(area)
+    assert (len(lanes), len(zones)) == (500, 500)
+    assert 10_000 < sum(map(len, lanes)) <= 20_000
+    assert 10_000 < sum(len(zone["outline"]) for zone in zones) <= 20_000

@@ -30,6 +30,9 @@ _LOG = logging.getLogger(__name__)
 _ACTIVE = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 """States of a goal that has not ended. In both, a client can cancel it: the chassis may have
 refused an earlier cancel."""
+_MAX_RESULTS = 100
+"""Maximum number of ended goals that are kept. Each status message, two for a goal, lists them
+all."""
 
 
 class Goal:
@@ -166,6 +169,8 @@ class GoalServer:
         self._result_timeout = result_timeout
         self._goals: dict[bytes, Goal] = {}
         """Goals that are active or whose results are kept, by the bytes of their ids."""
+        self._ended: dict[bytes, asyncio.TimerHandle] = {}
+        """Timers that forget the goals whose results are kept, the oldest first."""
         self._clock = SenderClock()
         parts = action_type.Impl
         for srv_type, verb, serve in (
@@ -198,11 +203,19 @@ class GoalServer:
         self._publish(self._feedback, message)
 
     def goal_ended(self, goal: Goal) -> None:
-        """Publish the final state of a goal, and forget the goal after `result_timeout`."""
+        """Publish the final state of a goal, and forget the goal after `result_timeout`.
+
+        It is forgotten earlier if too many other goals end meanwhile.
+        """
         self._publish_status()
-        asyncio.get_running_loop().call_later(
-            self._result_timeout, self._goals.pop, _key(goal.info), None
-        )
+        key, loop = _key(goal.info), asyncio.get_running_loop()
+        self._ended[key] = loop.call_later(self._result_timeout, self._forget, key)
+        if len(self._ended) > _MAX_RESULTS:
+            self._forget(next(iter(self._ended)))
+
+    def _forget(self, key: bytes) -> None:
+        self._ended.pop(key).cancel()
+        del self._goals[key]
 
     async def _goal_sent(self, request: Any, reply: Reply, taken: float) -> None:
         response = self.action_type.Impl.SendGoalService.Response()

@@ -53,6 +53,8 @@ _MAX_MARKS = 2000
 """Maximum number of marks on the page."""
 _MAX_ZONES = 500
 """Maximum number of zones, and of lanes, on the page."""
+_MAX_ZONE_POINTS = 20_000
+"""Maximum number of points of all zones, and of all lanes, on the page."""
 _MAX_TYPES = 50
 """Maximum number of task kinds on the page."""
 _MAX_NAME = 60
@@ -218,9 +220,9 @@ def task_state(report: TaskProc) -> str:
     return "held up" if is_held_up(report) else enum_name(task.State, report.state)
 
 
-def points_data(points: Any) -> list[list[float]]:
+def points_data(points: Any, max_points: int = _MAX_POINTS) -> list[list[float]]:
     """Return points for the page, in metres: every nth point if there are too many."""
-    step = math.ceil(len(points) / _MAX_POINTS) or 1
+    step = math.ceil(len(points) / max_points) or 1
     return [
         [round(each.x, 3), round(each.y, 3)]
         for each in points[::step]
@@ -250,22 +252,30 @@ def marks_data(area: SceneData.Map) -> list[dict[str, Any]]:
 def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
     """Return the zones of a map: kind, corners, and maximum speed in m/s; 0 without a limit."""
     zones = []
-    for field, fields in area.field_info.ListFields():
-        if field.name == "guide_markers":
-            continue
-        for each in fields:
-            outline = points_data(each.nav_filed.vertexs)
-            if len(outline) > 2:
-                speed = _rounded_or_zero(each.nav_filed.max_speed)
-                zones.append({"kind": field.name, "outline": outline, "speed": speed})
-    return zones[:_MAX_ZONES]
+    found = [
+        (field.name, each)
+        for field, fields in area.field_info.ListFields()
+        if field.name != "guide_markers"
+        for each in fields
+    ][:_MAX_ZONES]
+    for kind, each in found:
+        outline = points_data(each.nav_filed.vertexs, _points_each(found))
+        if len(outline) > 2:
+            speed = _rounded_or_zero(each.nav_filed.max_speed)
+            zones.append({"kind": kind, "outline": outline, "speed": speed})
+    return zones
 
 
 def lanes_data(area: SceneData.Map) -> list[list[list[float]]]:
     """Return the paths on which robots should drive, as points in metres."""
-    paths: list[Any] = [*area.path_info.mono_paths, *area.path_info.bidirect_paths]
-    lanes = (points_data(each.path) for each in paths[:_MAX_ZONES])
+    paths: list[Any] = [*area.path_info.mono_paths, *area.path_info.bidirect_paths][:_MAX_ZONES]
+    lanes = (points_data(each.path, _points_each(paths)) for each in paths)
     return [each for each in lanes if len(each) > 1]
+
+
+def _points_each(found: list[Any]) -> int:
+    """Return how many points each of these zones or lanes may have on the page."""
+    return min(_MAX_POINTS, _MAX_ZONE_POINTS // len(found))
 
 
 def task_types_data(scene: SceneData) -> list[dict[str, Any]]:

@@ -25,6 +25,8 @@ class Parts:
         self.messages: dict[str, str | bytes] = {}
         self._sources: dict[str, Callable[[], Any]] = {}
         """Functions that return the data of the parts, by name."""
+        self._data: dict[str, Any] = {}
+        """Data of the last message of each part, by name."""
         self._on_change: list[str] = []
         self._each_second: list[str] = []
         self._viewers: dict[object, Callable[[Set[str]], None]] = {}
@@ -45,7 +47,7 @@ class Parts:
 
         Args:
             name: name of the part.
-            source: returns the data of the part.
+            source: returns the data of the part, which must not change afterwards.
             on_change: rebuild the part after each call of `changed`.
             each_second: rebuild the part every second, for data that changes without a call of
                 `changed`.
@@ -70,10 +72,12 @@ class Parts:
         """Rebuild the messages of parts, and tell the viewers which parts have changed."""
         changed = set()
         for name in names:
-            content = {"part": name, "data": self._sources[name]()}
-            message = json.dumps(content, separators=(",", ":"))
-            if self.messages.get(name) != message:
-                self.messages[name] = message
+            data = self._sources[name]()
+            # the JSON of a large map takes long; its data are compared by identity
+            if name not in self.messages or self._data[name] != data:
+                content = {"part": name, "data": data}
+                self.messages[name] = json.dumps(content, separators=(",", ":"))
+                self._data[name] = data
                 changed.add(name)
         self._tell(changed)
 

@@ -11,8 +11,8 @@ from typing import IO, Any
 import zstandard
 from google.protobuf.message import DecodeError
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.records import Channel, Header, Message, Metadata
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.records import Channel, Chunk, Header, Message, Metadata
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from woosh_robot_agent.tools.recording.layout import (
     EVENT_KINDS,
@@ -44,6 +44,8 @@ _DAMAGE = (
     OverflowError,
 )
 """Errors that the library raises for damaged contents."""
+_MAX_CHUNK = 256 * 1024 * 1024
+"""Maximum size of a decompressed chunk, in bytes. `record` writes chunks of 1 MiB and one frame."""
 
 
 class _Stream:
@@ -84,7 +86,7 @@ class _Part:
             raise RecordingError(f"cannot read {self.path}: {error.strerror}") from None
         with opened as file:
             try:
-                self._read(StreamReader(_Stream(file), validate_crcs=True).records)  # type: ignore[arg-type]
+                self._read(_records(file))
             except InvalidMagic:
                 raise RecordingError(
                     f"{self.path} is not a recording: it is no MCAP file; replay a file in the "
@@ -111,6 +113,21 @@ class _Part:
             elif isinstance(record, Message) and record.channel_id in classes:
                 message = classes[record.channel_id].FromString(record.data)
                 self.messages.append((record.log_time, message))
+
+
+def _records(file: IO[bytes]) -> Iterator[Any]:
+    """Yield the records of a file; a chunk that expands to more than `_MAX_CHUNK` is damage."""
+    reader = StreamReader(_Stream(file), emit_chunks=True, validate_crcs=True)  # type: ignore[arg-type]
+    for record in reader.records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        size = record.uncompressed_size
+        if record.compression == "zstd":  # the library trusts the size in the compressed data more
+            size = max(size, zstandard.frame_content_size(record.data))
+        if size > _MAX_CHUNK:
+            raise McapError(f"a chunk of {size} bytes is more than {_MAX_CHUNK}")
+        yield from breakup_chunk(record, validate_crc=True)
 
 
 def read_recording(*paths: Path) -> Recording:
