@@ -216,7 +216,7 @@ function Preview() {
     : pose
       ? [degrees(pose.theta)]
       : [];
-  // the key of the options: another target or kind of task replaces what the viewer has selected
+  // the key resets what the viewer has selected when the target or its kind of task changes
   return html`<div class="now" id="now">
       <b>${to}${pathText && html` <span class="way">${pathText}</span>`}</b>
       <p>${reason ? say(reason) : about.filter(Boolean).join(" · ")}</p>
