@@ -233,7 +233,7 @@ class Answer:
 
     @property
     def reason(self) -> str:
-        """Why the chassis refused the request; of an accepted one, the `defect`."""
+        """Why the chassis refused the request; if it accepted the request, the `defect`."""
         return self.defect if self.ok else self.msg or REFUSED()
 
     @property

@@ -58,7 +58,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
         signals: tells when to stop.
 
     Returns:
-        The exit status: 0, or 1 if the chassis could not start, or the tool found or had an error.
+        The exit status: 0, or 1 if the chassis could not start, or the tool failed or found errors.
     """
     parser = make_parser()
     options = parser.parse_args(arguments)

@@ -73,7 +73,7 @@ class Parts:
         changed = set()
         for name in names:
             data = self._sources[name]()
-            # the JSON of a large map takes long; its data are compared by identity
+            # Encoding a large map takes long, comparing does not: its data are the same object.
             if name not in self.messages or self._data[name] != data:
                 content = {"part": name, "data": data}
                 self.messages[name] = json.dumps(content, separators=(",", ":"))

@@ -172,7 +172,7 @@ class Robot:
 
     @property
     def _origin(self) -> tuple[Any, ...]:
-        """Number of the link, scene and map: a path from another one is not valid any more."""
+        """Number of the link, scene, map. A path that came with other ones is no longer valid."""
         scene = self.view.info.scene
         return self.chassis.stats.connects, scene.scene_name, scene.map_name
 
@@ -211,7 +211,7 @@ class Robot:
         self.view.update(message)
         if isinstance(message, NavPath):
             self._path_origin = self._origin
-        elif isinstance(message, RobotInfo):  # of a new link; actions may have ended without one
+        elif isinstance(message, RobotInfo):  # a new link: actions may have ended unseen
             self.view.actions.clear()
         self._note_code_times()
         twist = self.view.info.pose_speed.twist

@@ -55,7 +55,7 @@ def value_data(value: Value) -> Any:
 
 
 def _without_types(said: Said) -> Said:
-    """Return a text that names no type of a request."""
+    """Return a text with "the request" in place of the name of a request's type."""
     if said.key not in SENTENCES:  # a name, not a sentence with values
         return said
     values: dict[str, str | int] = {}

@@ -45,7 +45,8 @@ _DAMAGE = (
 )
 """Errors that the library raises for damaged contents."""
 _MAX_CHUNK = 256 * 1024 * 1024
-"""Maximum size of a decompressed chunk, in bytes. `record` writes chunks of 1 MiB and one frame."""
+"""Maximum size of a decompressed chunk, in bytes. `record` ends a chunk with the first frame after
+1 MiB."""
 
 
 class _Stream:

@@ -90,7 +90,7 @@ function robotRefusal({ task, objections }, name) {
   }
 }
 
-/** Return that the map which was made is being saved or discarded; null if it is not. */
+/** Return the text that the map is being saved or discarded; null if it is not. */
 export function mappingEnd() {
   if (store.isPending("saveMap")) return text("mapping.saving");
   return store.isPending("discardMap") ? text("mapping.discarding") : null;
