@@ -60,7 +60,7 @@ class Parameter:
             return str(self.default).lower()
         if isinstance(self.default, tuple):
             return json.dumps(self.default)
-        return str(self.initial)
+        return str(self.default)
 
     @property
     def limits(self) -> str:

@@ -148,7 +148,7 @@ class LinkConfig:
             )
         if not self.backoff_min <= self.backoff_max < math.inf:
             raise ValueError(
-                f"backoff_max must be finite and at least backoff_min, {self.backoff_min}, "
+                f"backoff_max must be finite and at least backoff_min ({self.backoff_min}), "
                 f"not {self.backoff_max}"
             )
 

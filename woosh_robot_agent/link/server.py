@@ -137,7 +137,7 @@ class ConnectedClient:
 
     @property
     def unsent(self) -> int:
-        """Queued frames plus bytes in the transport's buffer; 0 once everything has been sent."""
+        """Queued frames plus bytes in the transport's buffer; not a frame that a `Write` sends."""
         return len(self._outbox) + self.transport.backlog()
 
     def send(self, frame: Encoded) -> None:
@@ -159,7 +159,10 @@ class ConnectedClient:
         self._outbox_bytes = 0
 
     async def write(self, running: asyncio.Event | None = None) -> None:
-        """Send queued frames until the connection ends, but nothing while `running` is not set."""
+        """Send queued frames until the connection ends, but nothing while `running` is not set.
+
+        Cancel it when the connection has ended.
+        """
         with contextlib.suppress(TransportClosedError):
             while self._open:
                 await self._not_empty.wait()

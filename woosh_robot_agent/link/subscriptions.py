@@ -136,7 +136,10 @@ class Consumer(NamedTuple):
 
 
 class Subscriptions:
-    """Queues the pushes that were read, and calls their consumers from a separate task.
+    """Delivers pushes to their consumers.
+
+    A push that arrives alone is delivered at once if nothing is queued. Other pushes are queued,
+    and a separate task delivers them.
 
     Args:
         depth: maximum number of queued pushes for each of `EVENT_PUSHES`.

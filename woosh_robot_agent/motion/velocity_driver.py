@@ -76,8 +76,8 @@ class VelocityLimits:
         rate: maximum rate of the velocities that are sent, in Hz.
         timeout: time without a velocity after which the robot is stopped, in seconds.
         override: True to drive even while a goal, a task or an action drives the robot.
-        max_age: maximum age at which a velocity is sent, in seconds; never more than `timeout` and
-            `MotionTiming.max_age`.
+        max_age: maximum age at which a velocity is sent, in seconds; the lowest of this, `timeout`
+            and `MotionTiming.max_age` applies.
     """
 
     max_linear: float

@@ -101,7 +101,7 @@ def grey_image(image_file: bytes) -> Image.Image:
             return grey
     except MapError:
         raise
-    except UnidentifiedImageError:  # its text names the buffer
+    except UnidentifiedImageError:  # its own text names the buffer object, not the defect
         raise MapError(_NO_FORMAT(formats=", ".join(_FORMATS))) from None
     except Exception as error:  # Pillow raises errors of many types for damaged files
         raise MapError(_DAMAGED(error=str(error))) from None

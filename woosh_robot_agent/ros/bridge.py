@@ -55,7 +55,7 @@ class LoopThread:
         return max(selector.longest, selector.longest_before), selector.longest_ever
 
     def stop(self, timeout: float) -> None:
-        """Cancel all tasks, stop the loop and join the thread, within `timeout` seconds."""
+        """Stop the loop, cancel its tasks and join the thread, within `timeout` seconds."""
         self.loop.call_soon_threadsafe(self.loop.stop)
         self._thread.join(timeout)
         if self._thread.is_alive():

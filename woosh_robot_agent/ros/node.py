@@ -213,7 +213,7 @@ class Agent:
         return self.node.settings
 
     def debug(self, timeout: float = _DEBUG_TIMEOUT) -> dict[str, Any]:
-        """Return the state of the agent and the sizes of its queues and counters.
+        """Return the state of the agent, the sizes of its queues, and its counters.
 
         For debugging and for tests: keys may be added at any time. May be called from any thread
         except the link thread.
@@ -225,7 +225,7 @@ class Agent:
             `state`: The state of the link.
             `requests`: Number of requests in flight.
             `outbox`: Number of frames that wait to be sent.
-            `pushes`: Number of pushes that wait to be delivered.
+            `pushes`: Number of pushes and answers that wait to be delivered.
             `counters`: The link's counters, by the names of the attributes of `LinkStats`.
             `goals`: Number of goals that have not ended.
             `running_goals`: Number of goals that the robot may be working on.

@@ -129,7 +129,7 @@ def call_timer(timer: Any) -> Callable[[], Any] | None:
 
 
 def parameter_overrides(node: Any) -> dict[str, Any]:
-    """Return the parameters that were set for a node at its start, declared or not.
+    """Return the parameters that were set for a node at its start, declared or not, by name.
 
     Replaceable by: a public property of `Node`.
     """

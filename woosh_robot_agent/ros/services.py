@@ -243,7 +243,7 @@ class _CommandHandler:
     async def _read_ret(self, convert: Converter, body: Body) -> tuple[Any, str]:
         """Return the field `ret` from an answer and "", or None and why it cannot be read."""
         endpoint = self._endpoint
-        # firmware may label such an answer with the type of the request
+        # some firmware labels the answer with the type of the request
         if endpoint.two_types and body.type == endpoint.request:
             body = body.as_type(endpoint.answer)
         if body.type != endpoint.answer:

@@ -49,7 +49,8 @@ class Topics:
         """Return the publisher and the first message of each topic whose value `info` has."""
         messages = []
         for part in parts_of(info):
-            # StatusCodes has no topic: old codes would look like new ones on robot/StatusCode
+            # General, TaskHistory and StatusCodes have no topic. StatusCodes, the recent codes, are
+            # not published on robot/StatusCode: subscribers would take old codes for new ones.
             if first := self._first.get(full_name(part)):
                 publisher, convert = first
                 messages.append((publisher, serialize(convert.to_ros(part))))

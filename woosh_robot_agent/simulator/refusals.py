@@ -198,8 +198,10 @@ MAPPING_OUTSIDE_DEPLOYMENT = Refusal(
 SAVE_OUTSIDE_DEPLOYMENT = Refusal(
     MAPPING_OUTSIDE_DEPLOYMENT.explanation, code=codes.SAVING_FORBIDDEN
 )
+# `phase` is the value of a `behaviour.mapping.Phase`, e.g. "is being saved".
 MAPPING_RUNS = Refusal("mapping of {map} {phase}: save or cancel it first")
-MAPPING_CHANGES = Refusal("mapping of {map} {phase}: wait for the answer first")
+# while the mapping is being started, saved or cancelled
+MAPPING_CHANGES = Refusal("mapping of {map} {phase}: wait for the answer to BuildMap first")
 UPDATE_UNKNOWN_SCENE = Refusal(
     "unknown scene {scene}: use one of {scenes}", code=codes.UPDATE_PARAMETERS
 )

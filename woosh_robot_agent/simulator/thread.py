@@ -58,7 +58,10 @@ class _Property(Generic[T]):
 
 
 class ThreadInjection:
-    """A fault that was injected into a `SimulatorThread`, with the attributes of an `Injection`."""
+    """A fault that was injected into a `SimulatorThread`, with the attributes of an `Injection`.
+
+    `clear` runs in the simulator's thread; attributes are read directly.
+    """
 
     def __init__(self, injection: Injection, thread: SimulatorThread) -> None:
         self._injection = injection

@@ -78,7 +78,8 @@ _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
         "control parks it",
     ),
 }
-"""Cause and hint if the robot executes a task that this vehicle has not started, by its type."""
+"""Cause and hint if the robot executes a task that this vehicle has not started, by the type of the
+task."""
 
 
 class Execution:
@@ -320,6 +321,8 @@ class Execution:
 
     def execute_commands(self, execute: Callable[[Perform | EndAction], None]) -> None:
         """Execute the commands of the order and of the instant actions until there are no more.
+
+        Then apply the speed limit of the order.
 
         Args:
             execute: executes a command about an action.

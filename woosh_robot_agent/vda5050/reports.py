@@ -238,10 +238,10 @@ class Reports:
             self._state_schedule.call_within(interval)
 
     def announce(self) -> None:
-        """Publish ONLINE, the factsheet and the state."""
+        """Publish ONLINE and the factsheet, and soon the state."""
         self._publish_connection(ConnectionState.ONLINE)
         self.publish_factsheet()
-        self._state_schedule.changed()
+        self.changed()
 
     def publish_factsheet(self) -> None:
         if (factsheet := self._factsheet()) is not None:

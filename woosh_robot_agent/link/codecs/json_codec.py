@@ -245,7 +245,7 @@ def _list_setter(field: Field) -> Setter:
         del items[:]
         if has_floats:
             try:
-                items.extend(values)  # ten times as fast, and scans are long
+                items.extend(values)  # ten times as fast as appending each item; scans are long
                 return
             except BAD_VALUE:  # some items are not numbers
                 del items[:]

@@ -145,7 +145,8 @@ class Actions:
         self.servers: list[GoalServer] = []
         self.timing = GoalTiming()
         self._actions: dict[str, _Action] = {}
-        """All actions for the goals of the agent, by the protobuf full name of their command."""
+        """The actions for goals that the agent itself starts, by the protobuf full name of their
+        command."""
         self._last_reports: RecentDict[int, TaskProc] = RecentDict(_MAX_REPORTS)
         """The last report on each of the latest tasks, by task id."""
         task_ids = unused_task_ids()

@@ -90,12 +90,15 @@ class GiveUp:
     - A deadline, set when the link or the answer to the start request is lost, or when the chassis
       falls silent. There is only one: a later cause replaces an earlier one, except that silence
       replaces nothing.
-    - A number of consecutive polls without a report. Polls do not count while a deadline is set.
-    - A number of consecutive polls that found the goal unknown to the chassis.
-    - A timeout after an accepted cancel. Reports that the goal goes on do not extend it. It does
-      not count while a deadline is set.
+    - A number of consecutive fruitless polls, over at least `link_timeout`: polls that time out, or
+      are answered before the first report on the goal. They do not count while a deadline is set.
+    - A number of consecutive polls that found the goal unknown to the chassis; before the first
+      report, also over at least `first_report_timeout`.
+    - A timeout after an accepted cancel. Reports that the goal goes on do not extend it. It is
+      ignored while a deadline is set.
 
     Args:
+        timing: timeouts and numbers of polls.
         clock: returns the time in seconds.
     """
 
@@ -110,7 +113,7 @@ class GiveUp:
         """True if the deadline was set because the chassis sends nothing at all."""
         self._is_link_lost = False
         self._fruitless_polls = 0
-        """Number of consecutive polls without a report."""
+        """Number of consecutive polls that timed out, or were answered before the first report."""
         self._fruitless_since = 0.0
         """Time of the first of these polls."""
         self._unknown_polls = 0

@@ -124,7 +124,8 @@ class GoalRun:
             on_accepted=self._give_up.cancel_accepted,
         )
         self._is_displaced = False
-        """True if a push after the last report shows that the chassis has left this goal."""
+        """True if a push after the last report shows that the chassis no longer executes this
+        goal."""
         self._next_poll = 0.0
         """Loop time of the next poll."""
         self._starting: asyncio.Task[None] | None = None
@@ -397,7 +398,7 @@ class GoalRun:
         for report in polled.result.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:
-                    # of a task set: the push said only that its last task had ended
+                    # of a task set: a push means the end of one task, a poll the end of the set
                     return End(report.outcome, report.message, Cause.REPORT)
                 self._note_report()
             elif self._attribution.admit_polled(report.message, report.outcome, self.phase):
@@ -405,7 +406,7 @@ class GoalRun:
                 if end is not None:
                     return end
         unknown = polled.result.unknown
-        # the chassis refuses such polls, but a push has shown that it has left this goal
+        # the answer does not tell, but a push has shown that the chassis does not execute this goal
         if unknown is None and self._is_displaced:
             unknown = _DISPLACED
         has_report = self._attribution.has_report

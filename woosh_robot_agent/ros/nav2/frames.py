@@ -27,7 +27,9 @@ _DEPTH = 100
 """Queue size of the subscriptions, as tf2 has it."""
 
 Vector = tuple[float, float, float]
+"""x, y, z."""
 Quaternion = tuple[float, float, float, float]
+"""x, y, z, w."""
 
 
 class Transform(NamedTuple):

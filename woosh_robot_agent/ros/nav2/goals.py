@@ -179,6 +179,7 @@ class Nav2Goal:
         self._older: Nav2Goal | None = None
         """The navigation that this goal replaces when the chassis accepts this goal; or None."""
         self._timer: asyncio.TimerHandle | None = None
+        """Timer of the last `set_timeout`; None before the first."""
 
     @property
     def elapsed(self) -> float:
@@ -382,6 +383,7 @@ class Slot:
         older = [each for each in self._goals if not each.ended.done()]
         self._goals = [*older, goal]
         if older and all(each.navigates for each in self._goals):
+            # the newest of them has already replaced or stopped those before it
             goal.replace(older[-1])
             return
         for each in older:

@@ -73,10 +73,12 @@ def chassis_pose(message: PoseStamped) -> ChassisPose:
 class Progress:
     """The poses, the distance and the time that are left of a navigation.
 
-    The distance is measured along the path that the robot reports. Call the methods often while the
-    robot drives: they compare its present pose with the poses and the path.
+    The distance is measured along the path that the robot reports, or straight from pose to pose
+    without a path to the goal. Call the methods often while the robot drives: they compare its
+    present pose with the poses and the path.
 
     Args:
+        context: the objects that Nav2's actions share.
         stops: the poses to pass; the last one is the goal.
     """
 
@@ -116,7 +118,7 @@ class Progress:
             self._received = self._robot_pose.received
             self._adapt_speed(abs(self._robot_pose.velocity.forward))
         distance = self._distance_along_path(pose)
-        if distance is None:  # the robot has not reported its path
+        if distance is None:  # no path to the goal was reported
             corners = [pose, *self._stops]
             distance = sum(
                 math.hypot(there.x - here.x, there.y - here.y) for here, there in pairwise(corners)

@@ -69,13 +69,18 @@ async def _is_active(is_active: Callable[[], bool], _request: Any, response: Any
 
 
 async def _manage(manager: str, is_active: Callable[[], bool], request: Any, response: Any) -> None:
+    """Answer a request to start or stop nodes. It changes nothing.
+
+    A startup or resume succeeds if the nodes are active; all other commands fail.
+    """
     response.success = request.command in (request.STARTUP, request.RESUME) and is_active()
     if not response.success:
         _LOG.warning(
-            "%s: command %d is not possible: the robot navigates by itself, and is active while "
-            "there is a link to it and it accepts tasks",
+            "%s: command %d is not possible: the robot navigates by itself; startup and resume "
+            "succeed while %s/is_active returns true",
             manager,
             request.command,
+            manager,
         )
 
 

@@ -256,9 +256,9 @@ class Diagnostics(Part):
         await self._subscribers.repeat(lambda: _RATE, self._publish)
 
     async def _publish(self, _now: float) -> None:
-        context = self._context.robot
-        chassis, info = context.chassis, context.last_known.value(RobotInfo)
-        statuses = [link_status(chassis, context.gate.superseded, context.thread.longest_turns)]
+        context, robot = self._context, self._context.robot
+        chassis, info = robot.chassis, robot.last_known.value(RobotInfo)
+        statuses = [link_status(chassis, robot.gate.superseded, robot.thread.longest_turns)]
         hardware_id = ""
         if info is not None:
             hardware_id = str(info.robot_id or info.genral.serial_number)
@@ -267,7 +267,7 @@ class Diagnostics(Part):
                 battery_status(info),
                 hardware_status(info.hardware_state),
                 codes_status(info),
-                motion_status(self._context.watch),
+                motion_status(context.watch),
                 clock_status(chassis.stats.clock_offset),
             ]
             if chassis.state is not LinkState.READY:
@@ -275,8 +275,8 @@ class Diagnostics(Part):
                     status.level = STALE
                     status.texts.insert(0, "no link; last known values")
             statuses += of_robot
-        statuses.append(agents_status(self._context.second_agent_detector))
-        prefix = context.node.get_fully_qualified_name().lstrip("/")
+        statuses.append(agents_status(context.second_agent_detector))
+        prefix = robot.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, hardware_id) for each in statuses])
-        message.header.stamp = self._context.now()
+        message.header.stamp = context.now()
         self._publisher.publish(message)

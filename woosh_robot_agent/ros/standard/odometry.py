@@ -388,14 +388,20 @@ class Odometry:
         self._is_comparable = True
         return possible
 
-    def _speed_left(self, sideways: float) -> float:
-        """Return the speed to the left at a report, from the mean since the previous report."""
-        slows_down = abs(sideways) < abs(self._sideways) and sideways * self._sideways > 0.0
+    def _speed_left(self, mean: float) -> float:
+        """Return the speed to the left at a report.
+
+        Args:
+            mean: mean speed to the left since the previous report, in m/s. `_sideways` is still the
+                mean of the interval before that.
+        """
+        slows_down = abs(mean) < abs(self._sideways) and mean * self._sideways > 0.0
         if not slows_down:
-            return sideways
-        # at a constant deceleration, half of the change is still to come after the mean
-        left = sideways + (sideways - self._sideways) / 2
-        return left if left * sideways > 0.0 else 0.0
+            return mean
+        # A mean is the speed in the middle of its interval. At a constant deceleration, half of the
+        # change from mean to mean follows between the last middle and the report.
+        left = mean + (mean - self._sideways) / 2
+        return left if left * mean > 0.0 else 0.0
 
     def _are_possible(self, forward: float, turn: float, arc: Arc, interval: float) -> bool:
         """Return True if these reported speeds are possible after the robot's last movement."""

@@ -26,7 +26,8 @@ _CONVERTER = converter(ScannerData, ScannerDataProto)
 _SECOND = 1_000_000_000
 """A second, in nanoseconds."""
 _TIMEOUT = 1.0
-"""Time to wait for a scan, in seconds. `poll_timeout` is too long: the next scan would wait."""
+"""Timeout of a request for a scan, in seconds. It replaces the parameter `poll_timeout`, by default
+10 s: after a lost answer, no scan would be requested for that time."""
 
 
 class Scan(Part):

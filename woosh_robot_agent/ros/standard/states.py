@@ -180,12 +180,16 @@ class _ValuePart(Part):
         return self._convert_or_error(body.message())
 
     def _convert_or_error(self, value: Message) -> tuple[Message, Any]:
-        """Return a value, and its serialized ROS message or the ValueError of its conversion."""
+        """Return a value, and its serialized ROS message or the ValueError of its conversion.
+
+        The error is returned, because this may run in another thread, and bad values are counted in
+        the link thread.
+        """
         try:
             message = self._convert(self._context, value)
-            return value, message if isinstance(message, bytes) else serialize(message)
+            return (value, message if isinstance(message, bytes) else serialize(message))
         except ValueError as error:
-            return value, error
+            return (value, error)
 
     def _publish_converted(self, converted: tuple[Message, Any]) -> None:
         value, message = converted

@@ -45,7 +45,7 @@ class Follower:
         """Drive for `dt` seconds."""
         leader = _leader(robot) if self.active else None
         if leader is None:
-            return
+            return  # a base that is not driven slows down
         base = robot.base
         bearing = base.pose.bearing(leader)
         ahead = max(0.0, base.pose.distance(leader) - _LEADER_DISTANCE)

@@ -14,6 +14,7 @@ from woosh_robot_agent.sentences import Said, Sentence, joined, said_by
 from woosh_robot_agent.simulator.serving.server import Server
 
 Value = int | float | str
+"""Value of an argument."""
 
 # Texts with keys, which a page can show in another language.
 _OR = Sentence("said.or", "{one} or {other}")
@@ -24,6 +25,7 @@ _KINDS: dict[type, Said] = {
     float: Sentence("argument.anyNumber", "number")(),
     str: Sentence("argument.anyText", "text")(),
 }
+"""Names of the types of values."""
 _WITHIN = Sentence("argument.within", "{kind} from {low} to {high}")
 _AT_LEAST = Sentence("argument.atLeast", "{kind} of at least {low}")
 _AT_MOST = Sentence("argument.atMost", "{kind} of at most {high}")
@@ -256,7 +258,7 @@ class Injection:
     arguments: dict[str, Any]
     rng: random.Random
     _clear: Callable[[Injection], None]
-    """Ends a fault."""
+    """Function that ends this injection."""
     hits: int = 0
     active: bool = True
 

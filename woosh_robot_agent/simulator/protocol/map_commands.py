@@ -132,7 +132,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
 
 @command(map_pack_pb2.Delete)
 def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
-    """Delete a scene, or one of its maps."""
+    """Delete a scene, or one map of it; of the current scene if none is named."""
     if not request.scene_name and not request.map_name:
         raise RefusedError(refusals.NO_NAME, field="scene_name")
     scene = named_scene(chassis, request.scene_name)

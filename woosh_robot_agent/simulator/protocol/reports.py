@@ -214,7 +214,7 @@ def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
 
 
 def remote_controller(chassis: Chassis) -> device_pb2.RfRemoteController:
-    """Return the keys of the radio remote controller that are held down."""
+    """Return the address of the radio remote controller, and the keys that are held down."""
     return chassis.remote_controller
 
 

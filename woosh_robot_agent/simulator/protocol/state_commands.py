@@ -219,6 +219,7 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
         answer.content = wifi.scan()
         text = answer.content.decode()
         feedback = ros_pack_pb2.Feedback(state=ros_pack_pb2.kRosWiFiJson, msg=text)
+        # the list is also sent as a push
         chassis.emit(ros_pack_pb2.Feedbacks(fbs=[feedback]))
     elif order == pack.RobotWiFi.kAdd:
         wifi.add(request.content, connect=request.is_connect_now)

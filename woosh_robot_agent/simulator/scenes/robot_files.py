@@ -110,13 +110,13 @@ class _Index:
 
 
 def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = None) -> Scene:
-    """Read a scene from its files. The robot starts where it was last.
+    """Read a scene from its files. The robot starts at the first `end_pose` in the index.
 
     Args:
         name: name of the scene.
         files: all files of the scene, by path.
-        old: the scene before a change; None for a new scene. Maps whose pictures have not changed
-            keep their walls.
+        old: the scene before a change; None for a new scene. A map whose pictures have not changed
+            keeps its walls and its grid: read from pictures, it would have a grid only.
 
     Raises:
         DataFileError: a file cannot be used.
@@ -126,10 +126,10 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
     check_unique([each.source for each in entries], "id", [each.id for each in entries])
     scene = Scene(name, [], files={**files})
     scene.action_groups = read_groups(scene.files.pop(ACTION_GROUPS, b""))
-    before = files_of(old).of_maps if old else {}
+    old_files = files_of(old).of_maps if old else {}
     for entry in entries:
         known = old.map(entry.name) if old else None
-        if known and _same_pictures(entry.name, files, before[entry.name]):
+        if known and _same_pictures(entry.name, files, old_files[entry.name]):
             scene.maps.append(_with_marks(entry, files, known))
         else:
             scene.maps.append(_map(entry, files))

@@ -139,12 +139,13 @@ _MAX_ID = 2**32 - 1
 def with_map(scene: Scene, area: Map) -> Scene:
     """Return a scene with an additional map, or with a map that replaces the one of its name.
 
-    A new map gets a free id. A map that replaces another one gets the other's id and floor, and if
-    it has no marks, the other's marks.
+    A new map gets a free id. A map that replaces another one gets the other's id and floor, a
+    version above the other's, and, if it has no storage places (`marks`), all marks of the other.
     """
     old = scene.map(area.name)
     if old is None:
         number = _free_id(each.id for each in scene.maps)
+        # without the index, which does not list the new map; `files_of` creates a new one
         files = {name: data for name, data in scene.files.items() if name != SCENE_INDEX}
         return replace(scene, maps=[*scene.maps, replace(area, id=number)], files=files)
     newer = replace(

@@ -58,7 +58,7 @@ class Role(Enum):
 
 
 class TokenFileError(Exception):
-    """The file of the tokens cannot be used; the text says why, and what to do."""
+    """The file of the tokens cannot be used; the text says why."""
 
 
 def new_tokens() -> dict[Role, str]:

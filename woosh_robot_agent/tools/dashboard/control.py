@@ -199,7 +199,8 @@ class Control:
         """Stop the robot if the stick drives it, and refuse further motion.
 
         Returns:
-            The reason why the robot may still be moving; empty if it was stopped.
+            The reason why the robot may still be moving; empty if it was stopped, or if the stick
+            did not drive it.
         """
         if self._stick_task is not None:
             self._stick_task.cancel()
@@ -293,7 +294,7 @@ class Control:
         self._robot.parts.changed()
 
     def _release_idle(self) -> None:
-        """Take the control from a viewer that has not used it for long."""
+        """Take the control from a viewer that has not used it for `idle_timeout`."""
         now = asyncio.get_running_loop().time()
         if self.owner and now > self._used_at + self._config.idle_timeout:
             self._end_control()

@@ -55,7 +55,7 @@ _CLOCK_PERIOD = 0.1
 _HEARTBEAT = 8.0
 """Silence of a page after which it is pinged, in seconds; it must answer within half this time."""
 _KEEPALIVE_TIMEOUT = 10.0
-"""Time for which a connection is kept for further requests, in seconds."""
+"""Time for which an idle connection is kept open for further requests, in seconds."""
 _CLOSE_TIMEOUT = 1.0
 """Timeout of the closing handshake, in seconds."""
 _TOO_MANY_VIEWERS = "there are too many viewers; reload the page to come back"

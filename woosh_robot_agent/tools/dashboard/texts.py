@@ -44,7 +44,10 @@ class Text:
 
 
 def value_data(value: Value) -> Any:
-    """Return a value for JSON: of a text or a `Said` the key and the values."""
+    """Return a value for JSON: a `Text` or `Said` as its key and values, others unchanged.
+
+    A `Said` also has its English text, which the page shows if it has no translation.
+    """
     if isinstance(value, Text):
         return value.data
     if isinstance(value, Said):

@@ -349,8 +349,8 @@ class HttpAnswer(NamedTuple):
 
     Attributes:
         status: status of the response.
-        server: name that the server gives itself.
-        body: body of the response.
+        server: the Server header; empty without one.
+        body: body of the response; only its beginning if it is longer than `_MAX_BODY`.
         delay: time from request to response, in seconds.
     """
 

@@ -422,7 +422,7 @@ _NOT_LEARNED = {
 
 
 def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
-    """Return the file of a profile.
+    """Return the text of a profile's file.
 
     Args:
         values: the learned values.
@@ -446,14 +446,14 @@ def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
     for section, fields in reference().items():
         lines += ["", f"{section}:"]
         for name, value in fields.items():
-            own = {
+            learned = {  # also keys that the reference lacks
                 path[2]: each
                 for path, each in values.items()
                 if path[:2] == (section, name) and path[2:]
             }
-            if isinstance(value, dict) and (value or own):
+            if isinstance(value, dict) and (value or learned):
                 lines.append(f"  {name}:")
-                merged = {**{key: Learned(each, 0) for key, each in value.items()}, **own}
+                merged = {**{key: Learned(each, 0) for key, each in value.items()}, **learned}
                 lines += [f"    {key}: {_value(each)}" for key, each in merged.items()]
             else:
                 lines.append(f"  {name}: {_value(values.get((section, name), Learned(value, 0)))}")

@@ -234,7 +234,10 @@ class RecordingFiles:
         return self._file is not None and bool(self._file.pending)
 
     def count(self, topic: str) -> int:
-        """Return the number of messages of a topic in the files, without the current chunk."""
+        """Return the number of messages of a topic in the files.
+
+        Those in the chunk that is not written yet are not counted.
+        """
         current = 0 if self._file is None else self._file.written[topic]
         return self._closed_count[topic] + current
 

@@ -86,7 +86,7 @@ class WebSocketParser:
             yield from self._reassemble(frame)
         error = self._protocol.parser_exc
         if error is not None:
-            raise UnreadableError(f"invalid WebSocket frame: {error or type(error).__name__}")
+            raise UnreadableError(f"invalid WebSocket frame: {str(error) or type(error).__name__}")
 
     def _reassemble(self, frame: Any) -> Iterator[ParsedFrame]:
         """Yield the frame that a WebSocket fragment completes, if any."""

@@ -203,7 +203,7 @@ class RecordedAnswers:
         self.unmatched = 0
         self._recorded: dict[_Key, list[Exchange]] = {}
         self._given: dict[_Key, int] = {}
-        """Number of answers given, by request."""
+        """Number of answers given, by key."""
         pending: dict[tuple[int, int], Exchange] = {}
         for record, envelope in decoded:
             if envelope is None or not envelope.sn or not isinstance(record, Frame):

@@ -59,6 +59,7 @@ from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_channel
 
+_LOG = logging.getLogger(__name__)
 _ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
 """Type of the answer by type of the request, for answers that may name the request's type."""
 _MAX_TIMESTAMP = 2**63 // 1_000_000
@@ -299,7 +300,6 @@ _VIEWS: dict[type[Message], Callable[[Any, Timestamp], Iterator[View]]] = {
 }
 
 
-_LOG = logging.getLogger(__name__)
 _GRID = protobuf_channel("/view/map", Grid)
 _COLOURS = ("red", "green", "blue", "alpha")
 """Fields of a cell: with these names, viewers show the colours without configuration."""
@@ -369,7 +369,10 @@ class MapFinder:
                     yield FoundMap(area, is_saved=True, is_current=area is current)
 
     def _current_map(self, data: SceneData) -> SceneData.Map | None:
-        """Return the current map, if it is in the scene; while it is unknown, the only map."""
+        """Return the current map, or the only map while the current one is unknown.
+
+        None if the scene has no such map.
+        """
         current = self._current
         if not current.scene_name:
             return data.maps[0] if len(data.maps) == 1 else None

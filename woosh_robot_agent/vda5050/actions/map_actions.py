@@ -257,7 +257,7 @@ async def _init_position(run: Run) -> None:
     """Initialise the robot at a pose; change the map first if necessary."""
     execution, given = run.execution, run.given
 
-    def is_there() -> bool:
+    def is_initialised() -> bool:
         place = execution.robot.position
         return place is not None and place.initialised and place.map_id == given["mapId"]
 
@@ -265,7 +265,7 @@ async def _init_position(run: Run) -> None:
     await _switch_map(run, given["mapId"])
     await run.request(InitRobot(pose=Pose2D(x=given["x"], y=given["y"], theta=given["theta"])))
     await _read_pose(run)
-    await run.wait(is_there, _TIMEOUT, _NOT_FOUND())
+    await run.wait(is_initialised, _TIMEOUT, _NOT_FOUND())
     if "lastNodeId" in given:
         execution.order.set_last_node(given["lastNodeId"])
 

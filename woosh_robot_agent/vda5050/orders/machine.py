@@ -62,7 +62,7 @@ class OrderMemory:
             ended, and its remaining nodes and edges are removed.
         cancelled: True once the order was cancelled, also after that.
         holds: names of the holds, i.e. of the reasons for which the vehicle must not drive.
-        error: why the order does not go on; None while it goes on.
+        error: why the order can only be cancelled; None while it can go on.
     """
 
     order_id: str = ""

@@ -32,8 +32,8 @@ from woosh_robot_agent.vda5050.orders.legs import Leg
 _SAME_PLACE = 0.01
 """Distance below which two nodes are at the same place, in metres."""
 _MAX_STEP = 1.0
-"""Maximum distance between two of the five reports per second of a vehicle that drives, in metres.
-A larger distance is a jump: the position was corrected, or the vehicle was moved."""
+"""Maximum distance between two successive reports of a driving vehicle, in metres. It sends five
+reports per second. A larger distance is a jump: the position was corrected, or the vehicle was moved."""
 _UNSEEN_DETOUR = math.sqrt(2.0)
 """Estimated length of a way that was driven without a link, per metre between its ends. A way round
 one right-angled corner is at most so long."""
@@ -79,9 +79,11 @@ class Route:
         self._estimated_way = 0.0
         """Estimate of `driven` that allows for detours without a link; never unknown."""
         self._is_unconfirmed = False
-        """True from a loss of the link on a leg until the robot confirms that it drives the leg."""
+        """True from a loss of the link on a leg, or a restart, until the robot confirms that it
+        drives the leg, a leg begins, or `last_node` is set."""
         self._position_at_loss: Position | NodePosition | None = None
-        """Position when `_is_unconfirmed` became True; None if unknown."""
+        """Last known position when `_is_unconfirmed` became True; after a restart, that of the last
+        node. None if unknown."""
 
     # The order
 
@@ -167,16 +169,20 @@ class Route:
             start, step, estimated_step = None, 0.0, 0.0
         leg = self.leg
         if self._is_unconfirmed and leg is not None and confirmed:
+            # the way driven without a link: at least the straight line, perhaps a detour
             gap = _distance(self._position_at_loss, position)
             step = gap if math.isfinite(gap) else 0.0
             estimated_step = step * _UNSEEN_DETOUR
             self._is_unconfirmed = False
-        if position != last or start is None:  # a repeated report is no move
+        # a repeated report keeps the last move, unless the link was lost meanwhile
+        if position != last or start is None:
             self._move_start = start
         self._estimated_way += estimated_step
         self.driven = None if self.driven is None else self.driven + step
         is_on_other_map = last is not None and last.map_id != position.map_id
-        if by_action or (leg is not None and not self._is_unconfirmed) or is_on_other_map:
+        drives_leg = leg is not None and not self._is_unconfirmed
+        # `was_not_moved` cannot compare places on two maps, so a new map counts as driven to
+        if by_action or drives_leg or is_on_other_map:
             self._driven_to = position
         elif position != last:  # pushed by somebody, or its position was corrected
             self.must_check_place = True

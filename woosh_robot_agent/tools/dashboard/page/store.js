@@ -324,7 +324,7 @@ export function receive(name, data) {
     batch(() => {
       if (process && process !== data.process) {
         endLimits();
-        unanswered.value = alarms.value; // the new process may know nothing of them
+        unanswered.value = alarms.value; // keep the alarms: the new process may know nothing of them
         map.value = null; // the new process may use the map's number for another map
       }
       process = data.process;
@@ -332,7 +332,7 @@ export function receive(name, data) {
       lostControl.value = !data.control && (lostControl.value || mayControl.value);
       mayControl.value = data.control;
       const index = data.robots.indexOf(address.value);
-      if (index !== chosen.value) fleet.value = places.value = []; // they have other indices
+      if (index !== chosen.value) fleet.value = places.value = []; // their indices belong to the former list of robots
       robots.value = data.robots;
       if (index < 0) choose(0);
       else chosen.value = index;

@@ -40,7 +40,7 @@ export async function startLanguage() {
     try {
       return await loadLanguage(wanted ?? "en");
     } catch {
-      // without texts, the page would not appear
+      // try again: without texts, the page would not appear
       await new Promise((resolve) => setTimeout(resolve, RETRY_DELAY));
     }
   }

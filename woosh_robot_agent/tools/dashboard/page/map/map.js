@@ -296,7 +296,7 @@ export class MapCanvas {
   measureFrom(pixel) {
     const place = this.view.toWorld(pixel.x, pixel.y);
     const former = store.measured.value;
-    // a press begins a line, the next press ends it
+    // a line that has only begun has length 0; the next press ends it
     const begins = !former || distance(former[0], former[1]) > 0;
     store.measured.value = begins ? [place, place] : [former[0], place];
   }

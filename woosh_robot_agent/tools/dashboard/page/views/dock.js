@@ -227,19 +227,26 @@ function Preview() {
     <//>`;
 }
 
+/** The task that runs or is paused, and the target that the viewer has set meanwhile. */
 function Running() {
-  const entry = store.tasks.value.find((each) => each.running); // of the task, with its destination
   const task = store.robot.value?.task;
+  if (!task) return null;
+  const entry = store.tasks.value.find((each) => each.running); // knows where the task goes
   const target = store.target.value;
-  const refusals = [
-    task?.state === "paused" && refusal("continue"),
+  const [notContinued, notSent] = [
+    task.state === "paused" && refusal("continue"),
     target && refusal(target.command),
   ].map((each) => each && say(each));
-  if (!task) return null;
+  const text = [taskState(task), task.text, notContinued];
+  const more = [
+    limitText(),
+    ...(target ? targetTexts(target) : []),
+    notSent !== notContinued && notSent, // one reason is shown once
+  ];
   return html`<${Now}
       title=${entry ? goalText(entry) : stateText()}
-      text=${[taskState(task), task.text, refusals[0]].filter(Boolean).join(" · ")}
-      more=${[limitText(), ...(target ? targetTexts(target) : []), refusals[1] !== refusals[0] && refusals[1]].filter(Boolean).join(" · ")}
+      text=${text.filter(Boolean).join(" · ")}
+      more=${more.filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
     />
     <${Buttons}>${taskButtons()}<//>`;

@@ -26,7 +26,7 @@ const SAME_CODES = {
 export const wrongCount = computed(
   () => store.alarms.value.size + notices().length + otherProblems().length,
 );
-/** CSS class of the worst of them; empty without one. */
+/** CSS class of the worst entry; empty if there are none. */
 export const wrongTone = computed(() => {
   const isBad = store.alarms.value.size || notices().some(({ tone }) => tone === "bad");
   return isBad ? "bad" : wrongCount.value ? "warn" : "";
