@@ -243,7 +243,7 @@ class Session:
             self._store.save(record)
 
     async def close(self, timeout: float) -> None:
-        """Publish that the vehicle is offline, disconnect from the broker, close the state file.
+        """Publish OFFLINE, disconnect from the broker, and close the state file.
 
         Args:
             timeout: maximum wait for the last messages, in seconds.

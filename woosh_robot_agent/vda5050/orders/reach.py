@@ -33,7 +33,8 @@ _SAME_PLACE = 0.01
 """Distance below which two nodes are at the same place, in metres."""
 _MAX_STEP = 1.0
 """Maximum distance between two successive reports of a driving vehicle, in metres. It sends five
-reports per second. A larger distance is a jump: the position was corrected, or the vehicle was moved."""
+reports per second. A larger distance is a jump: the position was corrected, or somebody moved the
+vehicle."""
 _UNSEEN_DETOUR = math.sqrt(2.0)
 """Estimated length of a way that was driven without a link, per metre between its ends. A way round
 one right-angled corner is at most so long."""
