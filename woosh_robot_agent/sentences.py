@@ -50,9 +50,9 @@ class Sentence:
 
 
 AND = Sentence("said.and", "{one}, {other}")
-"""Two parts of a list."""
+"""Joins two items of a list."""
 THEN = Sentence("said.then", "{one}; {other}")
-"""Two statements."""
+"""Joins two statements."""
 REFUSED = Sentence("refusal.refused", "refused without a reason")
 """Stands for the reason of a refusal that has none."""
 NOT_SENT = Sentence("said.notSent", "not sent: {reason}")

@@ -27,6 +27,7 @@ _FORMATS = {name: code for name, code in ARRAY_CODES.items() if name != "octet"}
 _ARRAY = re.compile(r"(.+)\[(\d+)\]")
 _SEQUENCE = re.compile(r"sequence<(.+?)(?:, (\d+))?>")
 _Write = Callable[[bytearray, Any], None]
+"""Appends a value to a buffer."""
 
 
 def serialize(message: Any) -> bytes:

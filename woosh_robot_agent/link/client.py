@@ -89,7 +89,10 @@ class ChassisClient:
 
     @property
     def since(self) -> float:
-        """Unix time at which the link last became ready or was lost, in seconds."""
+        """Unix time at which the link last became ready or was lost, in seconds.
+
+        Before that, the time at which the client was created.
+        """
         return self._status.since
 
     @property
@@ -206,7 +209,7 @@ class ChassisClient:
 
         Raises:
             NotConnectedError: there is no link; nothing was sent.
-            TooManyRequestsError: nothing was sent.
+            TooManyRequestsError: `max_in_flight` requests are in flight; nothing was sent.
             SupersededError: the request was withdrawn or waited too long; it was not sent.
             RequestTimeoutError: no answer arrived in time.
             ConnectionLostError: the link went down before the answer arrived.

@@ -49,7 +49,7 @@ _READS_NOTHING = Sentence(
     "the chassis has read nothing for {seconds} s; bytes waiting to be sent: {bytes}",
 )
 NAMED_NOT_SENT = Sentence("link.notSent", "{name} was not sent: {reason}")
-"""Reason for which a request was not sent."""
+"""Tells that a request was not sent, and why."""
 _INTERNAL = Sentence("link.internal", "internal error: {error}")
 _TOO_MANY = Sentence(
     "link.tooMany",

@@ -64,9 +64,9 @@ class Envelope:
 
     Attributes:
         type: protobuf full name of the body's message.
-        body: the body, not decoded yet; pass it to `Codec.body`.
-        ok: True if the chassis accepted the request, False if it refused; None if the frame is
-            not an answer.
+        body: the body, not decoded yet (see `Codec.body`); None if only `message` has it.
+        ok: True if the chassis accepted the request, False if it refused it; False without an `sn`
+            is an error that belongs to no request. None if the frame does not tell.
         msg: text of the chassis, in the language of the chassis.
         sn: serial number of the request and its answer, 1..2^31-1; 0 if there is none.
         timestamp: Unix time in ms; None if the frame has none, or an invalid one.

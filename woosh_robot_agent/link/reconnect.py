@@ -97,7 +97,8 @@ class LinkStatus:
 
     Attributes:
         state: current state.
-        since: Unix time at which the link last became ready or was lost, in seconds.
+        since: Unix time at which the link last became ready or was lost, in seconds; before that,
+            the time of creation.
         last_error: error that ended the last attempt or the last link; None if the link is ready,
             or if no attempt has ended since the start.
         address: address of the chassis, for error texts.
@@ -390,7 +391,7 @@ class ReconnectLoop:
                 await asyncio.wait(earlier)
 
     async def _run(self) -> None:
-        """Connect, and reconnect until another task replaces this one."""
+        """Connect, and reconnect while this is the current task."""
         this_task = asyncio.current_task()
         if earlier := self._tasks - {this_task}:  # they are closing their connection
             await asyncio.wait(earlier)
@@ -427,7 +428,7 @@ class ReconnectLoop:
             self._record,
             partial(self._subscriptions.put_push, codec),
         )
-        self.connection = connection  # new subscriptions go to it; requests wait for READY
+        self.connection = connection  # new subscriptions go to it; requests are refused until READY
         try:
             self._robot = await handshake(
                 connection, self._subscriptions, config, self._log, self._robot

@@ -34,7 +34,7 @@ class RecentDict(OrderedDict[K, V]):
 
 @dataclass(slots=True)
 class LinkStats:
-    """Totals since the client was created.
+    """Totals since the client was created, and the last measurements.
 
     Attributes:
         connects: number of times that the link became ready.
@@ -49,7 +49,8 @@ class LinkStats:
         round_trip: round-trip time of the last answered request or ping, in seconds; None before
             the first.
         clock_offset: time by which the chassis's clock is ahead of this computer's, in seconds; too
-            small by the transit time of the last frame. None if the chassis sends no times.
+            small by the transit time of the last frame. None if no frame of the connection has had
+            a time.
     """
 
     connects: int = 0

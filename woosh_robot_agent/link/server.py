@@ -91,7 +91,7 @@ class Listener:
                 abort_transport(connection.transport)
 
     async def close(self) -> None:
-        """Stop listening, and end the connections after at most a second."""
+        """Stop listening, and end HTTP connections and WebSockets after at most a second."""
         self._server.close()
         with contextlib.suppress(TimeoutError):
             if self._http:
@@ -137,7 +137,10 @@ class ConnectedClient:
 
     @property
     def unsent(self) -> int:
-        """Queued frames plus bytes in the transport's buffer; not a frame that a `Write` sends."""
+        """Number of queued frames plus bytes in the transport's buffer.
+
+        A frame that a `Write` is sending does not count.
+        """
         return len(self._outbox) + self.transport.backlog()
 
     def send(self, frame: Encoded) -> None:
@@ -278,7 +281,7 @@ class HttpConnection(asyncio.Protocol):
         """
         self._open_timer.cancel()
         if max_message is not None:
-            # and some more: headers of frames, and the beginning of the next message
+            # CHUNK is room for headers of frames, and for the beginning of the next message
             self._max_unread = max_message + CHUNK
 
     def note_message_read(self) -> None:

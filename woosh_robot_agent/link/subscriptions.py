@@ -259,7 +259,7 @@ class Subscriptions:
             )
 
     def put_snapshot(self, answer: Answer) -> None:
-        """Queue the pushes that were held back, and then the first RobotInfo of a link."""
+        """Queue the pushes that were held back and a new link's RobotInfo, if that is readable."""
         if answer.ok and isinstance(answer.body, RobotInfo):
             self.release()
             self._queue.put(_SNAPSHOT, partial(self._deliver_snapshot, answer))

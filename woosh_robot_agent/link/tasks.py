@@ -91,7 +91,7 @@ def _retrieve_exception(task: asyncio.Future[Any]) -> None:
 LARGE = 64 * 1024
 """Length from which a frame is handled by `aside`, in characters or bytes.
 
-A shorter frame takes some milliseconds at most.
+The conversion of a shorter frame takes some milliseconds at most.
 """
 _SWITCH_INTERVAL = 0.0005
 """Switch interval of Python while the thread for large messages works, in seconds: the time for

@@ -142,7 +142,9 @@ class Connect(_connect):
     """`websockets.connect` that follows no redirects and uses no proxy.
 
     Args:
+        uri: address of the server.
         factory: makes the client's socket object.
+        **options: other options of `websockets.connect`.
     """
 
     def __init__(self, uri: str, *, factory: Any, **options: Any) -> None:
@@ -393,7 +395,7 @@ class _ClientSocket(ClientSocket):
         progress_at: loop time at which a part of an unfinished frame last arrived; 0 before the
             first.
         received: number of bytes received so far, including the bytes of an unfinished frame.
-        take: function that gets these frames; None if `recv` returns all frames.
+        take: function that gets small frames; None if `recv` returns all frames.
         reader_waits: True while `recv` waits.
         queued: number of messages that `recv` will return, an unfinished one included.
     """

@@ -12,9 +12,9 @@
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
    longer drive the robot once the chassis accepts a task or action, or reports the start of one
-   that another client commands. A velocity that is sent after the agent's command of a start drives
-   the robot, and so does one that is unanswered when another client's start is reported, unless the
-   chassis refuses it.
+   that another client commands. A velocity that is sent after the agent's own start request drives
+   the robot, and so does one that is unanswered when the start by another client is reported,
+   unless the chassis refuses it.
 7. If the agent closes the link to use other settings, or only observes the robot from now on, the
    robot gets a zero velocity if it may still be driving at a velocity from this gate.
 8. A command that may have been sent to the agent before the end of a stall of its process or event
@@ -175,7 +175,7 @@ class AnsweredCommand(NamedTuple):
 
     Attributes:
         message: the command.
-        source: name of the sender.
+        source: name of the sender; empty for the agent itself.
         answer: the answer, which may be a refusal.
         requested: loop time at which the command was given to the gate.
     """
@@ -213,7 +213,7 @@ class MotionGate:
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
-        """Monotonic time at which the chassis last accepted a task or an action that drives."""
+        """Monotonic time at which the chassis last accepted a task or driving action of this gate."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -345,7 +345,7 @@ class MotionGate:
 
     @property
     def owner(self) -> str:
-        """Name of the goal, task or action that drives the robot; empty if there is none."""
+        """What drives the robot: "a goal", or else `reported_owner`; empty if nothing does."""
         return _GOAL if self._open_goals() else self._reported_owner.name
 
     @property

@@ -63,9 +63,10 @@ class SpeedLimiter:
         self._on_refused = on_refused
         self._on_change = on_change
         self._limit: float | None = None
-        """Current limit; infinite without a limit, None while there is nothing to limit."""
+        """Current limit, as in `limit`."""
         self._sent = math.inf
-        """Limit that was sent last; infinite before the first, `_UNKNOWN` if it may have ended."""
+        """Limit that was sent last; infinite before the first, `_UNKNOWN` if the robot may not have
+        it."""
         self.refusal = ""
         self._task_id = 0
         """Id of the task that the robot executes."""
@@ -152,16 +153,20 @@ class SpeedLimiter:
         self._start(self._send_limit(self._navigation, self._limit))
 
     async def _send_limit(self, navigation: int, limit: float) -> None:
-        """Send a limit for the navigation that goes on now, which is `_navigation`.
+        """Send a limit.
 
         A refusal counts only if neither the navigation nor the limit has changed meanwhile.
+
+        Args:
+            navigation: current value of `_navigation`.
+            limit: the limit, as in `limit`.
         """
         try:
             answer = await self._gate.request(
                 _limit_request(limit, in_action=navigation == _ACTION)
             )
         except LinkError as error:
-            if not isinstance(error, NotConnectedError):  # the link says so itself
+            if not isinstance(error, NotConnectedError):  # the link logs this itself
                 _LOG.warning("the speed limit was not sent or not answered: %s", error)
             self._sent = _UNKNOWN  # sent again with the next report
             return

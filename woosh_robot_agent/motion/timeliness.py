@@ -74,7 +74,7 @@ class SenderClock:
             taken: monotonic time at which this process took the message from the middleware.
         """
         ahead = time.time() - time.monotonic()  # by which Unix time is ahead of monotonic time
-        # when it was taken, if the receipt is unknown or the clock was set back since then
+        # take the time of taking if the receipt is unknown, or the clock was set back since then
         received = min(received or math.inf, taken + ahead)
         if not source:
             return received - ahead
@@ -206,7 +206,7 @@ class LatestWins(Generic[T]):
         now = asyncio.get_running_loop().time
         moves = may_move(velocity)
         limit = min(max_age, self._timing().max_age)
-        if moves and (age := now() - published) > limit:  # it does not replace a newer one
+        if moves and (age := now() - published) > limit:  # must not replace a newer one
             old = _OLD(age=f"{age:.2f}", limit=f"{limit:g}")
             raise SupersededError(NOT_SENT(reason=old))
         self._newest += 1

@@ -91,7 +91,7 @@ GOAL_CANCEL = "the cancel of a goal"
 
 
 class RefusalLog:
-    """Logs each refusal of a command with its reason, once until such a command succeeds.
+    """Logs each refusal of a command with its reason, once until a command of its name succeeds.
 
     Args:
         chassis: the link.

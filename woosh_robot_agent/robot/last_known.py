@@ -47,7 +47,7 @@ class LastKnown:
         self._values: dict[str, Message] = {}
         """Decoded values; RobotInfo as it was received."""
         self._pushed: dict[str, Message] = {}
-        """Parts of RobotInfo that were pushed after it."""
+        """Parts of RobotInfo that came after it."""
         self._merged: RobotInfo | None = None
         """RobotInfo with the newer parts; None after a change, until somebody asks for it."""
         self._unread: dict[str, Message | Body] = {}
@@ -60,19 +60,19 @@ class LastKnown:
                 chassis.subscribe_raw(message_type(topic.push), self.remember)
 
     def get(self, name: str) -> Message | None:
-        """Return the last value of a type, given by its protobuf full name, or None."""
+        """Return the last value of a type, given by its protobuf full name; None without one."""
         self._apply_unread()
         return self._robot_info() if name == _INFO else self._values.get(name)
 
     def value(self, cls: type[M]) -> M | None:
-        """Return the last value of a message class, or None."""
+        """Return the last value of a message class; None without one."""
         value = self.get(full_name(cls))
         return value if isinstance(value, cls) else None
 
     def remember(self, value: Message | Body) -> None:
         """Store an answer or push of the chassis; `get` decodes it."""
         name = value.type if isinstance(value, Body) else full_name(value)
-        if name == _INFO:  # first apply the unread values: a RobotInfo may lack these parts
+        if name == _INFO:  # a RobotInfo may lack parts that are still unread
             self._apply_unread()
         self._unread.pop(name, None)  # the new value goes to the end
         self._unread[name] = value

@@ -208,7 +208,7 @@ def is_charging(battery: Battery) -> bool:
 
 
 def is_located(info: RobotInfo) -> bool | None:
-    """Return True if the robot knows its position, False if not; None if it does not report either.
+    """Return True if the robot knows its position, False if not; None if its reports do not tell.
 
     A robot that builds a map may report that it does not know its position. Then this is None, too,
     because there is no map yet in which the robot could be lost.

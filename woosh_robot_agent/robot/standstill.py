@@ -208,7 +208,7 @@ class Standstill:
         if not command.answer.ok or not commands_motion(message):
             return
         if may_move(message) and command.requested <= self._rested:
-            return  # the answer came too late
+            return  # a stop, pause or cancel came after the request
         if isinstance(message, Twist):
             if may_move(message):
                 self._velocity_accepted(command_name(command))

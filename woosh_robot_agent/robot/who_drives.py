@@ -63,7 +63,7 @@ class VelocitySources:
         gate: the gate.
 
     Attributes:
-        last: source of the last velocity, zero included; empty before the first.
+        last: source of the last accepted velocity, zero included; empty before the first.
         last_time: monotonic time of that velocity.
         overlap: time after which a silent source no longer drives, in seconds; by default
             `OVERLAP`.
@@ -268,7 +268,7 @@ class WhoDrives:
         self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
         """Sources of the task sets that the agent started, by id."""
         self._follow_source = ""
-        """Source of the last request to follow somebody."""
+        """Source of the request to follow somebody; empty without one, and after its end."""
         self._task = TaskProc()
         """First report on the current task."""
         self._began_unseen = False
@@ -285,7 +285,7 @@ class WhoDrives:
         info = self._last_known.value(RobotInfo)
         if info is None:
             return Driver(UNKNOWN, _NO_REPORT)
-        # the gate knows whether a task or an action has taken over since
+        # the gate knows whether a task or an action has replaced the velocities
         if self._gate.driving and self._velocities.are_driving(time.monotonic()):
             return Driver(self._velocities.last)
         if is_unfinished(info.task_proc):

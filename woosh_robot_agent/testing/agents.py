@@ -38,9 +38,9 @@ Domain N is in use while the port `_LOCK_PORT` + N is bound.
 _DOMAINS = 100
 """Number of domains for tests, from 1."""
 _counter = itertools.count()
-"""Number of calls of `own_domain`: each one begins with another domain."""
+"""Counts the calls of `own_domain`, so that each call tries another domain first."""
 _locks: dict[int, socket.socket] = {}
-"""Sockets that are bound to the port of each domain which this process uses."""
+"""Bound sockets of the domains that this process uses, by domain."""
 
 
 @contextlib.contextmanager
