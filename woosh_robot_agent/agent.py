@@ -274,7 +274,8 @@ class Heap:
         self._due = time.monotonic() + _TRIM_PERIOD
         """Monotonic time of the next check."""
         self._untrimmable = self._unused()
-        """Unused memory after the last trim, in bytes: small gaps between blocks in use."""
+        """Estimate of the unused memory that a trim cannot return, in bytes: small gaps between
+        blocks in use."""
 
     def trim(self) -> None:
         """Return unused memory to the system if it has grown. Call this often; it checks rarely."""
@@ -290,7 +291,7 @@ class Heap:
         self._untrimmable = self._unused()
 
     def _unused(self) -> int:
-        """Return the memory that was freed, in bytes."""
+        """Return the unused memory of the heap, in bytes; 0 with other C libraries."""
         return 0 if self._libc is None else int(self._libc.mallinfo2().fordblks)
 
 

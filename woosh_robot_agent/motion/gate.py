@@ -213,7 +213,7 @@ class MotionGate:
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
-        """Monotonic time at which the chassis last accepted a task or driving action of this gate."""
+        """Monotonic time at which the chassis last accepted a task or driving action from here."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf

@@ -270,7 +270,7 @@ class VelocityDriver:
         return math.inf
 
     def _send_or_wait(self, now: float) -> None:
-        """Send what is due at a loop time; wake `run` if the next one is due before `_wake_time`."""
+        """Send what is due at a loop time; wake `run` if the next is due before `_wake_time`."""
         if self._due() <= now:
             self._send_due()
         if self._due() < self._wake_time:

@@ -280,8 +280,11 @@ class DeferredService:
     The node owns the service, so the object need not be kept.
 
     Args:
+        node: owner of the service.
+        srv_type: ROS type of the service.
+        name: name of the service.
         handle: called with the request and the `Reply` in the executor thread; must not block.
-        urgent: handle requests before all other callbacks (`UrgentCallbackGroup`).
+        urgent: True to handle requests before all other callbacks (`UrgentCallbackGroup`).
         qos: profile of the service.
     """
 

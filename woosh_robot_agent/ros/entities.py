@@ -144,7 +144,7 @@ def _takes_info(callback: Callable[..., Any]) -> bool:
 
 
 def _serve(service: Any, request: Any, header: Any) -> Any:
-    """Run the callback of a service; return a coroutine that replies, if the callback is one."""
+    """Run the callback of a service; return a coroutine that replies, if the callback awaits."""
     callback = service.callback
     if isinstance(callback, DeferredCallback):
         callback.handle(request, header)

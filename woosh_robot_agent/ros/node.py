@@ -71,7 +71,7 @@ class ParameterNode(Node):
             raise
 
     def on_change(self, callback: Callable[[Settings], None]) -> None:
-        """Accept parameter changes from now on.
+        """Check and apply changes of parameters from now on.
 
         Args:
             callback: called after each change with the previous settings.

@@ -46,6 +46,7 @@ def create_services(
     """Create the services; the node owns them.
 
     Args:
+        robot: objects that all services share.
         velocities: gets each call that commands a velocity.
         limits: returns the limits of velocities.
     """

@@ -254,7 +254,7 @@ class Actions:
         self._start(make_client(goal), action, goal.request.arg)
 
     def _start(self, client: GoalClient, action: _Action, command: Any) -> GoalRun:
-        """Start a goal, whose command is a ROS message or, if the agent starts it, a protobuf."""
+        """Start a goal, whose command is a ROS message, or a protobuf if the agent starts it."""
         kind = action.make_kind(command, context=action.context)
         run = GoalRun(client, kind, action.context)
         client.on_cancel(partial(run.post, CancelRequested()))

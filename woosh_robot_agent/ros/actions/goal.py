@@ -138,17 +138,18 @@ class GoalTiming:
     """Timeouts and poll periods of a goal; all times are in seconds."""
 
     link_timeout: float = 15.0
-    """Maximum wait for a report after the link was lost or the chassis fell silent. Set by the
-    parameter `goal_link_timeout`. Most losses on a factory's Wi-Fi last 4 to 9 s."""
+    """Maximum wait for a report after the link or the answer to the start request was lost, or the
+    chassis fell silent. Set by the parameter `goal_link_timeout`. Most losses on a factory's Wi-Fi
+    last 4 to 9 s."""
     poll_period: float = 5.0
     """Time without a report after which the chassis is polled, in case a push was lost."""
     unknown_state_poll_factor: float = 0.2
     """Factor that shortens `poll_period` while the state of the goal is unknown."""
     fruitless_polls: int = 3
-    """Number of consecutive polls without a report after which a goal may be given up."""
+    """Number of consecutive fruitless polls after which a goal may be given up; see `GiveUp`."""
     first_report_timeout: float = 5.0
-    """Time after the first poll during which the chassis may not know a goal that it has accepted
-    and has not reported on. Real robots report 0.5 to 1.2 s after the acceptance."""
+    """Minimum time over which polls must find a goal unknown that the chassis has accepted and not
+    yet reported on. Real robots report 0.5 to 1.2 s after the acceptance."""
     unknown_polls: int = 2
     """Number of consecutive polls that must find the goal unknown to the chassis before it ends."""
     cancel_report_timeout: float = 2.0
@@ -253,8 +254,8 @@ class Attribution:
             return True
         if phase is Phase.RUNNING:
             return outcome not in inherited
-        # before the answer, take it for the end of an earlier goal, if there may be one; if it is
-        # this goal's end, a poll finds it later
+        # before the answer, this may be the end of an earlier goal; if it is the end of this goal, a
+        # poll finds it later
         return not inherited
 
 

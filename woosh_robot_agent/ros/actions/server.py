@@ -134,6 +134,10 @@ class GoalServer:
     """Server of one action. It accepts every request to cancel.
 
     Args:
+        node: owner of the services and topics.
+        thread: the link thread.
+        action_type: ROS type of the action.
+        name: name of the action.
         start: called with each accepted goal in the link thread; must not block.
         result_timeout: time for which the result of a goal is kept, in seconds.
         check: called with each goal before it is accepted; may change the goal, and raises a

@@ -41,6 +41,7 @@ async def poll_tasks(
     """Request the current task, and also the ended tasks if the current one is not of the goal.
 
     Args:
+        context: objects shared by the goals of the action.
         on_result: called once with the result, in order with the pushes.
         is_of_goal: returns True if the current task is of the goal. It may be called twice.
         read_current: reads the report on the current task, which is of the goal.
@@ -230,7 +231,7 @@ class TaskGoal:
         self._previous = last_reports.get(self._id)
         """The last report on an earlier task of this id."""
         self._since = 0
-        """Time of the last report that was not on this task, by the robot's clock."""
+        """Time of the last report, by the robot's clock; 0 if unknown, or if it was on this task."""
         last = last_known.value(TaskProc) or TaskProc()
         is_current = last.robot_task_id == self._id
         if is_current:

@@ -54,7 +54,7 @@ class _Docking(Nav2Action):
         return battery is not None and is_charging(battery)
 
     async def chargers(self) -> dict[str, tuple[float, float]]:
-        """Return the positions of the chargers in the map, by their marks.
+        """Return the positions of the chargers in the map, by their marks; {} if none are listed.
 
         Raises:
             GoalEnd: the chassis does not answer.

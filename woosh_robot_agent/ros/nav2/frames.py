@@ -237,6 +237,11 @@ class Frames:
             yield frame, pose
 
     def _subscribe(self) -> None:
+        """Subscribe to /tf and /tf_static, unless that has been done.
+
+        Raises:
+            ValueError: tf2_msgs is not installed.
+        """
         if self._is_subscribed:
             return
         try:

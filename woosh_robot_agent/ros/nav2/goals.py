@@ -151,7 +151,7 @@ class Nav2Goal:
 
     Attributes:
         request: the goal as the client gave it.
-        objection: why it cannot be executed; otherwise empty.
+        objection: why the goal cannot be executed; empty if it can.
         navigates: True if the goal is a navigation of the chassis.
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
@@ -304,6 +304,7 @@ class Nav2Goal:
         """Wait until a future is done.
 
         Args:
+            future: the future.
             tick: called ten times a second, to publish feedback.
 
         Raises:

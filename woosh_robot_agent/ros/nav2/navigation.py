@@ -277,6 +277,7 @@ def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> l
     """Return the states of the poses of a goal as WaypointStatus, which exists since Kilted.
 
     Args:
+        poses: the poses of the goal.
         passed: number of poses that the robot has passed.
         failure: why the robot does not reach the other poses; empty while it may reach them.
     """
@@ -318,7 +319,7 @@ class FollowWaypoints(_Navigation):
         for loop in range(getattr(goal.request, "number_of_loops", 0) + 1):
             for number in range(0 if loop else first, len(poses)):
                 if cause is Cause.LATE_REPORT:
-                    # the waypoint before, which may be the last one of the loop before
+                    # this concerns the waypoint before, perhaps the last one of the loop before
                     raise GoalEnd(_LATE_REPORT.format((number - 1) % len(poses)))
                 cause = await self._visit(goal, number, poses[number])
 
@@ -387,6 +388,7 @@ class SpeedLimit:
     aborted.
 
     Args:
+        context: the context of the standard layer.
         driving: holds the goal that moves the robot.
     """
 
